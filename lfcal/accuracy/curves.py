@@ -126,7 +126,7 @@ class Curve:
         return min(self.rungs, key=lambda rung: (rung.error, rung.cost), default=None)
 
     def cheapest(self, error: float) -> Rung | None:
-        """Return the cheapest rung that errs by at most ``error`` (a share), or None where there is none."""
+        """Return the cheapest rung with an error of at most ``error`` (a share); None if there is none."""
         check_number("error asked for (a share)", error, above=0, remedy="0.01 is 1 %")
         good = (rung for rung in self.rungs if rung.error <= error)
         return min(good, key=lambda rung: (rung.cost, rung.error), default=None)

@@ -296,7 +296,7 @@ class Attempts:
         return _Judged(taken, content, seen, seen.doubt)
 
     def _faultless(self, step: ScheduledFrame) -> TakenFrame:
-        """Return what is taken of ``step``, after as many faults of the devices as are allowed."""
+        """Return the frame of ``step``, retrying after as many device faults as allowed."""
         faults = 0
         while True:
             try:
@@ -317,7 +317,7 @@ class Attempts:
 
 
 HOLD_S, TICK_S = 0.2, 0.01
-"""How long a session that holds waits before it looks again, and how much of it always passes really (s)."""
+"""Waiting time of a suspended session before its next check, and the part of it that is always real time (s)."""
 
 Observer = Callable[[ScheduledFrame, Note, NDArray[Any]], None]
 """Called with step, note and frame after each acknowledgement, in the recording thread."""

@@ -1,4 +1,4 @@
-"""Everything a session will do, in order: made once, the same after every interruption.
+"""All steps of a session in order; they are computed once and stay the same after every interruption.
 
 Positions in their order, and the frames around them, are blocks of one kind; the schedule holds them as arrays.
 """
@@ -301,7 +301,7 @@ class Schedule:
         return len(self.kinds)
 
     def count(self, *kinds: Kind) -> int:
-        """Return how many steps are of these kinds."""
+        """Return the number of steps of these kinds."""
         return int(np.isin(self.kinds, kinds).sum())
 
     def roi_of(self, kind: Kind) -> Roi:

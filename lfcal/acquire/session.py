@@ -333,7 +333,7 @@ def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Option
 
 
 class _Watching(NamedTuple):
-    """Who steers a run, who sees its frames, what says why it should hold, and what is known of the stage."""
+    """The control of a run, its observers, its conditions for suspension, and facts about the stage."""
 
     control: Control
     preview: Preview | None

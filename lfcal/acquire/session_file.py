@@ -40,7 +40,7 @@ def keep_task(folder: Path, task: Mapping[str, Any], run: int = 0) -> None:
 
 
 def kept_tasks(folder: Path, recordings: int) -> tuple[dict[str, Any], ...]:
-    """Return the tasks that made the recordings of a session, without where they wrote; empty: none is known."""
+    """Return the tasks that made the recordings of a session, without their output paths; empty if unknown."""
     found = []
     for path in (folder / _job_name(run) for run in range(recordings)):
         with suppress(LfcalError):  # frames can be used without knowing who asked for them
@@ -209,7 +209,7 @@ class SessionFile:
         return replace(part, roi=whole.roi)
 
     def attributes(self, run: int, schedule: Schedule) -> dict[str, Any]:
-        """Return what the files of recording ``run`` say of themselves."""
+        """Return the facts stored in the files of recording ``run``."""
         roi = schedule.roi
         # the region is needed to place dark frames on the sensor
         return {"session": self.identity, "roi": [roi.row, roi.column, roi.rows, roi.columns], "run": run}
@@ -288,7 +288,7 @@ class SessionFile:
         )
 
     def _comparable(self, devices: Devices) -> Devices:
-        """Return ``devices`` of now, without what the session's did not note, or what they change automatically."""
+        """Return the present ``devices`` without entries that the session lacks, or that change automatically."""
         noted = self.devices
         if not noted.optics:  # an older version did not note them
             devices = replace(devices, optics="")
@@ -319,7 +319,7 @@ class SessionFile:
 
 
 def _noted(devices: Devices) -> dict[str, Any]:
-    """Return what ``session.json`` says of the devices: without what is empty, older versions read it, too."""
+    """Return the entry on devices in ``session.json``, without empty values, so that older versions can read it."""
     late = ("optics", "settings", "automatic")
     return {key: value for key, value in asdict(devices).items() if value or key not in late}
 

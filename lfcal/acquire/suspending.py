@@ -123,7 +123,7 @@ class Suspender:
         self._why = ""
 
     def __call__(self) -> str:
-        """Return why the session should hold, or an empty string."""
+        """Return the reason to suspend the session; empty if there is none."""
         now = self._time.monotonic()
         if not self._gauges or now < self._next:
             return self._why

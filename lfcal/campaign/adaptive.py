@@ -171,7 +171,7 @@ class AdaptiveStep:
         return {key: value for key, value in asdict(self).items() if key != "held_out_error"} | left
 
     def reaches(self, error: float) -> bool:
-        """Return whether the error of H is at most ``error``: expected, and no pattern kept aside contradicts."""
+        """Return whether the expected error of H is at most ``error``, and no held-out pattern contradicts."""
         known = self.held_out_error.known and self.held_out_error.value - 2 * self.held_out_error.sigma > error
         return self.complete and self.expected_error <= error and not known
 
@@ -291,7 +291,7 @@ def iter_adaptive(
 
 
 class _Campaign:
-    """One adaptive session: what is recorded is read from its folder every time."""
+    """One adaptive session; its recorded frames are read from its folder every time."""
 
     def __init__(
         self,

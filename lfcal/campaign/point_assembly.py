@@ -114,7 +114,7 @@ class PointFrames(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the frames; which samples are saturated each point's own mask says."""
+        """Return the known facts about the frames; each point has a separate mask of saturated samples."""
         known = replace(known, saturation=None, bit_depth=None, points_left_out=self.unused)
         return replace(known, target=None, target_frames=None)
 

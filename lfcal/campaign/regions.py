@@ -74,7 +74,10 @@ def read_regions(folder: Path) -> RegionPlan:
 
 
 def first_begun(folder: Path) -> Path | None:
-    """Return the folder of the first region that was begun, whose options are those of the session; None: none was."""
+    """Return the folder of the first region that was started, which has the options of the session.
+
+    None: no region.
+    """
     return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
 
 

@@ -69,7 +69,7 @@ class _Checked(Generic[D]):
         self._caller = Caller(device, self.name)
 
     def __getattr__(self, name: str) -> Any:
-        """Return what the device has beyond the protocol."""
+        """Return an attribute of the device that is not part of the protocol."""
         if name == "device":  # while this object is copied it has none yet
             raise AttributeError(name)
         return getattr(self.device, name)
@@ -147,7 +147,7 @@ class CheckedCamera(_Checked[CameraDevice]):
         return found
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the settings by which the camera may change samples, as asked for and as they are; {}: not known."""
+        """Return the requested and actual settings by which the camera may change samples; empty: unknown."""
         method = self._caller.call("fixed_settings", getattr, self.device, "fixed_settings", None)
         if method is None:
             return {}
@@ -198,7 +198,7 @@ def _is_region(roi: Roi) -> bool:
 
 
 def _wrong_frame(frame: object) -> tuple[str, object] | None:
-    """Return what is expected of a frame's wrong part, and that part; None where all is right."""
+    """Return the expected value of a wrong part of a frame, and that part; None if all parts are right."""
     if not isinstance(frame, Frame):
         return "a Frame", frame
     data = frame.data

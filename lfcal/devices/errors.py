@@ -21,7 +21,7 @@ __all__ = [
 
 
 class DeviceError(LfcalError):
-    """A device did not do what it was asked."""
+    """A device failed to do what was requested."""
 
 
 class DeviceMissing(DeviceError):

@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 APART = 2.0
-"""Cutouts by which the middles of two regions must be apart: nearer, they show the same place of the field."""
+"""Smallest distance of two regions' middles (cutouts); nearer ones show the same part of the field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class Regional(Measured):
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Of which light and background each pattern ``(n,)`` is: those of its plane in its region."""
+        """Number of the light and background of each pattern ``(n,)``: those of its plane in its region."""
         found: NDArray[np.intp] = self.region * self.plan.shape[0] + self.index[:, 0]
         return found
 

@@ -230,7 +230,7 @@ def _problem(
     groups: Sequence[str],
     workers: int | None,
 ) -> Problem:
-    """Return the problem of patterns as they are expected, without their noise."""
+    """Return the problem of the expected patterns, without their noise."""
     n = len(index)
     patterns = electrons.reshape(n, *plan.cutout).astype(np.float32)
     noise = np.tile(_noise(plan), (n, 1))

@@ -87,7 +87,7 @@ class LocatedPattern:
 
 
 def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -> tuple[F4, NDArray[np.bool_]]:
-    """Return the samples ``(nt, ns)`` about a sensor pixel, and which of them are there and carry a measurement."""
+    """Return the samples ``(nt, ns)`` around a sensor pixel, and a mask of those that exist and are valid."""
     nt, ns = cutout
     out, valid = np.zeros(cutout, np.float32), np.zeros(cutout, np.bool_)
     top, left = row - (nt - 1) // 2 - frame.origin[0], column - (ns - 1) // 2 - frame.origin[1]

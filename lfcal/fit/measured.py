@@ -115,7 +115,7 @@ class Measured:
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Of which light and background each pattern ``(n,)`` is: those of its plane."""
+        """Number of the light and background of each pattern ``(n,)``: those of its plane."""
         found: NDArray[np.intp] = self.index[:, 0]
         return found
 

@@ -37,7 +37,7 @@ CAPTIONS = (
 
 
 def report_files(folder: Path) -> list[Path]:
-    """Return what a report in ``folder`` consists of, the page last."""
+    """Return the files of a report in ``folder``, the page last."""
     return [folder / name for name in (*PICTURES, PAGE)]
 
 

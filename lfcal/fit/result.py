@@ -79,7 +79,7 @@ class Outlier:
 
 @dataclass(frozen=True, slots=True)
 class InRegion:
-    """How well a fit of several regions does in one of them: chi² and error of the patterns there."""
+    """Quality of a fit of several regions in one of them: chi² and error of its patterns."""
 
     chi_square: ChiSquare
     error: ModelError

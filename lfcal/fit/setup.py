@@ -121,7 +121,7 @@ class Setup:
 
 
 def described_effects(camera: Camera) -> tuple[Effect, ...]:
-    """Return the effects that a camera's description holds, whatever their size: what a fit starts from."""
+    """Return the effects in a camera's description, whatever their size, from which a fit starts."""
     found: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape())
     # a microscope's Debye integral has exact angles, and its pupil lies at infinity
     if not camera.optics.telecentric:
@@ -130,7 +130,7 @@ def described_effects(camera: Camera) -> tuple[Effect, ...]:
 
 
 def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
-    """Return the effects that a fit starts from: the described ones, and light as a vector field where it shows."""
+    """Return the initial effects of a fit: the described ones, and light as a vector field if this matters."""
     vectorial = VectorialPupil()
     shown = any(vectorial.estimate(outlook_of(plan, z)).error > SHOWN for z in range(plan.shape[0]))
     effects = described_effects(plan.camera)

@@ -34,7 +34,7 @@ FEWEST, MOST = 64, 2600
 """Positions of H that a patch has at least, and at most."""
 
 CUTOUT_PX = 191
-"""Rows and columns of cutouts at most: what is far outside, where no light should be, costs as well."""
+"""Largest number of rows and columns of cutouts, because the dark outside also takes time."""
 
 CUTOUT = (CUTOUT_PX, CUTOUT_PX)
 

@@ -1,4 +1,4 @@
-"""The fixed scenes that costs are measured by: what reconstructions make of them with other patterns than the true."""
+"""Fixed scenes for measuring costs: they are reconstructed with patterns that differ from the true ones."""
 
 from __future__ import annotations
 

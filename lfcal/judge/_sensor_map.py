@@ -62,7 +62,7 @@ class SensorMap:
         return _told(*self._parts)
 
     def classes(self, rows: int, columns: int) -> Lines:
-        """Return the same of pixels alike modulo ``rows`` and ``columns``, ``(rows, columns)``."""
+        """Return the map for pixels with equal position modulo ``rows`` and ``columns``, ``(rows, columns)``."""
         every = [(i, j) for i in range(rows) for j in range(columns)]
         sums = [np.array([p[i::rows, j::columns].sum() for i, j in every]).reshape(rows, columns) for p in self._parts]
         return _told(*sums)

@@ -1,4 +1,4 @@
-"""Positions that metrics without a model find odd: each of them is compared with the camera."""
+"""Suspect positions according to metrics without a model; each is compared with the camera."""
 
 from __future__ import annotations
 

@@ -360,7 +360,7 @@ def _judged(
 
 
 def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, stated: float, limit: float) -> list[str]:
-    """Return what a verdict does not say."""
+    """Return the remarks in addition to the verdict."""
     notes = []
     if doubt > 0.5 * limit:
         notes.append(f"sources lie between H's positions, where H itself is known to {format_share(doubt)} only")

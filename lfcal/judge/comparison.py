@@ -30,7 +30,7 @@ LIKER = 1.5
 """How many times as unlike the plane of the same depth is when another plane is said to be more like."""
 
 FLOOR = 0.05
-"""Part of a pattern's peak that is taken off before its centroid: noise far out would move it."""
+"""Share of a pattern's peak that is subtracted before the centroid, so that distant noise does not move it."""
 
 A, B = 0, 1
 MODEL = slice(2, 5)

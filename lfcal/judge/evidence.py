@@ -261,7 +261,7 @@ class Evidence:
         return values, sigmas
 
     def with_data(self, data: F4, valid: Flags) -> Evidence:
-        """Return the evidence of other values at the same positions."""
+        """Return the evidence with other values at the same positions."""
         data = np.where(valid, data, np.float32(0))
         model, columns, starts = self.model, self.columns, self.starts
         found = fitted(
@@ -376,7 +376,7 @@ MOST_SAMPLES = 6_000_000
 """Samples of patterns that are compared at most: each takes some forty bytes."""
 
 PATTERNS = 60
-"""Patterns that are compared: a fixed number, so that the same file has the same verdict on every machine."""
+"""Number of compared patterns, fixed so that a file has the same verdict on every machine."""
 
 LEAST_FEW = 4
 """Recorded positions that a comparison needs."""

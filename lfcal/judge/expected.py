@@ -93,7 +93,7 @@ def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
 
 
 def _noise_of(matrix: PSFMatrix, z: int, y: int, x: int, values: F8) -> F8:
-    """Return the variance of the samples of a pattern of H, 0 where it is not known."""
+    """Return the variance of the samples of a pattern of H; 0 if unknown."""
     known = matrix.facts.noise
     if known is None or not np.isfinite(known[z, y, x]).all():
         return np.zeros_like(values)

@@ -1,4 +1,4 @@
-"""What explains patterns better than their camera as it is described: orientation, positions, array, gap or iris."""
+"""Changes that explain patterns better than the described camera: orientation, positions, array, gap or iris."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ FAIR_SHARE, BAD_SHARE = 0.01, 0.05
 """The same of the share of the light that it changes, where no cost was measured."""
 
 LIMIT_S = 1800.0
-"""Longest time of a comparison (s): far more than it takes on a slow machine, as what it does is fixed."""
+"""Time limit of a comparison (s): much more than it takes on a slow machine, because its work is fixed."""
 
 ODDEST = 48
 """Suspected positions that are compared at most."""
@@ -154,7 +154,7 @@ class Inspection:
 
     @property
     def verdict(self) -> str:
-        """What is wrong with H, where, what it costs, what to do, and what remains then."""
+        """Faults of H with place, cost and remedy, and the remaining findings."""
         return self.judgement.verdict
 
     @property
@@ -354,7 +354,7 @@ def _disagreeing(quality: QualityReport, disagreement: Disagreement) -> Inspecti
 
 
 def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitted: bool) -> Work[Inspection]:
-    """Return what is said where nothing was compared: with a stated camera, what explains the patterns in its place."""
+    """Return the text for an H that was not compared; with a stated camera, what explains the patterns instead."""
     if not unlike.stated:
         return Inspection(quality, why_not=unlike.reason)
     explanation = None
@@ -386,7 +386,7 @@ def _confirmed(quality: QualityReport) -> QualityReport:
 
 
 def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[FoundFault]) -> float | None:
-    """Return the share of the light that the camera does not explain; None where it does."""
+    """Return the share of the light that the camera does not explain; None if it explains all."""
     if cleaned.misfit > EXPLAINED:
         return cleaned.misfit
     kinds = {one.name for one in found if one.fault.needs_camera and one.share >= LARGE}

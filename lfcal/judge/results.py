@@ -550,7 +550,7 @@ def detailed(result: StoredResult) -> StoredResult:
 
 
 def picture_of(result: StoredResult) -> NDArray[Any] | None:
-    """Return an image of a result: of H the sum of its middle plane, else a frame, pattern or slice; None: it has none.
+    """Return an image of a result: the sum of the middle plane of H, or a frame, pattern or slice; None: no image.
 
     Raises
     ------

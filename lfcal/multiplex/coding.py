@@ -167,7 +167,7 @@ LEAST_SIGNAL_E = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class CodingNumbers:
-    """Gain of a code over one point at a time in as many frames (dB, 10 log10 of deviations).
+    """Gain of a code compared with one point at a time in as many frames (dB, 10 log10 of deviations).
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 FREE_LETTERS = "RGBCMYW"
 
 ROUNDING_DB = 1e-9
-"""Gains that differ by less are the same."""
+"""Difference of gains below which they count as equal."""
 
 CHANGES = 6
 """Changed masks to each random one: near a good mask there are better ones more often than elsewhere."""

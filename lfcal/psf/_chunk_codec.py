@@ -165,7 +165,7 @@ def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, work
 
 
 def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
-    """Copy the chunks of the only plane of ``source`` to plane ``z`` of an open h5py dataset, coded as they are.
+    """Copy the encoded chunks of the only plane of ``source`` to plane ``z`` of an open h5py dataset.
 
     Raises
     ------

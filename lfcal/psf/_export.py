@@ -123,7 +123,7 @@ class ExportOptions:
         return None if self.code is None else code_of(self.code)
 
     def for_code(self, matrix: PSFMatrix) -> ExportOptions:
-        """Return the options with what the code that reads the file needs."""
+        """Return the options, completed with those of the code that reads the file."""
         code = self.reader
         if code is None:
             return self

@@ -19,7 +19,7 @@ SAMPLED = 8
 """Frames of a plane that are looked at."""
 
 CERTAIN = 4.0
-"""Standard errors by which a level must differ from none."""
+"""Number of standard errors above which a level counts as different from zero."""
 
 BLOCKS = 8
 """Blocks along each axis in which a cutout without surroundings is looked at."""

@@ -85,7 +85,7 @@ class FilePlanes(ArrayPlanes):
         self.path = path
 
     def plane(self, z: int) -> NDArray[Any]:
-        """Return plane ``z`` as a view; raises `FileFormatError` where it holds NaN or infinity."""
+        """Return plane ``z`` as a view; raises `FileFormatError` if it contains NaN or infinity."""
         plane = super().plane(z)
         _check_finite(plane, f"{self.path}, plane {z}")
         return plane
@@ -186,7 +186,7 @@ def _five(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
 
 
 def _check_finite(values: NDArray[Any], where: str) -> None:
-    """Raise `FileFormatError` where ``values`` ``(…, nt, ns)`` hold NaN, infinity, or what no camera counts."""
+    """Raise `FileFormatError` if ``values`` ``(…, nt, ns)`` contain NaN, infinity, or impossible counts."""
     if values.dtype.kind not in "fc":
         return
     # extremes are NaN if a value is, and need no additional array

@@ -21,7 +21,7 @@ SIDE = 512
 """Larger frames are averaged over blocks down to this many pixels a side."""
 
 DETECT = 6.0
-"""Light stands out of the noise by so many times."""
+"""Ratio of light to noise above which light counts."""
 
 FAINT = 0.05
 """Share of the peak below which light does not count: the wings of the noise would pull a centroid."""

@@ -218,7 +218,7 @@ class Assembly:
         return plane.facts()
 
     def report(self, matrix: PSFMatrix) -> AssemblyReport:
-        """Return what a user should know of the H that was made."""
+        """Return notes for the user on the assembled H."""
         known = self.source.metadata
         found = AssemblyReport.of(matrix, self.recorded, self.missing, self.repeated, self.padded, self.residual_px)
         return replace(found, left_out=known.left_out, orientation=known.orientation or AS_IS)

@@ -108,7 +108,7 @@ def code_of(name: str) -> Code:
 
 
 def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None = None) -> InputError | None:
-    """Return why a code cannot use ``matrix``, as one line; None where it can.
+    """Return the reason why a code cannot use ``matrix``, as one line; None if it can.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
 
 
 def mean_noise(H: Any) -> NDArray[np.float64] | None:
-    """Return the mean noise of entries of each plane ``(nz, 2)``, as `noise_of_positions`; 0 where it is not known."""
+    """Return the mean noise of entries of each plane ``(nz, 2)``, as `noise_of_positions`; 0 if unknown."""
     planes = [noise_of_positions(H, z) for z in range(H.shape[0])]
     if all(noise is None for noise in planes):
         return None

@@ -19,7 +19,7 @@ class Origin(IntEnum):
     """Where the pattern of a position comes from."""
 
     MEASURED = 0
-    """Recorded frames alone; nothing at all where there are none."""
+    """Recorded frames alone; nothing if there are none."""
     HYBRID = 1
     """A model, and what was measured beyond it."""
     MODEL = 2

@@ -32,7 +32,7 @@ def empty_positions(matrix: PSFMatrix) -> NDArray[np.intp]:
 
 
 def empty_words(matrix: PSFMatrix) -> str:
-    """Return how many positions are empty, of how many, and the first of them; empty text where there is none."""
+    """Return the number of empty positions, the total, and the first empty ones; an empty text if there is none."""
     empty = empty_positions(matrix)
     if not len(empty):
         return ""

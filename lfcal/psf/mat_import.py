@@ -194,7 +194,7 @@ class _Reader:
 
     # -- what else the file says -----------------------------------------------------------------------
     def _depths(self, nz: int) -> NDArray[np.float64] | None:
-        """Return the depths (µm); None where the file has none, or as many as it has planes of another matrix."""
+        """Return the depths (µm); None if the file has none, or another number than planes."""
         if "x3objspace" not in self._file:
             return None
         # beyond a million kilometres it is no depth of optics, and could overflow

@@ -179,7 +179,7 @@ def _references(source: FrameSource) -> Iterator[_Samples]:
 
 
 def _pair(values: F8, valid: NDArray[np.bool_]) -> _Samples:
-    """Return samples of two frames ``(2, rows, columns)`` of the same place."""
+    """Return samples of two frames ``(2, rows, columns)`` of the same position."""
     mean, difference = values.mean(axis=0), (values[0] - values[1]) / np.sqrt(2)
     padded, there = np.pad(np.where(valid, mean, 0.0), 1), np.pad(valid, 1).astype(np.float64)
     sides = np.array([(row, column) for row, column in np.ndindex(3, 3) if (row, column) != (1, 1)])

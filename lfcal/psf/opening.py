@@ -299,7 +299,7 @@ def depth_sums_of(file: H5File, name: str, shape: tuple[int, ...]) -> NDArray[np
 
 
 def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
-    """Return the depth of each plane (µm), no two the same; not-a-number where none was stated."""
+    """Return the depth of each plane (µm), all different; NaN if not stated."""
     if file.attributes(f"{prefix}depths").text("unit") == PLANE_NUMBER:
         return np.full(planes, np.nan)
     depths = file.values(f"{prefix}depths", (planes,), finite=True, at_most=1e15).astype(np.float64)

@@ -27,7 +27,7 @@ CERTAIN = 4.0
 """The second best orientation must fit so many times worse."""
 
 MOST = 10.0
-"""Residuals count up to so many times the best: wrong by more is not more wrong."""
+"""Residuals count at most as this multiple of the best, because larger ones contain no further evidence."""
 
 KEPT = 0.7
 """Share of the frames of a plane that must agree; the others may be dark, stray or exchanged."""

@@ -100,7 +100,7 @@ def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
 
 
 def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Return the sensor row and column of the frames' first pixel, None where it was not stated.
+    """Return the sensor row and column of the frames' first pixel; None if not stated.
 
     Examples
     --------

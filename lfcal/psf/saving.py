@@ -1,4 +1,4 @@
-"""A matrix written again: as it is, transposed, within a tolerance, or with those of other regions in one file."""
+"""Saving a matrix: unchanged, transposed, within a tolerance, or together with other regions in one file."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ class MatrixGroup:
         self._provenance |= provenance
 
     def _write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
-        """Write the standard deviation of every entry of plane ``z`` ``(ny, nx, nt, ns)``; 0: none is stated.
+        """Write the standard deviation of every entry of plane ``z`` ``(ny, nx, nt, ns)``; 0: not stated.
 
         Rounded up to `UNCERTAINTY_DIGITS` binary digits: none becomes 0.
         """
@@ -457,7 +457,7 @@ def check_storable(header: Header, stored: Stored) -> None:
 
 
 def stored_bytes(shape: tuple[int, ...], stored: Stored) -> int:
-    """Return the bytes that an H file takes at most, about."""
+    """Return an estimate of the largest size of an H file (bytes)."""
     size = int(np.prod(shape, dtype=np.int64))
     if stored.store_tolerance is None and not stored.rounded:
         return size * stored.samples.itemsize
@@ -516,7 +516,7 @@ def plane_checksum(stored: NDArray[Any], workers: int | None = None) -> int:
 
 
 def _used_window(sums: NDArray[np.float64]) -> tuple[int, int, int, int]:
-    """Return first and last row and column of the cutout that hold light, (0, -1, 0, -1) where none does."""
+    """Return first and last row and column of the lit part of the cutout; (0, -1, 0, -1) without light."""
     rows, columns = np.flatnonzero(sums.any(axis=1)), np.flatnonzero(sums.any(axis=0))
     if not rows.size:
         return 0, -1, 0, -1

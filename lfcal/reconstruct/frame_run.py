@@ -117,7 +117,7 @@ class FrameRun:
 
     @property
     def volume_shape(self) -> tuple[int, ...]:
-        """``(nz, Y, X)`` of a volume as it is written."""
+        """Shape ``(nz, Y, X)`` of a stored volume."""
         grid = self._grid
         return (len(self.matrices[0]), *(self.shape if grid is None else grid.shape))
 

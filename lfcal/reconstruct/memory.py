@@ -11,7 +11,7 @@ from lfcal.reconstruct.solvers import SOLVERS, UPDATING, SolverChoice, plane_thr
 __all__ = ["RunMemory", "room_for_projections", "run_memory"]
 
 FREE_SHARE = 0.8
-"""Share of the memory that is free now which a reconstruction takes, where nothing else is said."""
+"""Default share of the free memory that a reconstruction uses."""
 
 PROJECTING, FITTING = 2, 9
 """Number of images in addition to a volume's arrays, for projecting it and comparing it with the frame."""

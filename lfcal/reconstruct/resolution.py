@@ -60,7 +60,7 @@ def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
 
 
 def fwhm(profile: NDArray[np.floating]) -> float:
-    """Return the full width at half maximum of the highest peak, linear between samples; NaN: there is none.
+    """Return the full width at half maximum of the highest peak, linear between samples; NaN if there is no peak.
 
     A side that does not fall to half counts as far as the profile goes.
     """

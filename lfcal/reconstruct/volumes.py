@@ -98,7 +98,7 @@ AXES = (("t", "time"), ("z", "space"), ("y", "space"), ("x", "space"))
 
 
 def check_zarr() -> ModuleType:
-    """Return the library; raises `InputError` where it is not installed."""
+    """Return the library; raises `InputError` if it is not installed."""
     try:
         import zarr
     except ImportError:

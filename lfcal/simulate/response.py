@@ -89,7 +89,7 @@ class PlaneResponse:
 
     @property
     def sampling_used(self) -> dict[str, Any] | None:
-        """Return the sampling of the engines so far, as plain JSON types; None where there is none."""
+        """Return the sampling of the engines so far, as plain JSON types; None if no engine ran."""
         return None if self.settled is None else asdict(self.settled)
 
     @property

@@ -146,7 +146,7 @@ class TargetCamera(Frames):
         return len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``: not which positions it shows, they have to be found in it."""
+        """Return the known facts about frame ``index``, without its positions, which must be found in it."""
         z, k = self._at(index)
         label = f"simulated target {index} (z {z}, offset {k})"
         return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)

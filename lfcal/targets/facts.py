@@ -17,7 +17,7 @@ __all__ = ["facts_of_plan"]
 def facts_of_plan(
     plan: TargetPlan, cost: TargetForecast, single: Forecast, verdict: CodingVerdict | None, field: RegionPlan | None
 ) -> dict[str, Any]:
-    """Return what the frames of a plan show, and their ``cost``.
+    """Return the positions and light that the frames of a plan show, and their ``cost``.
 
     The ``single`` cost is that of a single point. The ``verdict`` says whether showing several frames together pays.
     The ``field`` has the regions that the frames serve; None: one.

@@ -1,4 +1,4 @@
-"""The holes of a target in a frame: found, labelled, and where each is; what is wrong with the target is named."""
+"""Holes of a target in a frame: their positions, their labels, and faults of the target."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ __all__ = ["Covering", "covered_by", "iter_cover", "iter_whole_offsets", "line_o
 
 @njit()
 def add_squares(counts: NDArray[np.int32], corners: NDArray[np.int32], side: int, weight: int) -> None:
-    """Add ``weight`` to squares of ``side`` cells of ``counts``, whose first cells are ``corners`` (n, 2); -1: none."""
+    """Add ``weight`` to squares of ``side`` cells of ``counts`` with first cells ``corners`` (n, 2); -1: no square."""
     for k in range(corners.shape[0]):
         row, column = corners[k, 0], corners[k, 1]
         if row < 0:
@@ -34,7 +34,7 @@ SIDE = 4
 """Cells of the search in which a hole shows a phase, along each axis: steps of half the tolerance."""
 
 TRIED = 16
-"""Offsets that are looked at exactly for each frame, in the order of what they could show at most."""
+"""Number of offsets examined exactly for each frame, in the order of an upper bound of what they show."""
 
 
 def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_px: float) -> Index:
@@ -96,7 +96,7 @@ class OffsetSearch:
         self._add(positions, -1)
 
     def best(self, missing: NDArray[np.bool_]) -> tuple[Array, Index]:
-        """Return the offset that shows most of what is missing, and those positions."""
+        """Return the offset that shows most of the missing positions, and these positions."""
         flat = self.counts.reshape(-1)
         best, shown, left = np.zeros(2), np.zeros(0, np.intp), TRIED
         level = int(flat.max())
@@ -281,7 +281,7 @@ def _counted(phases: Phases, images: HoleImages, offsets: Array, tolerance_px: f
 F8 = NDArray[np.float64]
 
 LOOKED_AT = 8
-"""Offsets that are looked at exactly for each frame: those that serve most pairs of a hole and a missing phase."""
+"""Number of offsets examined exactly for each frame: those that serve most pairs of a hole and a missing phase."""
 
 
 def iter_whole_offsets(

@@ -142,7 +142,7 @@ WINDOWS = (4.0, 3.0, 2.5, 2.0, 1.5)
 """Widths of the window, in cutouts, of which the first that a grid holds is taken: what it lacks is counted as dark."""
 
 KEPT = 32
-"""Tails that are kept: a target is proposed and planned with the same."""
+"""Number of results for tails kept in memory, so that proposal and plan share them."""
 
 
 @dataclass(frozen=True, eq=False)

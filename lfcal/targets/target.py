@@ -226,7 +226,7 @@ def _wrong(text: str) -> InputError:
 
 
 def target_words(target: Target) -> str:
-    """Return the words that `parse_target` makes the same target of, its pose left out.
+    """Return the description from which `parse_target` makes the same target, without its pose.
 
     Examples
     --------

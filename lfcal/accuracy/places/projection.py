@@ -63,7 +63,7 @@ class PointByPoint:
     shape: tuple[int, int]
 
     def pattern(self, voxel: tuple[int, int, int]) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
-        """Return where the pattern of a voxel (z, y, x) lies in the image, and what of it does."""
+        """Return the position of the pattern of a voxel (z, y, x) in the image, and its part inside the image."""
         z, y, x = voxel
         _, ny, nx, nt, ns = self.H.shape
         whole = np.asarray(self.H[z, (y - self.anchor[0]) % ny, (x - self.anchor[1]) % nx], np.float64)

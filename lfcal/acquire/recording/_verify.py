@@ -73,7 +73,7 @@ class DamagedFrame:
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """One file of a session: its frames by state, and what is wrong with the file itself (empty: nothing)."""
+    """One file of a session: the states of its frames, and the fault of the file (empty: none)."""
 
     file: str
     frames: int

@@ -236,7 +236,7 @@ class _Watch:
         self._z, self._visits = z, visits
 
     def looks(self, places: NDArray[np.float64], clock: Clock) -> Work[_Looks]:
-        """Return what is seen at ``places`` ``(5, 3)``, the first of them visited between the others."""
+        """Return the images at ``places`` ``(5, 3)``; the first place is visited between the others."""
         order = [0] + [k for corner in range(1, 5) for k in ((corner, 0) if self._visits > 1 else (corner,))]
         stage, still = np.zeros((5, 3)), np.zeros((0, 2))
         seen: list[list[Spot]] = [[] for _ in places]

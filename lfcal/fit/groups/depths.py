@@ -25,7 +25,7 @@ def depth_scale(camera: Camera) -> float:
 
 
 class CommonDepth(Group):
-    """The stage's zero against the working plane: all planes farther away by the same."""
+    """Distance of the stage's zero from the working plane, the same for all planes."""
 
     name = "distance"
     title = "distance of all planes"

@@ -124,7 +124,7 @@ class SecondStop(Group):
     needs = "the effect vignetting, off axis"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return distance and radius of the rim; none on the axis, where its place does not show."""
+        """Return distance and radius of the rim; empty on the axis, where its position has no effect."""
         own = setup.effect(MechanicalVignetting)
         seen = frame.fields_um or (frame.middle_um,)
         off = max(math.hypot(*field) for field in seen) > 100.0 * setup.camera.sensor.pixel_um

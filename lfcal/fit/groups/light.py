@@ -35,7 +35,7 @@ class SourceSize(Group):
         return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, most, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with such a source; without size it is a point."""
+        """Return the setup with a source of this size; without a size it is a point."""
         del frame
         size = values["source_um"]
         if size == 0.0:
@@ -62,7 +62,7 @@ class Holes(Group):
         return (Unknown("hole_um", self.name, "µm", setup.hole_um, step, None, 0.0, most, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with such holes."""
+        """Return the setup with holes of this size."""
         del frame
         return replace(setup, hole_um=values["hole_um"])
 

@@ -34,7 +34,7 @@ class CrosstalkGroup(Group):
 
 
 class Filter(Group):
-    """A free filter of 3 x 3 pixels: what is left of smear, charge transfer and blur."""
+    """A free filter of 3 x 3 pixels for the remaining smear, charge transfer and blur."""
 
     name = "pixel_kernel"
     title = "free filter of 3 x 3 pixels"

@@ -1,4 +1,4 @@
-"""Values that are not proportional to the light: to a power of it, or falling behind where it is bright."""
+"""Values that are not proportional to the light: a power law, or compression of bright values."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ class LineOffsets(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield what is found along rows and along columns: both are one fault, and cost together."""
+        """Yield faults along rows and along columns; both count as one fault with one cost."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         both = [one for axis in (0, 1) if (one := _Offsets.of(total.lines(axis), axis, peak)) is not None]

@@ -160,7 +160,7 @@ def coverage(period: tuple[int, ...], cutout: tuple[int, ...]) -> NDArray[np.int
 
 
 def stuck_pixels(lit: NDArray[np.int32], frames: NDArray[np.intp]) -> int:
-    """Return how many pixels are hot or dead: lit in almost all frames, or in none, unlike their neighbours.
+    """Return the number of hot or dead pixels: lit in almost all frames, or in none, unlike their neighbours.
 
     Parameters
     ----------

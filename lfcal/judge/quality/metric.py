@@ -1,4 +1,4 @@
-"""A metric: what it measures, when it is good or bad, what it costs and what to do about it."""
+"""A metric of quality: its measure, its limits, its cost and its remedy."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def _sheet(columns: int, height: float) -> Iterator[_Sheet]:
 
 
 def chosen(n: int, most: int) -> list[int]:
-    """Return at most ``most`` of ``n`` planes, first and last among them."""
+    """Return at most ``most`` of ``n`` planes, including the first and the last."""
     return sorted({round(k) for k in np.linspace(0, n - 1, min(n, most))})
 
 

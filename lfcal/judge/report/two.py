@@ -182,7 +182,7 @@ def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seco
 
 
 def names(found: Comparison) -> tuple[str, str]:
-    """Return what both are called: their files, with their folders where the names are the same."""
+    """Return the names of both: their files, with folders if the file names are equal."""
     paths = [Path(m.path) for m in (found.pair.a, found.pair.b)]
     told = [one_line(path.name) or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
     if told[0] == told[1]:

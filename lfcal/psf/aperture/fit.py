@@ -1,4 +1,4 @@
-"""The fit of an iris to a depth-plane sum, which refuses where it cannot know."""
+"""Fit of an iris to a depth-plane sum; it is refused if the sum does not determine the iris."""
 
 from __future__ import annotations
 

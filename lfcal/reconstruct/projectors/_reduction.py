@@ -117,7 +117,7 @@ class Nodes:
         return cutout[0] + 2 * self.y.farthest, cutout[1] + 2 * self.x.farthest
 
     def collected(self, packed: NDArray[Any]) -> NDArray[Any]:
-        """Return the weighted sums of ``packed`` at each node, over the positions about it.
+        """Return the weighted sums of ``packed`` at each node, over the surrounding positions.
 
         Parameters
         ----------

@@ -211,7 +211,7 @@ class Projector:
 
     @property
     def noise(self) -> NDArray[np.float64] | None:
-        """Variance of H's entries without light and per unit of signal, ``(nz, 2)``; None where it is not known."""
+        """Variance of H's entries without light, and per unit of signal, ``(nz, 2)``; None: unknown."""
         return mean_noise(self._reader.H)
 
     def denoised(self) -> Projector:
@@ -253,7 +253,7 @@ class Projector:
         return out
 
     def adjoint_planes(self, image: NDArray[Any]) -> Iterator[NDArray[Any]]:
-        """Yield the back projection of ``image`` plane by plane; a plane holds until the next one is asked for."""
+        """Yield the back projection of ``image`` plane by plane; each plane is valid until the next is requested."""
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:

@@ -114,7 +114,7 @@ def _next_t(t: float) -> float:
 
 
 UNSEEN = 1e-6
-"""Voxels whose sensitivity is below this share of the largest are left as they are."""
+"""Voxels whose sensitivity is below this share of the largest are not updated."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

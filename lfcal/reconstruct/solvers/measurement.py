@@ -33,7 +33,7 @@ HALF_MEDIAN = 0.22747
 
 
 class NothingMeasured(InputError):
-    """An image without information on a volume: no pixel counts, or none of those has light to compute with."""
+    """An image without information on a volume: no pixel is valid, or no valid pixel has light."""
 
 
 def check_counts(read_noise: float, saturation: float | None) -> None:
@@ -226,7 +226,7 @@ def held_out_fit(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float,
 
 
 def _check_light(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str]) -> None:
-    """Raise `NothingMeasured` unless a pixel that is ``counted`` has light; ``notes`` say what became of the others."""
+    """Raise `NothingMeasured` unless a ``counted`` pixel has light; ``notes`` explain the exclusion of the others."""
     brightest = float(np.max(data, where=counted, initial=0))
     largest = max(brightest, -float(np.min(data, where=counted, initial=0)))
     if largest > MAX_SAMPLE:

@@ -226,7 +226,7 @@ def _with_ladder(record: Progress, found: Ladder) -> LadderProgress:
 
 
 def _with_waves(scene: Scene) -> tuple[Scene, str]:
-    """Return the scene with diffraction on: what the levels are compared on, and its wave level."""
+    """Return the scene with diffraction, on which levels are compared, and its wave level."""
     return resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
 
 

@@ -1,4 +1,4 @@
-"""Choice of the effects that a scene needs: those whose estimate exceeds what the tolerance allows."""
+"""Choice of the effects that a scene needs: those whose estimate exceeds their share of the tolerance."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from lfcal.simulate.staging import light_samples, outlook_of
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
 EFFECTS_SHARE = 0.5
-"""Share of the tolerance that the effects left out may take together; the computation takes what they leave of it."""
+"""Share of the tolerance available to all omitted effects together; the computation may use the rest."""
 
 NEGLIGIBLE = 1e-5
 """Estimates below this share of the image are as good as none."""

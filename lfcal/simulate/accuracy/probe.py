@@ -31,7 +31,7 @@ FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
 """Step by which each step on a grid is judged, and the share of its error that shows (measured)."""
 
 GRID_REFERENCE = 0.003
-"""Error of the grid by which windows are judged, at most."""
+"""Largest error of the grid on which windows are judged."""
 
 OF_WINDOWS = 1.5
 """What windows may err by over what they are expected to."""

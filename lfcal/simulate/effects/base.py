@@ -1,4 +1,4 @@
-"""What every effect is: a frozen object with a name, an a-priori estimate, its cost, and what it acts on.
+"""Base of all effects: a frozen object with a name, an a-priori estimate, a cost, and an effect on the simulation.
 
 An ideal camera is simulated with the empty tuple of effects. Each effect changes one thing; see `ActsOn`.
 """
@@ -245,7 +245,10 @@ class Effect(ABC):
     """Typical sizes of magnitudes that are None and not described: with a main lens, and in a microscope."""
 
     def __post_init__(self) -> None:
-        """Check that every magnitude is a finite number within its limits; None is taken from the camera later."""
+        """Check that every magnitude is a finite number within its limits.
+
+        None is replaced by the camera's value later.
+        """
         for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
             value = getattr(self, field.name)
             if isinstance(value, list):  # an effect is a value: equal ones compare, and have the same hash
@@ -262,7 +265,7 @@ class Effect(ABC):
         return None
 
     def magnitude(self, field: str, camera: Camera) -> Any:
-        """Return the magnitude ``field``; where it is None the camera's own value, or what is typical of its kind."""
+        """Return the magnitude ``field``; if it is None, the camera's value, or a typical one."""
         value = getattr(self, field)
         if value is None and self.is_described(field, camera):
             value = value_at(camera, self.described[field])

@@ -1,4 +1,4 @@
-"""Effects by which light of different wavelengths is imaged differently; nothing where it is monochromatic."""
+"""Effects that depend on the wavelength; monochromatic light has none."""
 
 from __future__ import annotations
 

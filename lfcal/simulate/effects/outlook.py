@@ -1,4 +1,4 @@
-"""What can be said of one depth plane before anything is simulated: the numbers all estimates are built from."""
+"""Numbers on one depth plane that are known before the simulation; all estimates use them."""
 
 from __future__ import annotations
 

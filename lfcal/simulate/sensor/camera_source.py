@@ -219,7 +219,7 @@ class SimulatedCamera(Frames):
         return out
 
     def displacement_um(self, index: int) -> tuple[float, float, float]:
-        """Return where the source truly stood minus where the plan says, (z, y, x) in object space (µm)."""
+        """Return the true minus the planned position of the source, (z, y, x) in object space (µm)."""
         dz, dy, dx = self._displacements[self._checked(index)].tolist()
         return dz, dy, dx
 
