@@ -16,7 +16,7 @@ from lfcal.multiplex import read_white
 from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
-    from lfcal.lattice import LatticeFit, LensTypes, Vignetting
+    from lfcal.lattice import LatticeErrors, LatticeFit, LensTypes, Vignetting
 
 
 def command(
@@ -78,7 +78,7 @@ def command(
 
 def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[list[str]]:
     row, column = fit.origin_px
-    errors = fit.errors
+    errors: LatticeErrors | None = fit.errors
     assert errors is not None  # a fit of a white image states them
     rows = [
         ["lattice", fit.kind],
