@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.camera.derived import DEPTH, STEP, WHOLE_FRAMES, assumed_of
+from lfcal.camera.derived import DEPTH, NOISE, STEP, WHOLE_FRAMES, assumed_of
 from lfcal.camera.description import build, nearest_lens
 from lfcal.camera.distortion import monomials, polynomial_powers
 from lfcal.camera.forecast import readout_hours
@@ -15,6 +15,7 @@ from lfcal.camera.written import read_camera_value, read_length, read_pitch, rea
 __all__ = [
     "DEPTH",
     "FORMAT",
+    "NOISE",
     "STEP",
     "WHOLE_FRAMES",
     "HalfCell",

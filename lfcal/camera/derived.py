@@ -10,7 +10,7 @@ from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import MainLens
 from lfcal.camera.quantities import quantities_of
 
-__all__ = ["DEPTH", "STEP", "WHOLE_FRAMES", "Derived", "assumed_of", "derived_of", "not_stated_for_noise"]
+__all__ = ["DEPTH", "NOISE", "STEP", "WHOLE_FRAMES", "Derived", "assumed_of", "derived_of", "not_stated_for_noise"]
 
 STEP = (
     "sensor.pixel_um",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
 
-from lfcal.camera import PRESETS, Camera, ScanPlan, quantities_of
+from lfcal.camera import NOISE, PRESETS, Camera, ScanPlan
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import fields_of
 from lfcal_gui.pages.setup.model import (
@@ -21,6 +21,7 @@ from lfcal_gui.pages.setup.model import (
     SENSOR,
     TIPS,
     mark_of,
+    name_at,
     path_of,
     values_of,
 )
@@ -136,7 +137,6 @@ class Inspector(QWidget):
         super().__init__()
         self.buttons: dict[str, QPushButton] = {}
         self._suggested: Camera | None = None
-        self._camera_shown: Camera | None = None
         self._assumed: tuple[str, ...] = ()
         self.setProperty("dense", True)
         column = QVBoxLayout(self)
@@ -225,19 +225,19 @@ class Inspector(QWidget):
         values = values_of(camera)
         marks = {key: mark_of(camera, key) for key in values}
         self.values.set_state(values, {key: (mark, TIPS[mark]) for key, mark in marks.items()})
-        self._camera_shown, self._assumed = camera, camera.marks.paths("assumed")
+        self._assumed = camera.marks.paths("assumed")
         self.values.head.name(f"All {len(values)} values")
         self.buttons["confirm"].setEnabled(bool(self._assumed))
 
     def show_effects(self, effects: tuple[AssumedEffect, ...]) -> None:
         """Show the assumed values first, with what changes if they are wrong; without ``effects``, by name alone."""
-        camera = self._camera_shown
-        if camera is None:
-            return
         known = {one.path: one.words for one in effects}
-        labels = {one.path: one.label for one in quantities_of(camera)}
+        if known:
+            known |= {path: "noise of H" for path in NOISE if path in self._assumed}
         order = sorted(self._assumed, key=lambda path: list(known).index(path) if path in known else len(known))
-        self.assumed_list.show_values([(path, labels.get(path, path), known.get(path, "")) for path in order])
+        self.assumed_list.show_values(
+            [(path, name_at(path)[:1].upper() + name_at(path)[1:], known.get(path, "")) for path in order]
+        )
 
     @property
     def assumed(self) -> tuple[str, ...]:
@@ -297,7 +297,7 @@ class AssumedList(QWidget):
         self.ticks = {}
         for at, (path, label, words) in enumerate(rows):
             name, effect, tick = ElidedLabel(), QLabel(words), QToolButton()
-            name.setText(label[:1].upper() + label[1:])
+            name.setText(label)
             effect.setProperty("role", "hint")
             effect.setToolTip("What changes if the value is off as far as it plausibly may be")
             tick.setText("✓")

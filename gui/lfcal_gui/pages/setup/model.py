@@ -41,6 +41,7 @@ __all__ = [
     "confirmed",
     "facts",
     "mark_of",
+    "name_at",
     "optics_of_kind",
     "path_of",
     "state_with",
@@ -145,6 +146,9 @@ PATHS = {
 CHOSEN = ("depths_um", "stage", "order", "exposure_s", "settle_s", "frames_averaged", "resample")
 """What of a plan does not follow from the camera."""
 
+TOGETHER = {"lattice.offset_um": "offset", "sensor.shape": "rows and columns"}
+"""Names of values that have two fields."""
+
 OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
 """Values that another kind of array does not keep."""
 
@@ -215,6 +219,14 @@ def carried(plan: ScanPlan, camera: Camera) -> ScanPlan | None:
         except (LfcalError, ZeroDivisionError, OverflowError):
             continue
     return None
+
+
+def name_at(path: str) -> str:
+    """Return the name of the value at a place of the description, as in a sentence."""
+    fields = (*MAIN_LENS, *MICROSCOPE, *LATTICE, *SENSOR, *LIGHT)
+    name = next((one.label for one in fields if path_of(one.key) == path), path)
+    name = TOGETHER.get(path, name)
+    return name[:1].lower() + name[1:] if name[1:2].islower() else name
 
 
 def weighed_key(state: ProjectState) -> tuple[Any, ...] | None:

@@ -44,7 +44,7 @@ class ScanCosts:
     choices
         Ways to record it, the fastest first; empty where the noise is not known.
     unknown
-        Why it is not known, after "noise of H: "; empty where it is known, or still computed.
+        Why it is not known; empty where it is known, or still computed.
     """
 
     plan: ScanPlan
@@ -155,7 +155,7 @@ def numbers_of(costs: ScanCosts | None, checked: Checked | None) -> tuple[Number
 
 def _noise(costs: ScanCosts) -> Number:
     if costs.unknown:
-        return Number("-", "", f"noise of H: {costs.unknown}")
+        return Number("-", "noise of H", costs.unknown)
     if costs.own < 0:
         return Number("…", "", "expected noise of H")
     return Number.of(format_share(costs.choices[costs.own].noise), "expected noise of H")

@@ -22,7 +22,7 @@ from lfcal_gui.pages.setup import takes
 from lfcal_gui.pages.setup._check_dialog import CheckDialog
 from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 from lfcal_gui.pages.setup._target_dialog import TargetDialog, change_settings, refused_setting
-from lfcal_gui.pages.setup.model import apply_change, confirmed, state_with, weighed, weighed_key
+from lfcal_gui.pages.setup.model import apply_change, confirmed, name_at, state_with, weighed, weighed_key
 from lfcal_gui.pages.setup.model_check import Checked, iter_check
 from lfcal_gui.pages.setup.model_costs import expected_light, light_key
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
@@ -197,7 +197,7 @@ class Page(BasePage):
         effects: tuple[AssumedEffect, ...] = ()
         if self._weighed is not None and self._weighed[0] == weighed_key(state):
             effects = self._weighed[1]
-            facts["assumed"] = tuple(one.label for one in effects if one.largest > MATTERS)
+            facts["assumed"] = tuple(name_at(one.path) for one in effects if one.largest > MATTERS)
         if self._off:
             facts["movable"] = isinstance(self._off, ScanPlan)
             facts["wrong"] = LEAVES if facts["movable"] else self._off

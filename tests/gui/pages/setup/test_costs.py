@@ -82,9 +82,9 @@ def test_what_is_not_stated_of_the_sensor_is_said_and_no_number_is_made_up() -> 
     camera = assumed("sensor.full_well_e", "sensor.read_noise_e")
     costs = ScanCosts.of(replace(PLAN, camera=camera), PlanSettings(), None, drain(iter_expected_light(PLAN)))
     noise = numbers_of(costs, None)[2]
-    assert noise.value == "-" and noise.words == "noise of H: full well and read noise only assumed"
+    assert (noise.value, noise.unit) == ("-", "noise of H") and noise.words == "full well and read noise only assumed"
     none = ScanCosts.of(PLAN, PlanSettings(peak=None), None, None)
-    assert numbers_of(none, None)[2].words == "noise of H: brightest pixel not planned"
+    assert numbers_of(none, None)[2].words == "brightest pixel not planned"
 
 
 def test_a_cutout_that_leaves_the_sensor_moves_the_scan(window: MainWindow) -> None:
@@ -122,7 +122,7 @@ def test_only_assumed_values_on_which_much_depends_are_asked_for(window: MainWin
     window.project.update("made", camera=camera, plan=replace(PLAN, camera=camera))
     idle(window.jobs, qtbot)
     window.leading.gather()
-    assert window.leading.sitting.assumed == ("gap from lenslets to sensor", "f-number of the main lens")
+    assert window.leading.sitting.assumed == ("gap", "f-number")
     rows = page.panel.inspector.assumed_list.rows
     assert [path for path, *_ in rows[:2]] == ["lattice.gap_um", "optics.f_number"] and len(rows) == 4
     assert rows[0][2].startswith("H by up to ") and rows[-1][2] == "no change"
@@ -130,7 +130,7 @@ def test_only_assumed_values_on_which_much_depends_are_asked_for(window: MainWin
     assert window.project.state.camera.marks["lattice.gap_um"] == "stated"
     idle(window.jobs, qtbot)
     window.leading.gather()
-    assert window.leading.sitting.assumed == ("f-number of the main lens",)
+    assert window.leading.sitting.assumed == ("f-number",)
 
 
 def count(monkeypatch: pytest.MonkeyPatch, place: Any, name: str) -> list[object]:
