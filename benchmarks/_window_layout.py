@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["hovering", "layout"]
+__all__ = ["hovering", "layout", "new_stage"]
 
 SIZES = ((1920, 1080), (1280, 800), (1000, 600))
 
@@ -37,18 +37,27 @@ def _inside(widget: Any, root: Any) -> bool:
     return widget.window() is root.window() and not widget.visibleRegion().isEmpty()
 
 
-def _sample(folder: str) -> Any:
-    """Return a stage with the sample session, judged."""
+def new_stage(folder: Path) -> Any:
+    """Return a stage with a window of a new project, whose files are in a folder."""
     from PySide6.QtWidgets import QApplication
 
     from lfcal_gui.app import make_window, parse
-    from lfcal_gui.scenes.sample import open_sample
     from lfcal_gui.scenes.stage import Stage
 
     app: Any = QApplication.instance() or QApplication(["lfcal"])
-    window = make_window(app, parse([]), folder=Path(folder))
+    window = make_window(app, parse([]), folder=folder)
     window.show()
-    stage = Stage(app, window, Path(folder) / "made")
+    window.activateWindow()  # keys go to the window that is active
+    stage = Stage(app, window, folder / "made")
+    stage.turn()
+    return stage
+
+
+def _sample(folder: str) -> Any:
+    """Return a stage with the sample session, judged."""
+    from lfcal_gui.scenes.sample import open_sample
+
+    stage = new_stage(Path(folder))
     open_sample(stage)
     return stage
 

@@ -1,4 +1,4 @@
-"""``python -m benchmarks window``: controls, pictures, hovering, scrubbing HT, live frames, start-up, holds.
+"""``python -m benchmarks window``: controls, pictures, hovering, clicks, scrubbing HT, live frames, start-up, holds.
 
 Beside the time on the clock, which other programs lengthen, stands the processor time of the window's thread, and where
 more threads are at work that of all of them.
@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 import typer
 
+from benchmarks._window_clicks import clicks
 from benchmarks._window_holds import first_visits, holds
 from benchmarks._window_layout import hovering, layout
 from lfcal.base.errors import InputError
 from lfcal.cli._console import print_json
 from lfcal.cli._options import JsonOption
 
-MEASURED = ("layout", "hovering", "first_visits", "start_up", "scrubbing", "live_frames", "holds")
+MEASURED = ("layout", "hovering", "clicks", "first_visits", "start_up", "scrubbing", "live_frames", "holds")
 R29_PLANE = (55, 95, 181, 181)
 R29_FRAME = (4384, 6576)
 
@@ -57,7 +58,7 @@ def command(
     only: str = typer.Option(",".join(MEASURED), help="Only some of these."),
     json: JsonOption = False,
 ) -> None:
-    """Measure the window: controls and pictures, hovering, scrubbing HT, live frames, start-up, the longest holds.
+    """Measure the window: controls, pictures, hovering, clicks, scrubbing HT, live frames, start-up, longest holds.
 
     Example: `python -m benchmarks window --small --only scrubbing`
     """
@@ -72,6 +73,7 @@ def command(
     measures: dict[str, Callable[[], dict[str, Any]]] = {
         "layout": layout,
         "hovering": hovering,
+        "clicks": clicks,
         "first_visits": first_visits,
         "start_up": start_up,
         "scrubbing": lambda: scrubbing(scale),
@@ -135,9 +137,19 @@ def _hover_words(found: dict[str, float]) -> str:
     )
 
 
+def _click_words(found: dict[str, dict[str, Any]]) -> str:
+    rows = ["sittings: clicks + names typed"]
+    for one in found.values():
+        keys = f", {one['keys']} keys" if one["keys"] else ""
+        rows.append(f"  {one['clicks']} + {one['names']}{keys}: {one['what']}")
+        rows.append(f"      {', '.join(one['did'])}")
+    return "\n".join(rows)
+
+
 WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "layout": _layout_words,
     "hovering": _hover_words,
+    "clicks": _click_words,
     "first_visits": lambda found: _listed("first look at each page", found),
     "start_up": _start_words,
     "scrubbing": _scrub_words,

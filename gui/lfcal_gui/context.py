@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, QSettings, Signal
+from PySide6.QtCore import QObject, QSettings, QStandardPaths, Signal
 
 from lfcal.base import LfcalError, Work
 from lfcal.psf import PSFMatrix
@@ -28,6 +30,15 @@ from lfcal_gui.models import (
 )
 
 __all__ = ["Context"]
+
+
+MOST_NAMES = 10_000
+"""Numbers that are tried for a name."""
+
+
+def results() -> Path:
+    """Return the folder for what is made in a project without a file and without data."""
+    return Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.DocumentsLocation)) / "lfcal"
 
 
 class Context(QObject):
@@ -121,6 +132,22 @@ class Context(QObject):
     def fitted(self) -> FittedCamera | None:
         """The camera that a fit of this window found last."""
         return self._fitted
+
+    def own_path(self, name: str) -> str:
+        """Return a new file or folder ``name`` for what is made: next to the project or its data, else in `results`.
+
+        Empty where nothing can be written there: then the user is asked.
+        """
+        near = next(filter(None, (self.project.path, self.state.frames, self.state.recording, self.state.psf)), None)
+        folder, wanted = results() if near is None else Path(near).parent, Path(name)
+        try:
+            if near is None:
+                folder.mkdir(parents=True, exist_ok=True)
+            names = (name, *(f"{wanted.stem}-{k}{wanted.suffix}" for k in range(2, MOST_NAMES)))
+            found = next((path for one in names if not (path := folder / one).exists()), None)
+        except OSError:
+            return ""
+        return str(found) if found is not None and os.access(folder, os.W_OK) else ""
 
     def set_fitted(self, fitted: FittedCamera | None) -> None:
         """Tell all pages what a fit found; None: nothing is found any more."""

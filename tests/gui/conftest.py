@@ -62,6 +62,14 @@ def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
     return folder
 
 
+@pytest.fixture(autouse=True)
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return where files are named by the window in a project without a file and without data."""
+    folder = tmp_path / "results"
+    monkeypatch.setattr("lfcal_gui.context.results", lambda: folder)
+    return folder
+
+
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
     """Where the window keeps recent projects and autosave."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtWidgets import QWidget
@@ -65,16 +66,28 @@ class Page(BasePage):
                 "adjust": lambda: setup.measuring.find("stage"),
             },
             self.panel.record: {
-                "record": record.start,
+                "record": self._record,
                 "resume": record.resume,
                 "pause": record.pause,
                 "stop": record.stop,
                 "redo": self._record_bad,
                 "folder": record.folder_choice.ask,
-                "assemble": record.after.assemble,
+                "assemble": self._assemble,
             },
         }
         return {name: partial(self._on_tab, tab, deed) for tab, own in tabs.items() for name, deed in own.items()}
+
+    def _record(self) -> None:
+        """Record, into a new folder where none was chosen."""
+        folder = "" if self.context.state.recording else self.context.own_path("session")
+        if folder:
+            self.context.project.update("session folder", recording=folder)
+        self.record.start()
+
+    def _assemble(self) -> None:
+        """Make H of the session in its folder; ask for another file where there is one."""
+        own = Path(self.context.state.recording) / "H.h5"
+        self.record.after.assemble("" if own.exists() else str(own))
 
     def _record_bad(self) -> None:
         """Record again the positions that the verdict on H names."""

@@ -128,9 +128,14 @@ class Page(BasePage):
         return {
             "import": self.choose_folder,
             "columns": lambda: self.start_import(self._unread[0]),
-            "assemble": self.assemble,
+            "assemble": lambda: self.assemble(self._own_file()),
             "correct_dark": self._correct_dark,
         }
+
+    def _own_file(self) -> str:
+        """Return a new file for H, next to the folder of the frames."""
+        name = Path(self.context.state.frames).name
+        return self.context.own_path("H.h5" if name == "frames" else f"{name}_H.h5")
 
     def _correct_dark(self) -> None:
         """Subtract the dark frames, and make H again once the frames are open."""
@@ -301,7 +306,7 @@ class Page(BasePage):
         self.go_to(self.position)
         if self._again:
             self._again = False
-            self.assemble()
+            self.assemble(self._own_file())
         self.context.jobs.compute(
             "frames orientation",
             lambda: find_orientation(opened.delivered.corrected, opened.plan),

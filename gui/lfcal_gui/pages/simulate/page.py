@@ -108,7 +108,7 @@ class Page(BasePage):
 
     def deeds(self) -> dict[str, Callable[[], object]]:
         """Return what the next step may ask for."""
-        return {"compute": self.simulate}
+        return {"compute": lambda: self.simulate(self.context.own_path("simulated.h5"))}
 
     def _forget_frame(self) -> None:
         """Take away a frame that was made for another plan, or with other choices."""
