@@ -243,7 +243,7 @@ def reconstructed(hand: Hand) -> None:
     hand.window.go("psf")
     hand.press("Use")
     with hand.named(hand.folder / "points.tif"):
-        hand.press("Open light field …")
+        hand.press("Open …")
     hand.next("Reconstruct", without=OPTIONAL)
     hand.until(lambda: hand.window.leading.sitting.volume, "the volume")
     hand.stage.settle()

@@ -27,8 +27,11 @@ _KEYS = (
     ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save project"),
     ("Ctrl+Shift+C", "copy a picture of the page"),
     ("Ctrl+Shift+K, Ctrl+Shift+Y", "copy what the page does as a command, as Python"),
-    ("Ctrl+Shift+P", "command palette"),
-    ("Ctrl+E, Esc", "enlarge the picture under the pointer, put it back"),
+    ("Ctrl+K, Ctrl+Shift+P", "command palette"),
+    ("F or Ctrl+E, Esc", "enlarge the picture under the pointer, put it back"),
+    ("A", "automatic contrast"),
+    ("Ctrl+I", "hide the column right of the pictures, show it again"),
+    ("Ctrl+J", "list the jobs"),
     ("Ctrl+T", "light or dark"),
     ("F1", "this sheet"),
 )

@@ -84,7 +84,8 @@ class WindowMenus:
         for number in range(VIEW_KEYS):
             self._act(f"View {number + 1}", lambda _=False, number=number: window.go_view(number), f"Alt+{number + 1}")
         menu.addSeparator()
-        self._action(menu, "Command palette …", window.show_palette, "Ctrl+Shift+P")
+        palette = self._action(menu, "Command palette …", window.show_palette)
+        palette.setShortcuts([QKeySequence("Ctrl+K"), QKeySequence("Ctrl+Shift+P")])
         self._action(menu, "Enlarge the picture, or put it back", window.enlarge_picture, "Ctrl+E")
         self._action(menu, "Light or dark", window.toggle_theme, "Ctrl+T")
         self._action(menu, "Jobs", lambda: window.job_line.toggle(), "Ctrl+J")

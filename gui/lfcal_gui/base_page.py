@@ -16,7 +16,7 @@ from lfcal_gui.context import Context
 from lfcal_gui.models import PageSpec, PageState, ProjectState
 from lfcal_gui.notice import Notice
 from lfcal_gui.theme import current_theme, style_sheet
-from lfcal_gui.widgets import ElidedLabel, WrappedLabel, whole_page
+from lfcal_gui.widgets import INSPECTOR, ElidedLabel, WrappedLabel, toggle_in, whole_page
 
 __all__ = ["BasePage", "Deed", "EmptyState", "page_class"]
 
@@ -88,6 +88,9 @@ class BasePage(QWidget):
         self._theme = current_theme()
         self.setStyleSheet(style_sheet())
         context.theme_changed.connect(self._theme_changed)
+        self.shortcut("F", lambda: toggle_in(self))
+        self.shortcut("A", self.set_automatic_contrast)
+        self.shortcut("Ctrl+I", self.toggle_inspector)
 
     def _header(self) -> QHBoxLayout:
         self.views: dict[PageSpec, QPushButton] = {}
@@ -248,6 +251,23 @@ class BasePage(QWidget):
         shortcut = QShortcut(QKeySequence(keys), self)
         shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
         shortcut.activated.connect(action)
+
+    def set_automatic_contrast(self) -> None:
+        """Let the pictures that are seen fill the colours, all but the darkest and brightest pixels."""
+        from lfcal_gui.widgets import Contrast
+
+        for one in self.findChildren(Contrast):
+            if one.isVisible():
+                one.leave_out_tails()
+
+    def toggle_inspector(self) -> None:
+        """Hide what stands right of the pictures, or show it again."""
+        areas = [one for one in self.findChildren(QWidget) if one.property(INSPECTOR)]
+        shown = any(not one.isHidden() for one in areas)
+        for one in areas:
+            one.setVisible(not shown)
+        if shown:
+            self.hold_keyboard()
 
     def hold_keyboard(self) -> None:
         """Take the keyboard before what has it goes grey: shortcuts of a page work while it is in the page."""

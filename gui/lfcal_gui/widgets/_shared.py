@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lfcal_gui.widgets.axis_arrows import AxisArrows
 from lfcal_gui.widgets.cards import (
+    INSPECTOR,
     HeadedCard,
     card,
     choice_box,
@@ -33,6 +34,7 @@ from lfcal_gui.widgets.verdict_card import VerdictCard
 from lfcal_gui.widgets.words import ElidedLabel, FittedBrowser, WrappedLabel, lines_px, set_look, set_role
 
 __all__ = [
+    "INSPECTOR",
     "LINES",
     "AxisArrows",
     "ComparePanel",

@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 from lfcal_gui.widgets.words import ElidedLabel
 
 __all__ = [
+    "INSPECTOR",
     "SPACING",
     "HeadedCard",
     "card",
@@ -34,6 +35,9 @@ __all__ = [
     "split",
     "told_or_shown",
 ]
+
+INSPECTOR = "inspector"
+"""Property of what stands right of the pictures of a page: it can be hidden."""
 
 SPACING = 5
 """Between the parts of a card (px)."""
@@ -72,6 +76,7 @@ def column_area(width: int, *cards: QWidget, dense: bool = False) -> QScrollArea
         column.addWidget(one)
     column.addStretch()
     area = scrolling(inner)
+    area.setProperty(INSPECTOR, True)
     area.setFixedWidth(width)
     return area
 

@@ -40,6 +40,7 @@ PAGE = PageSpec(
         ("←  →  ↑  ↓", "step through source positions"),
         ("Page up, Page down", "step through depth planes"),
         ("Space", "play or stop"),
+        ("Esc", "stop assembling"),
         ("L, G", "log or gamma scaling of the pictures"),
     ),
 )

@@ -97,6 +97,7 @@ class Page(BasePage):
         self.shortcut("PgUp", lambda: slider.setValue(self.position.z - 1))
         self.shortcut("PgDown", lambda: slider.setValue(self.position.z + 1))
         self.shortcut("Space", panel.play_button.toggle)
+        self.shortcut("Escape", self.stop)
         self.shortcut("L", lambda: panel.toggle_scale("log"))
         self.shortcut("G", lambda: panel.toggle_scale("gamma"))
 

@@ -40,7 +40,7 @@ PAGE = PageSpec(
     keys=(
         ("←  →  ↑  ↓", "step through source positions"),
         ("Page up, Page down", "step through depth planes"),
-        ("T", "H or its transpose"),
+        ("T", "HT alone, H alone, or both"),
         ("D", "difference from another H"),
         ("W", "the fitted pattern that is explained worst"),
         ("F5", "inspect H, fit it, or compare it with another"),

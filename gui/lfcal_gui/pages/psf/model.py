@@ -85,6 +85,12 @@ class PSFIntent:
             self, z=z, y=y, x=x, pixel=pixel, show=show, view="both" if view == "difference" and not reference else view
         )
 
+    def next_view(self) -> dict[str, Any]:
+        """Return the entries of the next view: of H and HT to HT, to H, and back to both."""
+        if self.view == "both":
+            return {"view": "one", "transposed": True}
+        return {"view": "one" if self.view == "one" and self.transposed else "both", "transposed": False}
+
     def moved(self, dy: int, dx: int, period: tuple[int, int]) -> PSFIntent:
         """Return the intent one or more positions further; the period wraps around."""
         return replace(self, y=(self.y + dy) % period[0], x=(self.x + dx) % period[1])

@@ -197,7 +197,7 @@ class Page(BasePage):
         self.shortcut("Down", lambda: self._step(1, 0))
         self.shortcut("PgUp", lambda: self._step_plane(-1))
         self.shortcut("PgDown", lambda: self._step_plane(1))
-        self.shortcut("T", lambda: self.set_intent(transposed=not self.intent.transposed))
+        self.shortcut("T", lambda: self.set_intent(**self.intent.next_view()))
         self.shortcut("L", lambda: self.panel.toggle_scale("log"))
         self.shortcut("G", lambda: self.panel.toggle_scale("gamma"))
 

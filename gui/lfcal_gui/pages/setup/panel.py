@@ -30,7 +30,17 @@ from lfcal_gui.pages.setup.model_costs import Number, ScanCosts, numbers_of
 from lfcal_gui.pages.setup.model_picture import Area, ScanScene, apertures_of
 from lfcal_gui.pages.setup.model_scan import half_of, path_lines
 from lfcal_gui.pages.setup.model_target import PlanSettings
-from lfcal_gui.widgets import ElidedLabel, Picture, PlaneTile, Strip, clear, outline_tones, scrolling, table_entries
+from lfcal_gui.widgets import (
+    INSPECTOR,
+    ElidedLabel,
+    Picture,
+    PlaneTile,
+    Strip,
+    clear,
+    outline_tones,
+    scrolling,
+    table_entries,
+)
 
 if TYPE_CHECKING:
     from lfcal.simulate import ExpectedLight, ScanChoice
@@ -212,6 +222,7 @@ class PlanningPanel(QWidget):
         left.addWidget(self.strip)
         left.addWidget(self.numbers)
         self.area = scrolling(self.inspector)
+        self.area.setProperty(INSPECTOR, True)
         clear(self.area)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)

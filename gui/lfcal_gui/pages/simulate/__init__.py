@@ -22,4 +22,5 @@ PAGE = PageSpec(
     place="record",
     needs="lfcal.simulate",
     takes=nothing,
+    keys=(("F5", "measure what accuracy costs"), ("Esc", "stop computing or measuring")),
 )

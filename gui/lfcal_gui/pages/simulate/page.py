@@ -69,6 +69,7 @@ class Page(BasePage):
         context.jobs.changed.connect(lambda job: self._show_curve() if job.number == self._measuring else None)
         context.jobs.finished.connect(self._measured)
         self.shortcut("F5", self.measure)
+        self.shortcut("Escape", self.stop)
         self._show(context.state)
 
     def _connect(self) -> None:

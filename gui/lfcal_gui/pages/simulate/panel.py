@@ -24,11 +24,11 @@ from lfcal_gui.pages.simulate.model import (
     used_rung,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
-from lfcal_gui.widgets import CostCurve, Folded, FoldedForm, Picture, card, heading, line, scrolling, split
+from lfcal_gui.widgets import INSPECTOR, CostCurve, Folded, FoldedForm, Picture, card, heading, line, scrolling, split
 
 __all__ = ["SimulatePanel"]
 
-INSPECTOR = 304
+WIDTH = 304
 """Least width of the settings (px)."""
 
 TAB_TIPS = (
@@ -106,7 +106,8 @@ class SimulatePanel(QWidget):
         for widget in (self.unknown, *self.forms[1:], self._files()):
             column.addWidget(widget)
         area = scrolling(inner)
-        area.setMinimumWidth(INSPECTOR)
+        area.setProperty(INSPECTOR, True)
+        area.setMinimumWidth(WIDTH)
         return area
 
     def _numbers(self) -> QGridLayout:
