@@ -224,8 +224,9 @@ def computed(hand: Hand) -> None:
 def fitted(hand: Hand) -> None:
     """Fit the optics of H."""
     _opened(hand)
-    hand.window.page("fit")._edited("positions", 12)
-    hand.press("Fit", view=True)
+    page = hand.window.page("psf")
+    page.fitting._edited("positions", 12)
+    hand.click(page.panel.rows["fit"], "Fit of the optics")
     hand.stage.settle()
     hand.press("Fit")
     hand.until(lambda: hand.window.context.fitted is not None, "the fit")
@@ -389,8 +390,8 @@ def _deceived(hand: Hand) -> Path:
 def _compared(hand: Hand, first: Path) -> None:
     project, page = hand.window.project, hand.window.page("psf")
     hand.until(lambda: project.state.psf == str(first.with_name("H-2.h5")), "the new H")
-    hand.until(lambda: page.plane is not None and page.reference_plane is not None, "both H")
-    assert hand.window.shown is page and page.intent.show == "difference"
+    hand.until(lambda: page.plane is not None and page.reference is not None, "both H")
+    assert hand.window.shown is page and page.intent.view == "difference"
     assert (page.intent.z, page.intent.y, page.intent.x) in BAD and project.state.reference == str(first)
     hand.until(lambda: hand.window.leading.sitting.verdict is not None, "the new verdict")
     hand.stage.settle()

@@ -48,7 +48,7 @@ def views(page: Any) -> tuple[str, bool]:
 
 STEPS: tuple[tuple[str, Callable[[Any], Any], tuple[Any, ...]], ...] = (
     ("T", views, (("both", False), ("one", True), ("one", False), ("both", False))),
-    ("D", lambda page: page.intent.show, ("measured", "difference", "measured")),
+    ("D", lambda page: page.intent.view, ("both", "difference", "both")),
     ("L", lambda page: page.intent.display.scale, ("linear", "log", "linear")),
     ("G", lambda page: page.intent.display.scale, ("linear", "gamma", "linear")),
     ("Left", lambda page: page.intent.x, (2, 1, 0, 4)),
@@ -67,12 +67,6 @@ def test_keys_of_h(psf: Any, qtbot: QtBot, keys: str, look: Callable[[Any], Any]
         press(keys, psf)
         assert look(psf) == wanted
     idle(psf.context.jobs, qtbot)
-
-
-def test_d_says_why_there_is_no_difference(psf: Any) -> None:
-    psf.context.project.update("no reference", reference="")
-    press("D", psf)
-    assert psf.intent.show == "measured" and "no reference" in psf.notice.label.text()
 
 
 def test_f_shows_a_picture_alone(psf: Any, qtbot: QtBot) -> None:

@@ -136,15 +136,14 @@ def test_the_sample_by_the_next_button_alone(
     idle(window.jobs, qtbot)
 
 
-def test_a_folder_of_frames_by_the_next_button_alone(
-    window: MainWindow, qtbot: QtBot, tmp_path: Path, answers: Callable[[str], None]
-) -> None:
+def test_a_folder_of_frames_by_the_next_button_alone(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     shutil.copytree(sample_session(), tmp_path / "theirs")
     window.take_files([str(tmp_path / "theirs")])
-    answers(str(tmp_path / "H.h5"))
+    qtbot.waitUntil(lambda: "about" in window.next_line.words.text(), timeout=GUARD_MS)
+    assert window.next_line.words.text().startswith("make H of 1,254 frames, about ")
     follow(window, "Assemble H", qtbot)
     qtbot.waitUntil(lambda: window.shown.spec.key == "psf", timeout=GUARD_MS)
-    assert (tmp_path / "H.h5").exists()
+    assert (tmp_path / "theirs" / "H.h5").exists(), "named without a question"
     leads_to(window, qtbot, "Export H")
     idle(window.jobs, qtbot)
 

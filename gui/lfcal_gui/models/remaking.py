@@ -78,7 +78,7 @@ def without_bad(psf: Path, places: Sequence[Place]) -> WithoutBad:
 
     out = new_file(psf)
     listed, folder = out.with_name(f"{out.stem}_left_out.json"), out.with_name(f"{out.stem}_fit")
-    made, _ = load_job(psf)
+    made, _ = load_job(psf, {"out": str(out)})
     if not isinstance(made, Assemble) or made.channel == "each":
         raise InputError.expected(psf.name, "an H that was assembled from one scan", "another H", "assemble it again")
     fit = FitMatrix(sources=(psf,), out=folder, write_h=False) if made.fill is None else None

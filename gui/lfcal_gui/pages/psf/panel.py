@@ -35,6 +35,7 @@ from lfcal_gui.pages.psf.model import (
 )
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import (
+    INSPECTOR,
     LINES,
     Contrast,
     ElidedLabel,
@@ -259,6 +260,7 @@ class PSFPanel(QWidget):
         column.addWidget(self._position())
         column.addWidget(self.row_holder)
         inspector.setFixedWidth(NARROW)
+        inspector.setProperty(INSPECTOR, True)
         return inspector
 
     def _position(self) -> QWidget:
