@@ -14,7 +14,6 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QFileDialog, QPushButton
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.progress import Progress
 from lfcal.base.sample import sample_session
 from lfcal_gui._next_line import HELD_S, NextLine
 from lfcal_gui.models import Step
@@ -174,7 +173,7 @@ def test_h_is_shown_when_it_is_made_unless_one_works_elsewhere(window: MainWindo
     begun, end = threading.Event(), threading.Event()
 
     def work() -> Any:
-        yield Progress(0, 1)
+        yield Clock("assemble", 1).at(0)
         begun.set()
         end.wait(GUARD_MS / 1e3)
         return None
