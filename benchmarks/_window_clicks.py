@@ -162,16 +162,16 @@ def sample(hand: Hand) -> None:
     hand.stage.settle()
     panel = hand.window.shown.panel
     assert all(view.values is not None and view.isVisible() for view in (panel.main_view, panel.linked_view))
-    hand.leads_to("Export for oLaF")
+    hand.leads_to("Export H")
     assert hand.window.leading.sitting.verdict is not None
 
 
 def sample_export(hand: Hand) -> None:
     """Export H and HT of the sample for oLaF."""
     _opened(hand)
-    hand.leads_to("Export for oLaF")
+    hand.leads_to("Export H")
     with hand.named(out := hand.folder / "sample_oLaF.mat", save=True):
-        hand.next("Export for oLaF")
+        hand.next("Export H")
     hand.leads_to("Show folder")
     assert out.stat().st_size > 1e6
 
@@ -275,7 +275,7 @@ def left_out(hand: Hand) -> None:
     first = _deceived(hand)
     hand.next("Leave them out")
     _compared(hand, first)
-    hand.leads_to("Export for oLaF")
+    hand.leads_to("Export H")
 
 
 SITTINGS: Mapping[str, Callable[[Hand], None]] = {

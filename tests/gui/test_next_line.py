@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QFileDialog, QPushButton
 from pytestqt.qtbot import QtBot
 
+from lfcal.base import Clock
 from lfcal.base.sample import sample_session
 from lfcal_gui._next_line import HELD_S, NextLine
 from lfcal_gui.models import Step
