@@ -25,6 +25,7 @@ from lfcal_gui.pages.reconstruct._export_card import ExportCard
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import BASIC, DEVICE, FIELDS, NO_DEVICE, ReconstructSettings, used_by
 from lfcal_gui.widgets import (
+    INSPECTOR,
     CostCurve,
     ElidedLabel,
     Folded,
@@ -105,6 +106,7 @@ class ReconstructPanel(QWidget):
         self.view.set_empty(EmptyState(NO_LIGHT_FIELD, empty))
         self.export = ExportCard()
         self.area = scrolling(self._inspector())
+        self.area.setProperty(INSPECTOR, True)
         clear(self.area)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
