@@ -35,8 +35,8 @@ QLabel[role="error"] {{ color: {bad}; }}
 QToolButton[role="mark"], QToolButton[role="reset"] {{ border: 1px solid transparent; border-radius: 4px;
     background: transparent; padding: 0; }}
 QToolButton[role="mark"][mark="assumed"] {{ color: {fair}; border-color: {fair}; }}
-QToolButton[mark="measured"], QToolButton[mark="stated"] {{ color: {good}; }}
-QToolButton[mark="derived"] {{ color: {muted}; }}
+QLabel[mark="measured"], QLabel[mark="stated"] {{ color: {good}; }}
+QLabel[mark="derived"] {{ color: {muted}; }}
 QToolButton[role="reset"] {{ color: {accent}; }}
 QToolButton[role="mark"][mark="assumed"]:hover, QToolButton[role="reset"]:hover {{ background: {raised}; }}
 QToolButton[role="mark"]:focus, QToolButton[role="reset"]:focus {{ border: 2px solid {accent}; }}

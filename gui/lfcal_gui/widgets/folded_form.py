@@ -87,7 +87,7 @@ class _Row:
     line: int
     rare: bool
     shown: bool = True
-    mark: QToolButton | None = None
+    mark: QToolButton | QLabel | None = None
     reset: QToolButton | None = None
 
     def widgets(self) -> list[QWidget]:
@@ -319,15 +319,11 @@ class FoldedForm(QFrame):
         """Show where values come from: a word of `MARKS`, and a tip. The tick of an assumed value confirms it."""
         for key, (word, tip) in marks.items():
             row = self._rows[key]
-            if row.mark is None:
-                row.mark = _small("", "mark", "", "")
-                row.mark.clicked.connect(lambda _=False, key=key: self.confirmed.emit(key))
-                self._grid.addWidget(row.mark, row.line, MARK)
-                QWidget.setTabOrder(row.editor, row.mark)
-                row.mark.setVisible(not row.label.isHidden())
             assumed = word == "assumed"
+            if row.mark is None or isinstance(row.mark, QToolButton) != assumed:
+                self._make_mark(row, assumed)
+            assert row.mark is not None
             row.mark.setText(MARKS[word])
-            row.mark.setFocusPolicy(Qt.FocusPolicy.StrongFocus if assumed else Qt.FocusPolicy.NoFocus)
             row.mark.setAccessibleName(f"{row.field.label}: {word}" + ", confirm" * assumed)
             row.mark.setToolTip(tip)
             # screen readers read the description after the name
@@ -335,7 +331,23 @@ class FoldedForm(QFrame):
             set_look(row.mark, "mark", word)
         self._tell()
 
-    def mark(self, key: str) -> QToolButton:
+    def _make_mark(self, row: _Row, assumed: bool) -> None:
+        """Make the tick of an assumed value, which is a button, or of another one."""
+        if row.mark is not None:
+            row.mark.hide()
+            row.mark.deleteLater()
+        if assumed:
+            row.mark = _small("", "mark", "", "")
+            row.mark.clicked.connect(lambda: self.confirmed.emit(row.field.key))
+        else:
+            row.mark = QLabel()
+            row.mark.setFixedWidth(SMALL)
+            row.mark.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._grid.addWidget(row.mark, row.line, MARK)
+        QWidget.setTabOrder(row.editor, row.mark)
+        row.mark.setVisible(not row.label.isHidden())
+
+    def mark(self, key: str) -> QToolButton | QLabel:
         """Return what shows where the value of a field comes from; its property ``mark`` is the word."""
         found = self._rows[key].mark
         assert found is not None

@@ -202,7 +202,7 @@ def test_assumed_values_are_confirmed_by_their_tick(qtbot: QtBot) -> None:
     QTest.keyClick(tick, Qt.Key.Key_Space)
     assert told == ["f"]
     form.set_marks({"f": ("stated", "")})
-    assert form.head.words == "all known" and tick.focusPolicy() == Qt.FocusPolicy.NoFocus
+    assert form.head.words == "all known" and form.mark("f").focusPolicy() == Qt.FocusPolicy.NoFocus
 
 
 def test_labels_fields_and_units_have_their_edges(qtbot: QtBot) -> None:
