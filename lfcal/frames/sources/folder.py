@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 __all__ = ["NAN_MODES", "FolderSource", "check_frame", "without_nan"]
 
+MOST_MASKED = 0.5
+"""Share of a frame without values above which its pixels are not masked but refused."""
+
 NAN_MODES = ("auto", "mask", "refuse")
 """What happens to NaN and infinity in frames; see `FolderSource`."""
 
@@ -200,7 +203,7 @@ class FolderSource(Frames):
             if bad.shape != self._shape or not bad.any():
                 return
             fixed = bad if fixed is None else fixed & bad
-        if fixed is None or not fixed.any():
+        if fixed is None or not fixed.any() or fixed.mean() > MOST_MASKED:
             return
         self._mask = ~fixed if self._mask is None else self._mask & ~fixed
         words = f"{int(fixed.sum())} pixels have no value (NaN or infinity) in any frame: they are masked"
