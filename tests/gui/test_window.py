@@ -223,7 +223,7 @@ def controls(page: QWidget) -> list[QWidget]:
 SAFE = (
     "…",
     "Assemble",
-    "Simulate H",
+    "Compute H",
     "ladder",
     "Export",
     "Start",

@@ -19,7 +19,7 @@ from lfcal_gui.context import Context
 from lfcal_gui.models.display import SCALES, DisplaySettings, colour_table, depth_colours, to_uint8
 from lfcal_gui.models.shot import Outline, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
-from lfcal_gui.pages.simulate._influence_view import InfluenceView
+from lfcal_gui.pages.simulate._effect_panel import InfluenceView
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
 from lfcal_gui.theme import LIGHT, NIGHT, apply_theme
 from lfcal_gui.widgets.colours import ramp

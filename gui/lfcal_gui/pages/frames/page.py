@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from lfcal.base import InputError
 from lfcal.frames import Position
@@ -63,7 +63,6 @@ class Page(BasePage):
         self._unread = ("", "")
         """A folder whose frames are not understood, and why."""
         self.tool_button("Import any folder …", IMPORT, self.choose_folder)
-        self.tool_button("File or list …", FILE, self.start_import)
         self.assemble_button = self.tool_button(
             "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble
         )
@@ -71,6 +70,10 @@ class Page(BasePage):
         self.play_timer.setInterval(PLAY_MS)
         self.play_timer.timeout.connect(lambda: self._step(0, 1))
         self.panel = FramesPanel(context.jobs)
+        self.list_button = QPushButton("File or list …")
+        self.list_button.setToolTip(FILE)
+        self.list_button.clicked.connect(lambda: self.start_import())
+        self.panel.choices.fold_line(self.list_button)
         self.set_panel(self.panel)
         self._connect_panel()
         self._add_shortcuts()
@@ -147,6 +150,8 @@ class Page(BasePage):
         """Report the state of the frames."""
         opened, settings = self.opened, self.settings
         path, why = self._unread
+        # else it is the button of the next step
+        self.assemble_button.setVisible(bool(self.context.state.psf) and not self._fresh)
         self.context.tell(
             "frames",
             folder=bool(self.context.state.frames or path),
@@ -170,7 +175,9 @@ class Page(BasePage):
         options = {**self.settings.option_values, key: value}
         try:
             chosen = options_in(Assemble, options)
-            settings = replace(self.settings, options=tuple(sorted(chosen.items())))
+            # a project is written as JSON, which has no paths
+            plain = {name: str(one) if isinstance(one, Path) else one for name, one in chosen.items()}
+            settings = replace(self.settings, options=tuple(sorted(plain.items())))
             settings.usable()
         except InputError as error:
             self.refuse(str(error))

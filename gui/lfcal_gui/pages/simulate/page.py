@@ -61,7 +61,7 @@ class Page(BasePage):
         self._seconds = ""
         self._asked: tuple[Any, ...] = (None, None)
         """Plan and settings of the frame that is shown, or being made."""
-        self.tool_button("Simulate H …", "Compute the whole H of the plan as a job", self.simulate)
+        self.tool_button("Compute H …", "Compute the whole H of the plan as a job", self.simulate)
         self.panel = SimulatePanel(context.jobs)
         self._connect()
         self.set_panel(self.panel)
@@ -321,7 +321,7 @@ class Page(BasePage):
         plan, settings = self._plan(), self.settings
         if plan is None:
             return
-        path = path or ask_target(self, "Simulate H", "simulated.h5", "H file (*.h5)")
+        path = path or ask_target(self, "Compute H", "simulated.h5", "H file (*.h5)")
         if not path:
             return
         title, task = f"Simulate {Path(path).name}", matrix_task(settings, path)

@@ -16,6 +16,7 @@ from lfcal.camera import ScanPlan
 from lfcal.frames import Position
 from lfcal.records import rows
 from lfcal.tasks import Assemble
+from lfcal_gui.context import Context
 from lfcal_gui.models import CommandStep, ProjectState, check_of, fields_of, options_in, shown_of
 from lfcal_gui.pages.frames._assembly import iter_assembly
 from lfcal_gui.pages.frames.model import HELD, FrameSettings, open_imported, task_of
@@ -23,6 +24,7 @@ from lfcal_gui.pages.frames.model_frame import load_frame
 from lfcal_gui.pages.frames.step import step
 from tests.cli import conftest
 from tests.cli.conftest import Run
+from tests.gui.conftest import OpenPage
 
 lfcal = conftest.lfcal
 SAMPLE = Path(__file__).parents[4] / "sample_data" / "session"
@@ -94,3 +96,12 @@ def test_the_window_its_command_and_its_python_give_the_same_bits(
     for name in ("command.h5", "python.h5"):
         np.testing.assert_array_equal(values(tmp_path / name), values(tmp_path / "window.h5"), err_msg=name)
     assert task_of(settings, frames, "H.h5").settings.cutout == (41, 31)
+
+
+def test_a_file_that_is_chosen_is_kept_with_the_project(open_page: OpenPage, context: Context) -> None:
+    """The path of a list stayed a path, and the project could not be saved."""
+    page = open_page("frames")
+    for key in ("leave_out", "fill"):
+        page._edited(key, f"{key}.json")  # type: ignore[attr-defined]
+        assert f"{key}.json" in context.state.to_json()
+        assert FrameSettings.of(context.state).option_values[key] == Path(f"{key}.json")

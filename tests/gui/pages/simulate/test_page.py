@@ -20,8 +20,7 @@ from lfcal.psf import open_psf
 from lfcal.simulate import simulate_psf
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState
-from lfcal_gui.pages.simulate._effects_table import SETTING
-from lfcal_gui.pages.simulate._share_bar import TEXT
+from lfcal_gui.pages.simulate._effects_table import SETTING, TEXT
 from lfcal_gui.pages.simulate.model import SimulateSettings, pattern_of
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.window import MainWindow
