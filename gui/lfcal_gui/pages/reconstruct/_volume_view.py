@@ -417,8 +417,10 @@ class VolumeView(QWidget):
         self.slice.setVisible(there and solid)
         self.stack.setVisible(there or not self._light_field)
         self.side.setVisible(self._light_field)
-        for control in (*self.segments, self.brightest, self.overlay):
-            control.setEnabled(there)
+        for segment in self.segments:
+            segment.setEnabled(there)
+        for control in (self.brightest, self.overlay) if self.brightest.parent() is not None else ():
+            control.setVisible(there)
 
     def _show(self) -> None:
         self._show_parts()
