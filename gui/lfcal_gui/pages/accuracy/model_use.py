@@ -16,11 +16,11 @@ LEVELS = {"debye": "microscope"}
 """Levels that the window calls by another name."""
 
 NO_USE = {
-    "lattice": "Nothing was changed: it tells how many lenslets a white image must show.",
-    "aperture": "Nothing was changed: it tells how many positions a plane must have, which the array's period sets.",
-    "sampling": "Nothing was changed: this sampling is taken by itself for a tolerance that it keeps.",
+    "lattice": "Nothing was changed: this result is the number of lenslets that a white image must show.",
+    "aperture": "Nothing was changed: the period of the array sets the number of positions per plane.",
+    "sampling": "Nothing was changed: the sampling is chosen automatically from the tolerance.",
 }
-"""Why rungs of a place cannot be put to use."""
+"""For each place without a setting in the project: why its result changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def _storage(project: ProjectState, rung: Rung) -> RungUse:
 
 def _filters(project: ProjectState, rung: Rung) -> RungUse:
     if rung.settings["route"] != "spatial":
-        return RungUse("Nothing was changed: Multiplexing always shows the Fourier route beside the spatial one.")
+        return RungUse("Nothing was changed: Multiplexing always shows the Fourier route next to the spatial one.")
     name = str(rung.settings["filter"])
     return RungUse(f"Multiplexing: filter {name}.", "filter", _settings(project, "multiplex", filter=name), "multiplex")
 

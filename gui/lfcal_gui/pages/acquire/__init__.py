@@ -19,7 +19,7 @@ __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether a session is recorded, and whether positions of it are to be recorded again."""
+    """Return the state of the page: whether a session exists, and whether positions must be recorded again."""
     if project.redo:
         return PageState.ATTENTION
     # a folder that is not there yet, or holds nothing, is where the next session goes

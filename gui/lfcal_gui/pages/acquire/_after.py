@@ -42,7 +42,7 @@ class Afterwards:
             self.panel.show_filling(self.filling.light(z), self.filling.short_words(z))
 
     def open_plane(self, z: int) -> None:
-        """Assemble a complete plane beside the recording and show it, while others are being recorded."""
+        """Assemble a complete plane and show it, while the other planes are still being recorded."""
         folder = Path(self.context.state.recording)
         out = folder / f"plane-{z:02d}.h5"
         if may_replace(self.panel, [out]):

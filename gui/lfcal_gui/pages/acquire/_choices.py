@@ -53,7 +53,7 @@ class FolderChoice:
             self.take(path, then)
 
     def take(self, path: str, then: Callable[[], None] | None = None) -> None:
-        """Record into (or go on in) another folder, unless what it holds is damaged."""
+        """Record into another folder, or continue the session in it. A damaged folder is refused."""
 
         def seen(found: FolderState) -> None:
             if found.problem:
@@ -106,7 +106,7 @@ class TargetChoice:
             self.take(path)
 
     def take(self, path: str) -> None:
-        """Record the target of a plan's file; the project's scan and camera become those that it stands for."""
+        """Record the target of a plan file; the project takes over the scan and the camera of that plan."""
 
         def seen(plan: TargetPlan) -> None:
             self.plan, self._path = plan, path

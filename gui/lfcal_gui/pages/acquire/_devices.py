@@ -63,7 +63,7 @@ KINDS = tuple((kind, _SAID.get(kind, kind)) for kind in FAULTS)
 
 
 def fault_words(fault: DeviceFault, *, now: bool = False) -> str:
-    """Return a fault in a line; ``now``: its calls are counted from now."""
+    """Return a one-line description of a fault; ``now``: its calls are counted from now."""
     counted = COUNTED[fault.kind]
     last = f" to {fault.at + fault.times - 1}" if fault.times > 1 else ""
     after = " from now" if now else ""
@@ -259,7 +259,7 @@ class FaultPanel(QWidget):
     edited(text)
         The faults changed; ``text`` is the simulator's option ``faults``.
     injected(fault)
-        A fault is to strike the simulator that is connected, counted from now.
+        Make the connected simulator fail in this way; calls are counted from now.
     """
 
     edited = Signal(str)
@@ -307,7 +307,7 @@ class FaultPanel(QWidget):
         self._show()
 
     def set_faults(self, text: str) -> None:
-        """Show the faults of an option; one that cannot be read is told at connecting."""
+        """Show the faults of an option; a fault that cannot be parsed is reported when you connect."""
         try:
             faults = parse_faults(text)
         except LfcalError:

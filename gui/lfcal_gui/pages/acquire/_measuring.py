@@ -1,4 +1,4 @@
-"""What a few moves tell of the setup, and white and dark frames: measured on the devices, taken into the plan."""
+"""Measure stage axes and exposure with a few moves, and record white and dark frames; the plan takes the results."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class SetupMeasuring(QObject):
         self.changed.emit()
 
     def take_stills(self, kind: str) -> None:
-        """Record white or dark frames beside the session, once the user has done what they need."""
+        """Record white or dark frames in the session's folder, after the user has prepared the light for them."""
         station, plan, folder = self._station(), self.context.state.plan, self.context.state.recording
         if station is None or plan is None:
             return

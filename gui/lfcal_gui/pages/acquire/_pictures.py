@@ -42,7 +42,7 @@ TITLE = (
 
 
 class ErrorView(LinePlot):
-    """What each fit states, what positions kept aside tell of it, and the error that ends the recording."""
+    """Plot of the error of H per fit: its own estimate, the error at held-out positions, and the error wanted."""
 
     # before the rest is made the plot takes the theme's colours
     curve: ErrorCurve | None = None
@@ -133,7 +133,7 @@ def _log(values: np.ndarray) -> np.ndarray:
 
 SUM = "Depth-plane sum"
 NOTHING = "Nothing recorded in this plane yet."
-NO_SUM = "A target's frames show many positions at once: no sum grows before they are assembled."
+NO_SUM = "Each frame of a target shows many positions. The sum is available after assembling."
 
 CURVES = {"energy": "Energy (counts)", "residual": "Residual (px)", "saturated": "Saturated (px)"}
 LOW = 56

@@ -188,7 +188,7 @@ class StagePanel(QWidget):
             self.fields[axis].stepBy(sign)
 
     def type_target(self) -> None:
-        """Take the keyboard for a position to go to."""
+        """Move the keyboard focus to the fields of the target position."""
         self.fields[0].setFocus(Qt.FocusReason.ShortcutFocusReason)
         self.fields[0].selectAll()
 

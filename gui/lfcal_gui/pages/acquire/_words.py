@@ -36,19 +36,19 @@ PART, CHOICE = "record", ("error of H", "information of patterns", "choose posit
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """Error of H against positions recorded, as it is drawn (%).
+    """Error of H as a function of the number of recorded positions, as it is drawn (%).
 
     Attributes
     ----------
     positions, stated
-        Of each fit: positions recorded, and the error that the unknowns' standard deviations make.
+        For each fit: the number of recorded positions, and the error from the standard deviations of its unknowns.
     aside, below, above
-        Of each fit the error at positions kept aside: its value, and how far it may lie below and above by two
-        standard deviations. Where only a limit is known it is the value, and ``below`` is NaN.
+        For each fit: the error at held-out positions, and its bounds at two standard deviations. Where only an upper
+        limit is known, ``aside`` is that limit and ``below`` is NaN.
     wanted
         The error that ends the recording.
     most
-        Positions that are recorded at most, None: all of the plan.
+        Largest number of positions to record; None: all of the plan.
     """
 
     positions: tuple[int, ...]
@@ -61,7 +61,7 @@ class ErrorCurve:
 
     @property
     def words(self) -> str:
-        """What the last fit says, in a line; empty before the first."""
+        """One-line summary of the last fit; empty before the first."""
         if not self.positions:
             return ""
         limit = math.isnan(self.below[-1])
@@ -71,7 +71,7 @@ class ErrorCurve:
 
 
 def check_goal(plan: ScanPlan, options: Options, folder: FolderState) -> None:
-    """Raise `InputError` where a fit of such frames could not tell H, or the folder holds a whole scan."""
+    """Raise `InputError` if the noise of the frames is unknown, or if the folder holds a scan of every position."""
     if folder.there is not None and folder.chosen is None:
         got, remedy = "a scan of every position", "record every position, or choose another folder"
         raise InputError.expected("session folder", "one of chosen positions", got, remedy)
@@ -116,7 +116,7 @@ def until_words(record: Progress, steps: Sequence[AdaptiveStep], safe: int) -> t
 
 
 def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str, str, float | None]:
-    """Return how far it is, details with ``lamp``, and the fraction that is done, None where nobody knows."""
+    """Return the progress in words, details with ``lamp``, and the completed fraction; None if it is unknown."""
     if recorder.goal is not None:
         words, detail = until_words(record, recorder.steps, recorder.taken)
         return words, _joined(detail, lamp), record.fraction if record.total else None
@@ -165,7 +165,7 @@ def _joined(*parts: str) -> str:
 
 
 def advice_words(folder: FolderState, *, recording: bool, backend: str, measured: bool) -> str:
-    """Return what comes next, in words.
+    """Return advice on the next step, in words.
 
     Parameters
     ----------
@@ -174,9 +174,9 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     recording
         Whether a session is being recorded.
     backend
-        Name of the devices that are to be connected; empty: they are.
+        Name of the backend to connect; empty: the devices are connected.
     measured
-        Whether the stage's axes are.
+        Whether the axes of the stage are measured.
     """
     if recording:
         return "Recording continues while you use other pages."

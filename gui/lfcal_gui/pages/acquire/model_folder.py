@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FolderState", "folder_state"]
 
-ELSEWHERE = "the folder holds a session of {}; lfcal acquire --resume goes on with it"
+ELSEWHERE = "the folder holds a session of {}; continue it with lfcal acquire --resume"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class FolderState:
 
     @property
     def complete(self) -> bool:
-        """Whether every position that is to be recorded is."""
+        """Whether every chosen position is recorded."""
         if self.there is None:
             return False
         return bool(self.there.all() if self.chosen is None else self.there[self.chosen].all())
@@ -93,7 +93,7 @@ class FolderState:
         return tuple(np.flatnonzero(self.there.reshape(len(self.there), -1).all(axis=1)).tolist())
 
     def words(self) -> str:
-        """Return the state in a line."""
+        """Return the state of the folder as one line of text."""
         if self.problem:
             return self.problem
         if self.there is None:

@@ -222,7 +222,7 @@ class RecordPicture:
     done, total
         Positions that are safe, or frames of a target; and all of them.
     covered
-        Whether the map tells how many frames of a target show each position, and not what was recorded there.
+        Whether the map shows how many frames of a target cover each position, in place of the recorded quantity.
     reading
         How far the frames of earlier runs are read, in words; empty: nothing is left to read.
     planes
@@ -305,7 +305,7 @@ def record_picture(
 
 
 def lamp_words(lamp: NDArray[np.float64]) -> str:
-    """Return in words how the lamp drifted, by its reference frames ``(n, 2)``; empty where nothing tells."""
+    """Return the drift of the lamp in words, from its reference frames ``(n, 2)``; empty without two of them."""
     if len(lamp) < 2 or lamp[0, 1] <= 0:
         return ""
     change = 100 * (lamp[:, 1] / lamp[0, 1] - 1)

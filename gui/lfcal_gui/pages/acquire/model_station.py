@@ -203,7 +203,7 @@ class Station:
         inject(self.rig, fault)
 
     def use(self, work: Work[R]) -> Work[R]:
-        """Run ``work`` on the rig, alone; the live view begins anew afterwards."""
+        """Run ``work`` with exclusive use of the devices; the live view is stopped for it."""
         with self._lock:
             self._stop_live()
             return (yield from work)

@@ -63,8 +63,8 @@ BUTTONS = (
 SINGLE = "a single point"
 
 EXTENT_TIP = (
-    "Every position of the plan; or a few, then a fit of them, then the positions that help it most, and so on until H "
-    "is known as well as wanted"
+    "Every position of the plan, or chosen positions. Chosen: a few are recorded and fitted, then the most informative "
+    "ones are added until H reaches the error you set"
 )
 
 SIDE, MAP, LEAST_MAP = 52, 116, 90
@@ -91,7 +91,7 @@ class RecordPanel(QWidget):
     target_asked()
         Another source is wanted: a target of many points, or a single point again.
     told()
-        Status, detail, alarms or values changed.
+        Status, details, alarms or values changed.
     """
 
     pressed = Signal(str)

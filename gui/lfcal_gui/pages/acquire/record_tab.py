@@ -79,7 +79,7 @@ class RecordTab(QObject):
         self._expected_of: tuple[Any, ...] = ()
         """Camera, depths and cutout whose apertures are shown."""
         self._under_way: WindowJob | None = None
-        """The recording as it was told last."""
+        """The job of the recording, as last reported."""
         self.poll_timer = QTimer(self)
         self.poll_timer.setInterval(POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
@@ -113,7 +113,7 @@ class RecordTab(QObject):
     def show_state(self, state: ProjectState, *, folder: bool) -> None:
         """Show plan, settings and folder; ``folder``: it changed."""
         self.panel.folder.setText(state.recording)
-        self._refused = False  # what was refused is asked beside something else now
+        self._refused = False  # the refusal is out of date: its context has changed
         if folder:
             if not self.recording:
                 self._forget()
@@ -169,7 +169,7 @@ class RecordTab(QObject):
             self.context.jobs.drop(group)
 
     def _forget(self) -> None:
-        """Let go of what was recorded before: it is of another folder."""
+        """Release the earlier recording, which belongs to another folder."""
         self.context.jobs.drop(EARLIER)
         self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
         self._stopped = ""
@@ -216,7 +216,7 @@ class RecordTab(QObject):
         """Enable what can be pressed now, and say what comes next."""
         buttons, state, recording = self.panel.buttons, self.context.state, self.recording
         there, complete, many = self.folder.there is not None, self.folder.complete, self.folder.target is not None
-        # a session of chosen positions goes on to a smaller error
+        # a session of chosen positions can be continued to a smaller error
         more = not complete or (self.folder.chosen is not None and AcquireSettings.of(state).extent == "error")
         free = self.setup.free and not recording
         held = self.recorder is not None and self.recorder.control.pausing
@@ -291,7 +291,7 @@ class RecordTab(QObject):
         actions[key]()
 
     def start(self, *, redo: bool = False) -> None:
-        """Record, or go on, or record the named positions again; connects first if need be."""
+        """Start or continue the session, or record the listed positions again; connect first if necessary."""
         state = self.context.state
         if state.plan is None or self.recording or not self.setup.free:
             return
@@ -360,7 +360,7 @@ class RecordTab(QObject):
         return made
 
     def _set_job(self, number: int) -> None:
-        """Take the devices for a job, or give them back (0)."""
+        """Reserve the devices for job ``number``, or release them (0)."""
         self._job, self.setup.reserved = number, bool(number)
         if number:
             held = Hold(HELD, ("camera", "plan", "recording"), ("acquire",), self.context.refused.emit)
@@ -371,7 +371,7 @@ class RecordTab(QObject):
         self.show_controls()
 
     def pause(self) -> None:
-        """Hold, or go on."""
+        """Pause the recording, or resume it."""
         if self.recorder is not None and self._job:
             control = self.recorder.control
             (control.resume if control.pausing else control.pause)()
@@ -486,7 +486,7 @@ class RecordTab(QObject):
             self._tell()
 
     def _show_progress(self) -> None:
-        """Show how far the recording is, or at once what it was asked to do: the position under way may be long."""
+        """Show the progress. A request to pause or stop is shown before the present position ends."""
         job, recorder = self._under_way, self.recorder
         if job is None or recorder is None or not self.recording:
             return
@@ -546,6 +546,6 @@ class RecordTab(QObject):
         words, fraction = end_words(job, *ended)
         curve = self.panel.error_curve()
         known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
-        # beside the status, which stays: the advice is written again once the folder was looked into
+        # shown with the status, which remains when the folder has been read and the advice is updated
         self.panel.show_status(words, job.error or known, fraction)
         self.ended.emit()

@@ -107,7 +107,7 @@ class SetupTab(QObject):
         self.panel.show_nothing()
 
     def _check_station(self) -> None:
-        """Let go of devices that are not those of the project any more, unless they are at work."""
+        """Release devices that no longer match the project, unless they are in use."""
         plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
         if plan is None or self.station is None or not self.free:
             return
@@ -206,7 +206,7 @@ class SetupTab(QObject):
         """Release the devices."""
         station, self.station = self.station, None
         if station is not None:
-            # in a thread of its own: it is done, also where the window closes next
+            # in a separate thread, so that the devices are released even if the window closes next
             group = f"acquire release {id(station)}"
             self.context.jobs.load(group, station.close, lambda _: None, self.context.message.emit)
         self.panel.show_nothing()

@@ -39,9 +39,9 @@ def task_of(folder: Path, out: Path, recipe: CorrectionRecipe) -> Assemble | Ass
 
 
 def iter_assembly(folder: Path, out: Path, planes: list[int] | None, recipe: CorrectionRecipe) -> Work[AssemblyReport]:
-    """Assemble H of a session: single planes at once, for more may be recorded meanwhile, and all of it in units.
+    """Assemble H of a session: some of its planes while others are being recorded, or the whole session.
 
-    Planes that are done stay where it is stopped; called again it continues with them.
+    If you stop it, completed planes are kept, and the next call continues with the others.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def step(
 
 
 def assembled(folder: str, out: str, planes: Sequence[int] | None, recipe: CorrectionRecipe) -> CommandStep:
-    """Return how H is made of a session with its own dark frames, and with the white image beside it."""
+    """Return the step that assembles H of a session with the dark frames and the white image in its folder."""
     if planes is not None:
         raise InputError.expected("planes", "all", "one of a session that is being recorded", "a command takes all")
     return CommandStep.of(task_of(Path(folder), Path(out), recipe))

@@ -19,9 +19,9 @@ __all__ = ["iter_assembly", "notes_of"]
 
 
 def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
-    """Hold the frames against the plan's path, and assemble H from them, corrected and upright, plane by plane.
+    """Check the frames against the path of the plan, then assemble H plane by plane from the corrected frames.
 
-    Planes that are done stay where it is stopped; called again it goes on from them.
+    If you stop it, completed planes are kept, and the next call continues from them.
 
     Raises
     ------

@@ -43,7 +43,7 @@ class ColumnsTable(QTableWidget):
         self.hide()
 
     def show_table(self, table: Table | None, used: tuple[Column, ...], told: str = "") -> None:
-        """Show the list and what its columns hold, of which ``told`` was said; without a list nothing."""
+        """Show the list and the meaning of its columns. Without a list, hide it; ``told``: the user's choices."""
         self.setVisible(table is not None)
         if table is None:
             return

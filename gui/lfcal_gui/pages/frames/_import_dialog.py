@@ -35,7 +35,7 @@ from lfcal_gui.widgets import choice_box, clear, set_role
 __all__ = ["ImportDialog"]
 
 FOLDER = "Choose a folder of images: each file a frame, or a stack of them"
-FILE = "Choose one file of many frames, or the list that tells where they are"
+FILE = "Choose one file of many frames, or the list of their positions"
 LIST = "Choose the table of positions that the stage program wrote"
 WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
 GROUP = "frames import survey"
@@ -49,12 +49,12 @@ SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 b
 
 
 class ImportDialog(QDialog):
-    """Looks at frames anew, beside the window's thread, whenever something is said about them.
+    """Dialog that imports frames. It inspects them in the background after each change of the choices.
 
     Signals
     -------
     accepted_frames(survey)
-        The frames are wanted: a `Survey` whose frames are open.
+        The user accepts the import: a `Survey` whose frames are open.
     """
 
     accepted_frames = Signal(object)
@@ -94,10 +94,12 @@ class ImportDialog(QDialog):
     def _source(self) -> QGridLayout:
         grid = QGridLayout()
         self.frames_edit, self.list_edit = QLineEdit(), QLineEdit()
-        self.frames_edit.setPlaceholderText("a folder of images, one file of many frames, or a list beside them")
+        self.frames_edit.setPlaceholderText("a folder of images, one file of many frames, or a list of frames")
         self.list_edit.setPlaceholderText("found in the folder, or none: positions are then in the names")
-        self.frames_edit.setToolTip("Where the frames are; what is in it is looked at once Enter is pressed")
-        self.list_edit.setToolTip("A table of positions or stage coordinates, one line a frame, if names do not tell")
+        self.frames_edit.setToolTip("Folder or file of the frames. Press Enter to inspect it")
+        self.list_edit.setToolTip(
+            "Table of positions or stage coordinates, one line per frame. Optional if names have positions"
+        )
         rows = (
             (
                 "Frames",
@@ -124,7 +126,7 @@ class ImportDialog(QDialog):
         self.pattern = QLineEdit()
         self.pattern.setAccessibleName("Names")
         self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.tif")
-        self.pattern.setToolTip("How names of files tell positions: {z}, {y} and {x} stand for the numbers")
+        self.pattern.setToolTip("Pattern that reads positions from file names; {z}, {y} and {x} are the numbers")
         self.pattern.editingFinished.connect(self._typed)
         self.order = choice_box(ORDERS, ORDER)
         self.order.setAccessibleName("Order")
@@ -184,7 +186,7 @@ class ImportDialog(QDialog):
         return row
 
     def start(self, plan: ScanPlan | None, camera: Camera | None) -> None:
-        """Begin anew, with what the project knows: its plan, and the camera that the plan of a list is made for."""
+        """Reset the dialog for a project: its plan, and the camera used to make a plan from a list."""
         self._plan, self._camera = plan, camera
         self.choice = ImportChoice("")
         self._show_nothing()
@@ -197,7 +199,7 @@ class ImportDialog(QDialog):
             self.look_at(path)
 
     def _ask_file(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(self, "File of many frames, or a list beside them")
+        path, _ = QFileDialog.getOpenFileName(self, "File of many frames, or a list of frames")
         if path:
             self.look_at(path)
 

@@ -9,13 +9,13 @@ __all__ = ["said_in_dialog"]
 BOXES = (
     ("--manifest", "choose the List above"),
     ("--columns", "choose it above its column"),
-    ("--pattern", "say above how Names tell positions"),
+    ("--pattern", "type the pattern of Names above"),
     ("--order", "choose their Order above"),
     ("--first", "choose above what Positions count from"),
     ("--channel", "choose a colour above"),
     ("--orientation", "choose what makes them upright above"),
     ("--origin", "state their First pixel in Record > Folder, once they are open"),
-    ("lfcal plan", "choose the camera on the Camera page, or make the plan of the scan on the Plan page"),
+    ("lfcal plan", "choose the camera, or make the plan of the scan, in Set up"),
 )
 """Options of the command line that messages name, and what does the same in the window."""
 

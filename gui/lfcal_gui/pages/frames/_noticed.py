@@ -64,7 +64,7 @@ class Noticed:
             self.notice.tell(f"{count} left out; the log says which, and why")
 
     def offer_without(self, words: str, leave_out: Callable[[], None]) -> None:
-        """Offer to go on without frames that cannot be read; ``words`` are of the one that is looked at."""
+        """Offer to leave out damaged frames; ``words`` describe the damage of the frame that is shown."""
         self.notice.offer(words, "Leave out damaged frames", leave_out)
         self._damage = words
 

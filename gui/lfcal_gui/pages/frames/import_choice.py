@@ -49,7 +49,7 @@ class ImportChoice:
 
 
 def check_ways(choice: ImportChoice) -> None:
-    """Raise where positions are to be told in several ways."""
+    """Raise `InputError` if the user gave more than one source of positions."""
     ways = {"List": choice.listed, "Names": choice.pattern, "Order": choice.order}
     if len(said := [name for name, value in ways.items() if value]) > 1:
         words = f"{', '.join(said[:-1])} and {said[-1]}"

@@ -67,8 +67,8 @@ class FrameSettings(PageSettings):
     Attributes
     ----------
     manifest, pattern, order, columns, first
-        How positions are found where the folder has no manifest of its own: its list, name pattern or scan order, what
-        the list's columns hold, and what numbers count from (``"0"``, ``"1"``; empty: found).
+        How positions are found in a folder without a manifest: its list, name pattern or scan order. Then the meaning
+        of the list's columns, and the first index (``"0"``, ``"1"``; empty: found automatically).
     shift, channel
         Bits by which left-aligned samples are moved down; one colour of a mosaic or colour picture.
     dark, white
@@ -76,12 +76,12 @@ class FrameSettings(PageSettings):
     use_dark, use_white, use_defects, use_background
         Which corrections are made; see `CORRECTIONS`.
     skip_damaged
-        Whether frames that cannot be read are left out, for which every frame is read once when they are opened.
+        Whether damaged frames are left out. Every frame is then read once when the folder is opened.
     interpolation
         How cutouts between pixels are taken; empty: as the plan needs.
     orientation
-        What makes the frames upright, one of `lfcal.frames.ORIENTATIONS`, which is not questioned; ``"check"``: they
-        are as they come, if that is not certainly wrong.
+        Orientation that makes the frames upright, one of `lfcal.frames.ORIENTATIONS`, used without a check.
+        ``"check"``: frames are used unchanged, unless the check finds that they are turned.
     origin
         Row and column on the sensor of the frames' first pixel, ``"120,64"``; empty: they are whole.
     options
@@ -161,7 +161,7 @@ def positions_words(frames: str, settings: FrameSettings) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Delivered:
-    """What H is made from: the frames as they lie in their files, and what is to be done to them.
+    """Input of the assembly of H: the frames as stored in their files, and how to correct and turn them.
 
     Attributes
     ----------
@@ -334,7 +334,7 @@ class ImportedFrames:
     folder
         The frames.
     settings
-        Corrections found beside them.
+        Corrections found in the same folder.
     plan
         The plan they were recorded by, None where there is none.
     opened
@@ -353,12 +353,12 @@ class ImportedFrames:
 
 
 def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, keep: bool = False) -> ImportedFrames:
-    """Open a folder of frames or a recorded session; dark, white and plan beside it are found.
+    """Open a folder of frames or a recorded session, with the dark frames, white frames and plan found near it.
 
-    What the settings say of positions, samples, colour and orientation belongs to other frames, unless it is to be
-    ``keep``t.
+    Settings of positions, samples, colour and orientation belong to the previous frames and are reset, unless
+    ``keep`` is set.
 
-    Raises what opening raises: then nothing of it is to be used.
+    Errors of opening are raised unchanged; nothing is then imported.
     """
     from lfcal.acquire import SessionFile
 
@@ -369,7 +369,7 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
         chosen = replace(chosen, orientation=CHECK, origin="")
     if (folder / "session.json").is_file():
         plan, frames = SessionFile.read(folder).plan, folder
-        # a recording has darks of its own; those of the whole sensor are there for the white image
+        # a session corrects with its own dark frames; those in this folder belong to the white image
         if (folder / "white").is_dir():
             dark = folder / "dark"
             chosen = replace(chosen, white=str(folder / "white"), dark=str(dark) if dark.is_dir() else "")
@@ -378,7 +378,7 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
         frames = folder / "frames" if inside else folder
         around = folder if inside else folder.parent
         plan = _plan_in(around, around.parent if folder.is_file() else frames) or plan
-        # beside the frames, or among them
+        # in the folder of the frames, or in its parent
         places = [place / name for place in (frames, around) for name in ("dark", "white")]
         found = {place.name: str(place) for place in places if place.is_dir()}
         chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))

@@ -1,4 +1,4 @@
-"""What the import of frames is told and what it finds: list, names, alignment, colours, three frames. No Qt."""
+"""Inspection of frames before import: list, file names, alignment of samples, colours, three frames. No Qt."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ REPLACED = "plan: the project's is of another scan; one made from the list takes
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """What was found for a choice.
+    """Result of inspecting frames for an `ImportChoice`.
 
     Attributes
     ----------
     choice
-        What was said, less what was said of another list.
+        The user's choice, without column roles that were given for another list.
     table, used
         The list as text, and which columns are used for what; None and empty where there is no list.
     notes
-        What was guessed, a line each.
+        Values that were guessed, one line each.
     problem
         Why the frames cannot be opened with this; empty where they can.
     colours
@@ -82,16 +82,16 @@ class Survey:
 
 
 def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -> Survey:
-    """Return what is found for ``choice``: as much as can be, and what stands in the way of the rest.
+    """Inspect the frames of ``choice`` and return what was found, with the first problem if there is one.
 
     Parameters
     ----------
     choice
-        What the user says.
+        The user's choice.
     plan
-        The project's plan; one that lies with the frames comes first, as in `import_folder`.
+        The project's plan. A plan found with the frames takes precedence, as in `import_folder`.
     camera
-        Makes the plan of a list of stage coordinates where there is none.
+        Camera used to make a plan from a list of stage coordinates, if there is no plan.
     """
     found = Survey(choice)
     try:
@@ -196,7 +196,7 @@ def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> Import
         if not choice.order:  # which needs the plan
             open_source(imported.folder, imported.settings, None).close()
         raise InputError.expected(
-            "scan plan", "one with the frames or in the project", "none", "make it on the Plan page, or choose a list"
+            "scan plan", "one with the frames or in the project", "none", "make it in Set up, or choose a list"
         )
     return imported
 
@@ -226,7 +226,7 @@ def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, lis
 
 
 def _range_notes(found: Survey, plan: ScanPlan) -> list[str]:
-    """Return the range of the list's depth coordinate beside that of the plan's planes."""
+    """Return a note that compares the depth range of the list with that of the plan."""
     axis, listed = plan.stage.away[1], list_of(found.choice)
     column = next((column for column in found.used if column.role == axis), None)
     if listed is None or column is None or is_plain(listed):

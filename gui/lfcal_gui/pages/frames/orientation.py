@@ -23,7 +23,7 @@ CHOICES = (
 
 @dataclass(frozen=True)
 class Advice:
-    """What to say of the frames, and what to offer.
+    """Advice on the orientation of frames, and the choices to offer.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Advice:
     leave
         What is chosen by leaving them; empty: what was chosen before.
     chosen
-        Whether they lie so because the user said so: nothing is to be asked.
+        Whether the user chose this orientation, so that no question is needed.
     """
 
     words: str
@@ -44,7 +44,7 @@ class Advice:
 
 
 def turned(source: FrameSource, plan: ScanPlan, name: str) -> FrameSource:
-    """Return the frames as orientation ``name`` turns them; those that are to be checked as they are."""
+    """Return the frames turned by orientation ``name``; for `CHECK` they are returned unchanged."""
     return source if name == CHECK else oriented(source, named_orientation(name), plan.camera.sensor.shape)
 
 
@@ -77,7 +77,7 @@ def other_sensor(source: FrameSource, plan: ScanPlan) -> str:
 
 
 def refusal(found: FoundOrientation, chosen: str) -> str:
-    """Return why no H is made of frames that lie as was ``found``, in a line; empty where one is made."""
+    """Return why frames with the orientation ``found`` cannot be assembled; empty if they can."""
     try:
         check_found(found, chosen)
     except InputError as error:

@@ -192,7 +192,7 @@ class Page(BasePage):
             self.open_folder(path)
 
     def open_folder(self, path: str) -> None:
-        """Take the frames of a folder, once they are known to be good; dark, white and plan beside it are found."""
+        """Import the frames of a folder if they can be opened, with dark frames, white frames and plan near it."""
         settings, plan = self.settings, self.context.state.plan
 
         def failed(words: str) -> None:
@@ -382,7 +382,7 @@ class Page(BasePage):
 
         def failed(words: str) -> None:
             self.context.message.emit(words)
-            if opened is self.opened and where == self.position:  # the picture of another must not stand for it
+            if opened is self.opened and where == self.position:  # do not leave another frame's picture
                 self.loaded = None
                 self.panel.show_missing(words, "This frame cannot be read.")
                 if not opened.chosen.skip_damaged:

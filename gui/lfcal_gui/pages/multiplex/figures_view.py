@@ -68,7 +68,7 @@ class FiguresView(QWidget):
         outer.addWidget(self.stack, 1)
 
     def make(self) -> None:
-        """Make pictures and plots, once: they take as long as all the rest of the page, where few look at once."""
+        """Make pictures and plots when the tab is first shown: they take as long as the rest of the page."""
         if self.stack.count() == 0:
             for part in (self._pictures(), self._plots(), self._map()):
                 self.stack.addWidget(part)
@@ -246,7 +246,7 @@ class Drawing:
         self._asked: tuple[Any, ...] = ()
 
     def forget(self) -> None:
-        """Draw anew: a file may hold something else."""
+        """Forget the figure, so that it is drawn again: its file may have changed."""
         self._asked = ()
 
     def draw(self) -> None:

@@ -87,7 +87,7 @@ class MultiplexSettings(PageSettings):
     Attributes
     ----------
     compared
-        Names of filter arrays and masks whose gain is drawn beside that of the modulator.
+        Names of filter arrays and masks whose gain is compared with that of the modulator.
     image
         Opened image, or empty.
     right

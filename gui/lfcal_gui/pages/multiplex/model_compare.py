@@ -114,7 +114,7 @@ def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
 def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, str, str], ...]:
     return (
         ("Super-pixel", f"{n.side[1]} × {n.side[0]} px", "K pixels that measure the same samples"),
-        ("Samples N", str(n.samples), "Colours, views, or both, that are to be separated"),
+        ("Samples N", str(n.samples), "Colours, views, or both, that are multiplexed"),
         ("Rank", f"{n.rank} of {n.samples}", "Independent combinations of the samples that are measured"),
         ("Condition number", number(n.condition), "Largest over smallest singular value of A = Σ Πᵀ"),
         ("Transmission τ", number(n.transmission), "Mean fraction of the light that reaches the sensor (equation 12)"),

@@ -104,9 +104,8 @@ FIELDS = (
         "Route",
         kind="choice",
         choices=(("cells", "super-pixels"), ("general", "general"), ("lattice", "real lattice")),
-        tip="Super-pixels of whole pixels; general: any transmissions, by iterations of regularised least squares, "
-        "slower; or a mask on a lattice of any pitch and angle: that of the white image below, else the project's "
-        "camera's",
+        tip="Super-pixels: the mask repeats in whole pixels. General: any transmissions, by iterative regularised "
+        "least squares; slower. Real lattice: any pitch and angle, from the white image below or the project's camera",
         group="Reconstruction",
     ),
     Field(
@@ -124,8 +123,8 @@ FIELDS = (
         "White image",
         kind="text",
         empty="auto",
-        tip="Image, or folder of images, of even light through the same lattice, which is measured in it; empty: that "
-        "of Record > Folder where it is of this frame's size, else the lattice of the project's camera",
+        tip="Image, or folder of images, of uniform light, in which the lattice is measured. Empty: the white image of "
+        "Record > Folder if its size matches this frame, else the lattice of the project's camera",
         group="Reconstruction",
         file=IMAGES,
     ),
@@ -134,8 +133,8 @@ FIELDS = (
         "Transmissions",
         kind="text",
         empty="auto",
-        tip=".npy (N, rows, columns): what each pixel of the frame takes of each sample, for masks that do not repeat; "
-        "empty: those of the modulator",
+        tip=".npy (N, rows, columns): transmission of each sample at each pixel of the frame, for masks that do not "
+        "repeat; empty: those of the modulator",
         group="Reconstruction",
         file="Arrays (*.npy)",
     ),
@@ -152,7 +151,8 @@ FIELDS = (
         "smoothness",
         "Smoothness",
         "",
-        "Weight of differences between nodes: decides what pixels leave open; small beside the signal to noise",
+        "Weight of differences between grid nodes. It fixes what the pixels do not determine; keep it well below the "
+        "signal-to-noise ratio",
         group="Reconstruction",
     ),
     Field(

@@ -1,4 +1,4 @@
-"""The routes beside that of super-pixels: any transmissions by iterations, and the camera's lattice. No Qt."""
+"""Reconstruction without super-pixels: iterative for any transmissions, and by the camera's lattice. No Qt."""
 
 from __future__ import annotations
 

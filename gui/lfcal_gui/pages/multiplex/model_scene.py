@@ -41,7 +41,7 @@ class Route:
 
     @property
     def words(self) -> str:
-        """Name, error and time in a line."""
+        """Name, error and time as one line of text."""
         error = "" if self.error is None else f"error {100 * self.error:.2f} % rms, "
         return f"{self.name}: {error}{format_seconds(self.seconds)}"
 
@@ -210,9 +210,9 @@ def rms_error(found: Array, truth: Array, side: tuple[int, int]) -> float:
 def shown(found: Reconstructions, sample: int, right: str) -> tuple[Array, Array | None, Array | None]:
     """Return three pictures: one sample by both routes, and their difference (spatial - Fourier) or the truth.
 
-    Where there is one route there is no second picture, and the truth in place of a difference.
+    With a single route the second picture is None, and the truth replaces the difference.
 
-    Sample -1 is all colours at once, ``(rows, columns, 3)`` in 0 … 1, where there are three samples.
+    Sample -1 is the colour picture ``(rows, columns, 3)`` in 0 … 1; it requires three samples.
     """
     second = None if found.fourier is None else found.fourier.samples
     truth = found.truth if right == "truth" or second is None else None  # not known of an opened frame

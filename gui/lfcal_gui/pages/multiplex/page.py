@@ -194,7 +194,7 @@ class Page(BasePage):
         return replace(self.settings, white=white_of(self.context.state))
 
     def _reconstruct(self) -> None:
-        """Reconstruct if the tab is looked at and something changed: scenes at once, opened images as a job."""
+        """Reconstruct if the tab is visible and something changed: scenes immediately, opened images as a job."""
         settings, camera = self._resolved(), self.context.state.camera
         sensor, asked = camera.sensor, _asked(settings, camera)
         if not self._entered or self.panel.tabs.currentIndex() != 1:

@@ -56,17 +56,17 @@ CURVES = "Gain of signal to noise"
 TIPS = (
     "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
     "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
-    "Where: the weight of each basis function σ (columns j) at each pixel of the super-pixel (rows k, counted "
-    "by rows). A pixel records the sum over j of Σ times what Π makes of the light",
-    "What: the weight of each colour, view or other sample (rows n) in each basis function π (columns j). "
-    "Σ Πᵀ says what every pixel takes of every sample, and is inverted to get the samples back",
+    "Spatial basis: the weight of each basis function σ (columns j) at each pixel of the super-pixel (rows k, counted "
+    "by rows). A pixel records Σ times the light projected on Π, summed over j",
+    "Plenoptic basis: the weight of each colour, view or other sample (rows n) in each basis function π (columns j). "
+    "Σ Πᵀ is the weight of every sample in every pixel; the reconstruction inverts it",
 )
 """Of pattern, spectrum and both bases."""
 NAME = Qt.ItemDataRole.UserRole
 
 
 GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
-PICTURES = "What it makes of a picture: the frame behind it, what is got back, and the error"
+PICTURES = "Test the modulator on a picture: the recorded frame, the reconstruction, and its error"
 FIGURES = "Figures 3, 5, 6 and 7 of Ihrke et al. 2010, of scenes made here, with shared scales"
 SEARCH = "Filters and masks of most gain that can be made, and how sure that is"
 
@@ -174,7 +174,7 @@ class MultiplexPanel(QWidget):
         frame, column = card("Numbers")
         self.table = QTableWidget(0, 2)
         self.table.setAccessibleName("numbers of the modulator")
-        self.table.setToolTip("Light that passes, gain, and how well samples tell apart what is multiplexed")
+        self.table.setToolTip("Transmission, gain, and how well the multiplexed samples can be separated")
         self.table.horizontalHeader().hide()
         self.table.verticalHeader().hide()
         self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)

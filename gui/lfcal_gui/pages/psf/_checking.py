@@ -99,7 +99,7 @@ class Checking:
         return stated_order(self.context.state, self.context.state.psf)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Let go of what belongs to another H."""
+        """Release results of another H."""
         if old.psf != new.psf:
             self.follow()
         elif QualitySettings.of(old) != QualitySettings.of(new) or stated_order(old, old.psf) != self._order:

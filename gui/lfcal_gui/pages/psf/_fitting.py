@@ -44,7 +44,7 @@ class Results:
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
     def close(self) -> None:
-        """Forget the report; one that nobody saved is deleted."""
+        """Release the report; delete it if it was not saved."""
         self.report = None
         if self._scratch is not None:
             self._scratch.cleanup()
@@ -203,7 +203,7 @@ class Fitting:
         self.context.project.update("unknowns", settings=settings.into(self.context.state))
 
     def follow(self) -> None:
-        """Show what belongs to the H of now; what belongs to another is let go."""
+        """Show the results for the present H, and release those of another H."""
         state, stamp = self.context.state, stamp_of(self.context.state)
         if stamp != self._stamp:
             self._stamp = stamp

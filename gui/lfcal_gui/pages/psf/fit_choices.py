@@ -43,14 +43,14 @@ class _Groups(QListWidget):
 
 
 class ChoicesPanel(QWidget):
-    """What is fitted, folded.
+    """Folded form of the fit: its settings and groups of unknowns.
 
     Signals
     -------
     edited(key, value)
-        A value of `FitSettings` is to change.
+        The user changed a value of `FitSettings`.
     group_toggled(name, on)
-        A group of unknowns is to be fitted, or not.
+        The user switched the fit of a group of unknowns on or off.
     """
 
     edited = Signal(str, object)

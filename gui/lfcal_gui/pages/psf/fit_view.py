@@ -113,8 +113,8 @@ class RoundsView(QWidget):
             return
         parts = [f"{rounds[-1].stage}: {rounds[-1].note}."]
         if any(one.below_noise for one in rounds):
-            parts.append("Hollow: less than the noise hides, which is drawn.")
-        parts.append("χ² counts what the computation errs by as noise; it may rise where the fit goes on finer.")
+            parts.append("Hollow: the error is below the noise; the noise limit is drawn.")
+        parts.append("χ² includes the numerical error as noise; it may rise when the fit continues at finer sampling.")
         self.words.setText(" ".join(parts))
 
     def apply_theme(self) -> None:

@@ -120,7 +120,7 @@ class LoadedPlane:
         return pattern
 
     def transposed_pattern(self, y: int, x: int) -> NDArray[Any]:
-        """Return HT[z, y, x] as ``(nt, ns)``, computed from H at once."""
+        """Return HT[z, y, x] as ``(nt, ns)``, computed directly from H."""
         from lfcal.psf import ht_slice
 
         return ht_slice(self.values, y, x)
@@ -269,7 +269,7 @@ def turn_pixel(pixel: Pixel, cutout: tuple[int, int]) -> Pixel:
 def linked_pixel(
     position: tuple[int, int], pixel: Pixel, period: tuple[int, int], cutout: tuple[int, int]
 ) -> tuple[tuple[int, int], Pixel]:
-    """Return where the entry of H at ``position`` and ``pixel`` stands in HT: position and pixel there.
+    """Return the position and pixel in HT of the entry of H at ``position`` and ``pixel``.
 
     HT[z, y', x', t', s'] = H[z, y, x, t, s] with y' = (y + t - ct) mod ny, t' = nt-1-t, and so for x and s. The
     relation is its own inverse, so it leads from HT to H as well.
@@ -410,7 +410,7 @@ def _bare(text: str) -> str:
 
 
 def _value(text: str) -> str:
-    # a number stays in one line, words need not
+    # numbers do not wrap, words may
     wrap = "normal" if text[0].isalpha() else "nowrap"
     return f"<td style='white-space:{wrap}; padding-right:6px'><b>{text}</b></td>"
 
@@ -424,7 +424,7 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
     sigma = aperture.curvature_sigma
     error = f" ± {sigma:.2f}" if np.isfinite(sigma) and sigma > 0 else ""
 
-    def seen(text: str) -> str:  # where no outline is to be seen, nothing of it was measured
+    def seen(text: str) -> str:  # without a visible outline nothing was measured
         return text if aperture.seen else UNKNOWN
 
     return {

@@ -45,11 +45,12 @@ START = Field(
 )
 
 CORE = ("geometry", "focal_lengths", "iris")
-"""Groups that are chosen where nobody has chosen yet."""
+"""Groups that are fitted by default, before the user has chosen."""
 
 HELD = frozenset({"sources", "out", "camera", "plan", "unknowns", "write_h"})
-"""Fields of `lfcal.tasks.FitMatrix` that the form does not show: H, camera and plan are those of the project, unknowns
-have a list, and buttons say what is written."""
+"""Fields of `lfcal.tasks.FitMatrix` that the form does not show.
+
+H, camera and plan are those of the project, unknowns have a list, and buttons decide what is written."""
 
 ROWS = tuple(row for row in rows(FitMatrix) if row.name not in HELD)
 
@@ -177,8 +178,8 @@ class Offer:
             return f"H does not fit its own camera: {self.unfit}.", "error"
         if self.camera is None:
             if plan is None or plan.shape != self.shape:
-                return f"H has no camera of its own: make a plan of its shape {self.shape} on the Plan page.", "error"
-            return f"H has no camera of its own: takes camera, depths and anchor of the plan, {window.name}.", "hint"
+                return f"H states no camera: make a plan of its shape {self.shape} in Set up.", "error"
+            return f"H states no camera: uses camera, depths and anchor of the plan, {window.name}.", "hint"
         if settings.camera == "window":
             _, refused = self._by_window(window)
             if refused:
@@ -187,9 +188,9 @@ class Offer:
         return f"Starts from {self.camera}, as H was made with.", "hint"
 
     def lacking(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> dict[str, str]:
-        """Return the groups that the camera of the fit has no unknowns of, by name, and what it would need for them.
+        """Return the groups that the fitted camera has no unknowns for, each with the reason.
 
-        ``window`` and ``plan`` are those of the window; nothing where there is no camera to tell it from.
+        ``window`` and ``plan`` are those of the project. The result is empty if neither H nor plan states a camera.
         """
         own = self.plan
         if own is None:
@@ -295,7 +296,7 @@ class FitUse:
     words: str
 
     def holds(self, project: ProjectState) -> bool:
-        """Return whether a project has this camera: nobody took it back or changed it."""
+        """Return whether a project still has this camera: it was not changed or undone."""
         camera = self.changes["camera"]
         return bool(project.camera == camera and project.camera.marks == camera.marks)
 
@@ -312,7 +313,7 @@ def use_of(project: ProjectState, fit: Fit) -> FitUse:
     if plan is not None:
         try:
             plan = replace(plan, camera=camera)
-            words.append("the plan goes on with it")
+            words.append("the plan now uses this camera")
         except LfcalError as error:
             plan = None
             words.append(f"the plan does not go with it and was dropped ({error})")

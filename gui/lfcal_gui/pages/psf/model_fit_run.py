@@ -153,9 +153,9 @@ class FoundFit:
 
 @dataclass
 class FitRun:
-    """What a fit at work in a thread has told so far, and at its end what it found.
+    """Progress of a fit that runs in a thread, and its result when it has ended.
 
-    The window reads it at any time: rounds are only added.
+    The window may read it at any time, because rounds are only appended.
     """
 
     rounds: list[FitProgress] = field(default_factory=list)
@@ -163,7 +163,7 @@ class FitRun:
 
 
 def asked_of(project: ProjectState, settings: FitSettings) -> FitRequest:
-    """Return what is to be fitted in a project.
+    """Return the request for the fit of a project's H.
 
     Raises
     ------

@@ -40,7 +40,7 @@ SPARE = (2, 3, 4, 6)
 
 
 MOST = 6
-"""Planes that are named in a line."""
+"""Largest number of planes that are listed one by one."""
 
 LEAST_CHI2 = (0.8, 1.5)
 """χ² at the ends of the colours, at least: scatter by noise alone is no pattern."""
@@ -71,7 +71,7 @@ def _row(one: Parameter) -> ParameterRow:
 
 
 def _plain(name: str) -> str:
-    """Return the name of a parameter without its unit, which stands beside it."""
+    """Return the name of a parameter without its unit, which is shown with the value."""
     return re.sub("_(um|rad|px|nm|e)$", "", name).replace("f_number", "f-number").replace("_", " ")
 
 
@@ -92,7 +92,7 @@ def merit_of(fit: Fit) -> str:
 
 
 def verdict_of(fit: Fit) -> str:
-    """Return how far the fit is to be trusted, in a sentence."""
+    """Return one sentence on how reliable the fit is."""
     error = fit.held_out_error
     off = (
         f"H of this camera is {error} off"
@@ -106,17 +106,16 @@ def verdict_of(fit: Fit) -> str:
 
 
 def detail_of(found: FoundFit) -> str:
-    """Return what the verdict stands on."""
+    """Return the data behind the verdict: patterns fitted and held out, and unsteadiness of the setup."""
     fit = found.fit
     fates = [found.fate(place) for place in found.places]
     fitted, aside, out = (fates.count(fate) for fate in ("fitted", "kept aside", "left out"))
-    others = f"{aside} others tell" if aside > 1 else "1 other tells"
-    by = f"{others} the error" if aside else "which tell the error, too: no other was kept aside"
+    by = f"error from {aside} held out" if aside else "none held out: the error is from the fitted ones"
     parts = [f"{fitted} patterns fitted, {by}"]
     if out:
         parts.append(f"{out} left out as unlike the others")
     if fit.spread.stage_px > 0:
-        parts.append(f"sources {fit.spread.stage_px:.2g} px (rms) beside their places")
+        parts.append(f"sources {fit.spread.stage_px:.2g} px (rms) off their positions")
     if fit.spread.lamp > 0:
         parts.append(f"lamp unsteady by {format_share(fit.spread.lamp)}")
     if fit.spread.response > 0:
@@ -125,7 +124,7 @@ def detail_of(found: FoundFit) -> str:
     return f"{found.question.name}: {'; '.join(parts)}."
 
 
-# -- what it does not tell ---------------------------------------------------------------------------------
+# -- findings, also on what the scan does not determine ----------------------------------------------------
 @dataclass(frozen=True)
 class FitFinding:
     """A line on the fit; ``place`` (z, y, x) is the pattern that it is about, None where it is about none."""
@@ -136,11 +135,11 @@ class FitFinding:
 
 
 def findings_of(fit: Fit) -> tuple[FitFinding, ...]:
-    """Return what the scan does not tell, what is held, answers, outliers, and groups that did not help."""
+    """Return the findings of a fit: answers, outliers, degeneracies, fixed parameters, and groups that did not help."""
     found = [FitFinding(f"not as described: {question}", answer) for question, answer in fit.answers.items()]
     found += [_outlier(one) for one in fit.outliers]
     found += [FitFinding("not measured", fit.unseen_words)] if fit.unseen else []
-    found += [FitFinding("this scan does not tell apart", one) for one in fit.unidentified]
+    found += [FitFinding("this scan does not distinguish", one) for one in fit.unidentified]
     found += [FitFinding("held", one) for one in fit.held]
     found += [FitFinding("fitted", _title(name)) for name in fit.groups]
     found += [FitFinding("tried, did not help", _title(name)) for name in fit.unhelpful]

@@ -81,7 +81,7 @@ class InspectionRequest:
 
 @dataclass(eq=False)
 class InspectionRun:
-    """What an inspection at work in a thread has found so far.
+    """Results so far of an inspection that runs in a thread.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class InspectionRun:
     camera
         Whether H states a camera.
     inspection
-        The same beside the camera.
+        The results of the comparison with the camera.
     """
 
     report: QualityReport | None = None
@@ -102,7 +102,7 @@ class InspectionRun:
 def asked_of(
     stamp: Stamp, settings: QualitySettings, fitted: FittedCamera | None, mat_order: str = ""
 ) -> InspectionRequest:
-    """Return what is to be judged of a file; a fit of another file is not taken for its camera."""
+    """Return the request for the checks of a file. A camera fitted to another file is not used."""
     setup = None
     if settings.camera == "fitted" and fitted is not None and fitted.stamp == stamp:
         setup = fitted.setup
@@ -170,5 +170,5 @@ def iter_write_report(psf: str, folder: str, inspection: Inspection | None, mat_
 
 
 def report_files(folder: str) -> list[Path]:
-    """Return the files of a report that somebody may have put into ``folder`` before."""
+    """Return the paths of the files that a report writes into ``folder``, where they may exist already."""
     return [Path(folder) / name for name in ("index.html", "report.pdf", "quality.json", "redo.json")]

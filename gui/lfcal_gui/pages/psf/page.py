@@ -355,9 +355,9 @@ class Page(BasePage):
         return self._summed is self.matrix
 
     def _load_sums(self, matrix: PSFMatrix) -> None:
-        """Find what is known of each plane in the background: all sums, one after the other, then all apertures.
+        """Compute all depth-plane sums in the background, one after the other, then all apertures.
 
-        Once the plane that is looked at is drawn: reading all of H beside it makes drawing half as fast.
+        Call it after the visible plane is drawn: reading all of H at the same time halves the speed of drawing.
         """
         if matrix is self._summed:
             return
@@ -495,7 +495,7 @@ class Page(BasePage):
         if matrix is None or self.plane.z != self.intent.z:
             return
         self._show_picture()
-        # not in the turn that draws the picture, whose timers come last: to draw all of it at once holds the window
+        # in a later turn of the event loop: drawing picture and plane together would block the window
         QTimer.singleShot(0, self, lambda: QTimer.singleShot(0, self, partial(self._show_plane, matrix, loaded)))
 
     def _show_plane(self, matrix: PSFMatrix, loaded: PlaneData) -> None:

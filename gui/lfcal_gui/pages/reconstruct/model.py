@@ -80,8 +80,8 @@ FIELDS: tuple[Field, ...] = (
         "End at",
         kind="choice",
         choices=(("", "count"), ("left-out", "left-out"), ("discrepancy", "noise")),
-        tip="Count: after so many iterations. Left-out: when one pixel of 25, which the fit does not see, is foretold "
-        "no better; the volume is the best. Noise: when the image is met as well as gain and read noise allow",
+        tip="Count: after the number of iterations. Left-out: when the prediction of held-out pixels (1 in 25) no "
+        "longer improves; the best volume is kept. Noise: when the residual is as large as photon and read noise",
     ),
     ROWS["goal"],
     replace(ROWS["gain"], optional=False),
@@ -117,7 +117,7 @@ FIELDS: tuple[Field, ...] = (
         "margin",
         "Margin",
         "px",
-        "Pixels that the volume goes on beyond the light field, for light from beside it; empty: as many as help",
+        "Pixels by which the volume extends beyond the light field, for light from outside it; empty: automatic",
         kind="int",
         optional=True,
         empty="auto",
@@ -126,8 +126,8 @@ FIELDS: tuple[Field, ...] = (
         "voxel",
         "Voxel size",
         "µm",
-        "Save … writes all planes with voxels of one size: a number, or auto, the smallest; light is shared out "
-        "by area. Empty: pixel by pixel, behind a main lens each plane with a size of its own",
+        "Side of the voxels in a saved volume, the same for all planes; light is distributed by area. auto: the "
+        "smallest size of all planes. Empty: no resampling; behind a main lens the size differs between planes",
         kind="text",
         empty="by pixel",
     ),
@@ -271,7 +271,7 @@ class ReconstructSettings(PageSettings):
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
-        """Return the settings in ``data``; those of earlier projects knew one way to end by itself, ``auto``."""
+        """Return the settings in ``data``. Earlier projects had a single stopping rule, ``auto``."""
         if isinstance(data, Mapping) and data.get("auto") is True:
             data = {"stop": STOPS[0], **data}
         return super().from_dict(data)

@@ -192,9 +192,9 @@ class Placed(NamedTuple):
 
 
 class Solving:
-    """One light field, one projector, and how far the solver is.
+    """Reconstruction of one light field: its projector, and the progress of the solver.
 
-    `history` and `state` are replaced as a whole by the thread that solves, so that any thread may read them.
+    The solving thread replaces `history` and `state` as a whole. Other threads may read them.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ class Solving:
 
     @property
     def truth(self) -> NDArray[np.float32] | None:
-        """What the volume should be, or None where nobody knows."""
+        """The true volume, or None if it is not known."""
         if self._truth is None or self.state is None:
             return None
         truth: NDArray[np.float32] = self._truth[(slice(None), *self.window)]
@@ -285,7 +285,7 @@ class Solving:
         return "<br>".join((*lines, *((self.stopped,) if self.stopped else ()), *self.notes))
 
     def stop(self) -> None:
-        """End after the iteration under way; what there is stays, and `work` goes on from it."""
+        """Stop after the present iteration. The volume is kept, and `work` continues from it."""
         self._stop.set()
 
     @property
@@ -294,13 +294,13 @@ class Solving:
         return self._stop.is_set()
 
     def fits(self, psf: str, settings: ReconstructSettings, mat_order: str = "") -> bool:
-        """Return whether one can go on with ``settings``: all but iterations and the saved voxels is the same."""
+        """Return whether the run can continue with ``settings``: only iterations and saved voxels may differ."""
         same = replace(settings, iterations=self.settings.iterations, voxel=self.settings.voxel)
         return (psf, mat_order) == (self.psf, self.mat_order) and same == self.settings
 
     def work(self, iterations: int | None = None) -> Work[SolverState | None]:
-        """Iterate, as many times as the settings say or so many; goes on where an earlier call stopped."""
-        self._stop.clear()  # by whoever asks for it: what is to stop before it has begun does
+        """Iterate ``iterations`` times, by default as often as in the settings; continue after an earlier call."""
+        self._stop.clear()  # at the call, not in the thread: a stop asked for before the thread starts then counts
         return self._work(iterations)
 
     def _work(self, iterations: int | None) -> Work[SolverState | None]:
@@ -326,7 +326,7 @@ class Solving:
                 if self._stop.is_set():
                     break
         except StopIteration as end:
-            # of a run that stops by itself the best estimate is an earlier one
+            # a run with a stopping rule returns its best estimate, from an earlier iteration
             self.notes, self.stopped, self.state = (
                 (*self._said, *end.value.notes),
                 end.value.stopped,

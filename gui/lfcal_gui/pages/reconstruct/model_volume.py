@@ -38,7 +38,7 @@ class VolumeIntent:
     mode
         One of `MODES`.
     own_scale
-        Each depth plane fills the colours by itself; else the whole volume shares one scale.
+        Whether each depth plane has its own colour scale; else the whole volume shares one.
     by_depth
         Whether the turned volume has the colours of depths.
     box, cross

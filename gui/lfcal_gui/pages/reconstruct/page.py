@@ -364,7 +364,7 @@ class Page(BasePage):
         actions[key]()
 
     def start(self) -> None:
-        """Reconstruct anew."""
+        """Start a new reconstruction."""
         if self.image is None or self._job:
             return
         self._close()
@@ -445,7 +445,7 @@ class Page(BasePage):
         self._job = 0
         solving = self.solving
         self._show_progress()
-        self._show_volume()  # of a run that stopped by itself an earlier one is the best
+        self._show_volume()  # the best estimate may be from an earlier iteration
         if job.state is JobState.FAILED:
             self.panel.show_status(job.error, None, bad=True)
         elif solving is not None and solving.history:

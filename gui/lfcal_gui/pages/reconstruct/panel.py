@@ -223,7 +223,7 @@ class ReconstructPanel(QWidget):
         self.go.setEnabled(enabled)
 
     def show_solver(self, settings: ReconstructSettings) -> None:
-        """Say what the solver does, and enable what it uses; one that ends by itself takes what it needs."""
+        """Show a description of the solver, and enable the settings that it and its stopping rule use."""
         name, by_itself = settings.solver, settings.ends_by_itself
         words = SOLVERS.get(name).title
         self.solver_words.setText(f"{words}. {NOT_BY_ITSELF}" if settings.stop and not by_itself else words)

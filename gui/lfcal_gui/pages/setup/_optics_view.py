@@ -16,7 +16,7 @@ from lfcal_gui.widgets import offer_menu
 __all__ = ["OpticsView"]
 
 PITCH_LABEL = 84.0
-"""Room for the pitch beside the sensor (pixels of the screen)."""
+"""Width of the label of the pitch, next to the sensor (screen pixels)."""
 
 
 class OpticsView(QWidget):

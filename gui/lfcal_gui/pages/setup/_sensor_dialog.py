@@ -62,7 +62,7 @@ def rows_of(found: SensorMeasurement, camera: Camera) -> list[tuple[str, str]]:
 
 
 def words_of(found: SensorMeasurement, camera: Camera) -> str:
-    """Return what is to be said of the figures, a line each: doubts, what ``camera`` has otherwise, notes."""
+    """Return the remarks on the figures, one line each: doubts, differences from ``camera``, notes."""
     doubts = [f"Not the sensor's own: {doubt}." for doubt in found.doubts]
     notes = (*sensor_differences(found, camera.sensor), *found.notes)
     return "\n".join([*doubts, *(f"{note[:1].upper()}{note[1:]}." for note in notes)])
@@ -232,7 +232,7 @@ class SensorDialog(QDialog):
         self.take_button.setToolTip("")
 
     def show_found(self, found: SensorMeasurement) -> None:
-        """Show the figures, the curve, and what is to be said of them."""
+        """Show the figures, the curve, and the remarks on them."""
         self.found = found
         self.bar.setVisible(False)
         curves = curves_of(found)
@@ -245,11 +245,11 @@ class SensorDialog(QDialog):
         self._show_figures()
 
     def _show_figures(self) -> None:
-        """Show the figures beside the camera of now, and whether it can take them."""
+        """Show the figures next to those of the project's camera, and whether they can be transferred to it."""
         if self.found is None:
             return
         found, camera = self.found, self.context.state.camera
-        self.words.setText(words_of(found, camera) or "Every figure was told.")
+        self.words.setText(words_of(found, camera) or "Every figure was measured.")
         rows = rows_of(found, camera)
         self.table.setRowCount(len(rows))
         for row, texts in enumerate(rows):

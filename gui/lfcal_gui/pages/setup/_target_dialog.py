@@ -151,7 +151,7 @@ class TargetPanel(QWidget):
 
     def _results(self) -> QWidget:
         self.plane = QComboBox()
-        self.plane.setToolTip("The plane whose images and phases are shown; each has frames of its own")
+        self.plane.setToolTip("The depth plane whose images and phases are shown. Each plane has separate frames")
         self.plane.setAccessibleName("plane")
         self.plane.currentIndexChanged.connect(lambda _: self._draw())
         images, left = card("Images on the sensor")

@@ -161,7 +161,7 @@ TIPS = {
 
 
 def path_of(key: str) -> str:
-    """Return where the value of a field stands in the description; empty for none."""
+    """Return the path of a field in the camera description; empty if it has none."""
     return PATHS.get(key, key)
 
 
@@ -172,7 +172,7 @@ def mark_of(camera: Camera, key: str) -> str:
 
 
 def confirmed(camera: Camera, paths: Iterable[str]) -> Camera:
-    """Return ``camera`` with the values at ``paths`` stated, as somebody says that they are right."""
+    """Return ``camera`` with the values at ``paths`` marked as stated, because the user confirmed them."""
     return replace(camera, marks=camera.marks.marked(paths, "stated"))
 
 
@@ -190,10 +190,11 @@ def stated(before: Camera, after: Camera, key: str) -> Camera:
 
 
 def state_with(state: ProjectState, camera: Camera, *, same: bool = False) -> dict[str, object]:
-    """Return the changes of a project that take a camera.
+    """Return the changes of a project that gets a new camera.
 
-    Its plan stays where images lie as they did. Of the ``same`` camera, described otherwise, it is made anew with what
-    was chosen in it: planes, exposures, stage, and cutout and anchor unless they were those that are suggested.
+    The plan is kept if the image geometry is unchanged. If the camera is the ``same`` with another description, a new
+    plan is made with the planes, exposures and stage of the old one. Its cutout and anchor are kept, unless they were
+    the suggested ones.
     """
     plan = state.plan
     if plan is not None and _same_geometry(state.camera, camera):

@@ -87,7 +87,7 @@ class PlanSettings(PageSettings):
 
     @property
     def many(self) -> bool:
-        """Whether a target is to be planned."""
+        """Whether a target of many points is planned."""
         return bool(self.source)
 
     def usable(self) -> None:

@@ -196,7 +196,7 @@ class PlanningPanel(QWidget):
         self._scene: ScanScene | None = None
         self.costs: ScanCosts | None = None
         self._area: Area | None = None
-        """The part that is to be seen, whatever the size of the picture."""
+        """The area to show, at any size of the picture."""
         self._expected: Sequence[Any] = ()
         self._shown: tuple[Any, Shot] | None = None
         """What the picture was drawn of, and the picture."""

@@ -86,7 +86,7 @@ class EffectPanel(QWidget):
         for label in (self.title, self.why, self.formula):
             label.setWordWrap(True)
         self.formula.setProperty("role", "hint")
-        self.note = QLabel("No magnitude of its own: the camera's description has all it needs.")
+        self.note = QLabel("This effect has no magnitudes. Its values are in the camera description.")
         self.note.setProperty("role", "hint")
         self.note.setWordWrap(True)
         self._typical = False

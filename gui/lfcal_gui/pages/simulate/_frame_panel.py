@@ -17,12 +17,12 @@ __all__ = ["FramePanel"]
 
 
 class FramePanel(QWidget):
-    """The frame, what it is, and the buttons that make and save it.
+    """A simulated frame with its caption, and the buttons that make and save it.
 
     Signals
     -------
     frame_asked()
-        The user wants a frame of the position chosen beside.
+        The user wants a frame of the selected position.
     """
 
     frame_asked = Signal()

@@ -1,4 +1,4 @@
-"""The magnitudes of one effect: value, unit and source of each; a bad value is refused in a line beside it."""
+"""Form of the magnitudes of one effect: value, unit and source. The reason for a refused value is shown below it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfcal_gui.widgets import set_look
 __all__ = ["MagnitudeForm"]
 
 NONE = ""
-"""Data of the source that stands for a value nobody gave."""
+"""Item data of the source of a value that was not given."""
 
 
 class MagnitudeEditor(QWidget):
@@ -59,7 +59,7 @@ class MagnitudeEditor(QWidget):
         """Show value and source; what is being typed stays."""
         same, self.magnitude = self.magnitude == magnitude, magnitude
         if same and not self.error.isHidden():
-            return  # what was refused is still being mended
+            return  # the user is still correcting the refused value
         if magnitude.kind == "terms":
             self.table.show_terms(magnitude.counts or ())
         elif not (self.edit.hasFocus() and self.edit.isModified()):

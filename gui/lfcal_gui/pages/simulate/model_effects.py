@@ -227,7 +227,7 @@ def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]])
     Raises
     ------
     InputError
-        In one line that names the row, for what the effect cannot have.
+        If the effect cannot have a value; the message names the row.
     """
     from lfcal.simulate.effects import effect_from, number_in
 
@@ -241,7 +241,7 @@ def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]])
             first, second, third = (
                 number_in(name, word, {}) for name, word in zip(magnitude.columns, row, strict=True)
             )
-            # by itself, so that it is this row that is refused
+            # each row alone, so that the error names the right one
             effect_from(effect, {magnitude.field: [(first, second, third)]})
         except InputError as error:
             raise InputError(f"row {k + 1}: {error}") from None

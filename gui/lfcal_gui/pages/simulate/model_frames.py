@@ -89,7 +89,7 @@ class SimulatedFrame:
         return part.astype(np.float32), (r0, c0)
 
     def words(self) -> str:
-        """Return what the frame is, in a line."""
+        """Return the caption of the frame, one line of text."""
         sensor = self.question.plan.camera.sensor
         rows, columns = self.samples.shape
         top = float(self.samples.max())
@@ -111,9 +111,9 @@ def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> F
 
 
 class FrameBench:
-    """Makes frames of single positions; the light of the last one is kept, on which sensor effects act anew.
+    """Simulator of frames of single positions. The light of the last one is kept and reused for new sensor effects.
 
-    The frames are those of a session of that plane alone: its brightest pixel reaches the peak.
+    A frame is scaled as in a session of its plane alone, whose brightest pixel reaches the peak.
     """
 
     def __init__(self) -> None:

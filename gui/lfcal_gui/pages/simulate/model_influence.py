@@ -28,7 +28,7 @@ KEPT = 32
 
 @dataclass(frozen=True)
 class InfluenceQuestion:
-    """What is asked: one effect beside the others that are on, at one position.
+    """Request for the influence of one effect at one position, in addition to the others that are on.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class InfluenceQuestion:
     effect
         The effect.
     others
-        The effects that are on beside it, in the order of the light's way.
+        The other effects that are on, in the order in which they act on the light.
     on
         Whether the effect is on at the position's depth.
     level, tolerance, peak, seed
@@ -101,7 +101,7 @@ class InfluencePictures:
 
 
 def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[int, int, int]) -> InfluenceQuestion:
-    """Return the question what the effect of ``row`` does at a position, beside what the planner has on."""
+    """Return the request for the influence of ``row``'s effect at a position, with the effects the planner chose."""
     from lfcal.simulate import budgeted
 
     plan, settings = verdict.plan, verdict.settings

@@ -196,7 +196,7 @@ class Page(BasePage):
         self._influence()
 
     def _preview(self, *, fine: bool) -> None:
-        """Show rays at once; when nothing newer came, the chosen level with the effects the planner has on."""
+        """Show rays immediately, then the chosen level with the planner's effects, unless a newer request came."""
         plan, verdict, settings, place = self.context.state.plan, self._answer(), self.settings, self.panel.place.place
         if plan is None or (fine and verdict is None):  # the planner's answer brings the fine one
             return

@@ -66,7 +66,7 @@ CASES: list[tuple[Callable[[Path], str], dict[str, str], str]] = [
     (counted, {"first": "1"}, "got a smaller one; choose above what Positions count from"),
     (two_lists, {}, "expected one, got stage.csv, stage2.csv; choose the List above"),
     (empty, {}, "expected images (TIFF, PNG, NPY, RAW …), got none; name the folder that holds them"),
-    (unlike, {}, "; choose the List above, say above how Names tell positions, or choose their Order above"),
+    (unlike, {}, "; choose the List above, type the pattern of Names above, or choose their Order above"),
     (long_exposures, {}, "expected a unit of times this large, got 20000 of none; choose it above its column"),
     (lambda p: recorded(p, ("file", "X (mm)", "Y", "Z (mm)")), {}, "got none; choose it above its column"),
     (lambda p: recorded(p, ("file", "X", "Y", "other")), {}, "for 2 planes, got none; choose it above its column"),
@@ -93,9 +93,7 @@ def test_what_is_wrong_with_the_frames_is_said_before_a_plan_is_asked_for(
 
 def test_a_list_of_the_stage_without_camera_and_plan_asks_for_them(tmp_path: Path) -> None:
     found = survey(ImportChoice(recorded(tmp_path / "s")), None, None)
-    assert found.problem.endswith(
-        "got none; choose the camera on the Camera page, or make the plan of the scan on the Plan page"
-    )
+    assert found.problem.endswith("got none; choose the camera, or make the plan of the scan, in Set up")
 
 
 def test_the_unit_that_z_seems_to_have_is_named_in_the_window(tmp_path: Path) -> None:
@@ -116,4 +114,4 @@ def test_another_camera_s_scan_is_refused_in_the_window_s_words(tmp_path: Path) 
     small = ScanPlan(scan().camera, (3, 2), (9, 11), scan().depths, (18.0, 21.0))
     found = survey(ImportChoice(recorded(tmp_path / "s")), small, camera)
     assert "another scan" in found.problem
-    assert found.problem.endswith("choose the camera on the Camera page, or make the plan of the scan on the Plan page")
+    assert found.problem.endswith("choose the camera, or make the plan of the scan, in Set up")

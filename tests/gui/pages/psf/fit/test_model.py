@@ -182,7 +182,7 @@ def test_an_h_of_nothing_but_values_takes_noise_and_plan_of_the_window(tmp_path:
     path = saved(tmp_path / "H.h5", PSFMatrix(np.array(H), facts=facts))
     settings = replace(GEOMETRY, noise=(64.0, 1.0))
     project, kept = project_of(path, settings), FitRun()
-    with pytest.raises(InputError, match=r"H\.h5: H has no camera .*: make a plan of its shape .* on the Plan page"):
+    with pytest.raises(InputError, match=r"H\.h5: H states no camera: make a plan of its shape .* in Set up"):
         drain(iter_fit(asked_of(project, settings), kept))
     other = replace(few_plan(), period=(2, 3))
     with pytest.raises(InputError, match=r"make a plan of its shape \(1, 2, 4, 15, 15\)"):
@@ -246,7 +246,7 @@ def test_the_verdict_says_how_far_to_trust(found: FoundFit) -> None:
     assert re.fullmatch(
         r"The model explains the patterns: χ² [\d.]+\. H .* off by less than [\d.]+ %\.", verdict_of(fit)
     )
-    assert detail_of(found).startswith("H.h5: 5 patterns fitted, 1 other tells the error")
+    assert detail_of(found).startswith("H.h5: 5 patterns fitted, error from 1 held out")
     worse = replace(fit, chi_square=replace(fit.chi_square, lit=3.0, sigma=0.05))
     known = replace(worse, held_out_error=replace(fit.held_out_error, squared=4e-4, squared_sigma=1e-5))
     assert merit_of(known) == "bad"
