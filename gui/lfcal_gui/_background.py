@@ -1,6 +1,6 @@
-"""What the window does beside itself: quick computations, files that are opened; stale results are dropped.
+"""Background work without a job: quick computations, and opening files. Outdated results are dropped.
 
-Threads never touch Qt. They put what is to be done into a queue; a timer in the window's thread takes it out.
+Threads never touch Qt. They put functions into a queue, and a timer in the window's thread calls them.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ __all__ = ["COMPUTATIONS_S", "LOADS_S", "BackgroundThreads", "Computations", "Lo
 
 
 class Computations:
-    """Functions that a few threads compute; while one of a group is computed, at most one more waits: the newest.
+    """Run functions in a few threads. While one of a group runs, only the newest other one waits.
 
     Parameters
     ----------
     hand_over
-        Takes what is to be done in the window's thread.
+        Queues a function to run in the window's thread.
     """
 
     def __init__(self, hand_over: Callable[[Callable[[], None]], None]) -> None:
@@ -80,7 +80,7 @@ class Computations:
         self._workers.submit(compute)
 
     def end(self) -> None:
-        """Begin nothing any more; what is under way still reports, unless it hears that nobody waits for it."""
+        """Start nothing more. Running computations still report, unless they were cancelled."""
         self._ending = True
 
     def close(self, timeout_s: float) -> None:
@@ -90,19 +90,19 @@ class Computations:
 
 
 def _nobody(_: Any) -> None:
-    """Nobody waits for it any more."""
+    """Discard the result of a cancelled request."""
 
 
 class Loads:
-    """What is being opened, by group; only the newest request of a group reports.
+    """Open files in threads, by group. Only the newest request of a group reports.
 
-    A request waits for an earlier one of its group, unless that was dropped: a setting changed ten times in a hurry
-    opens its files twice, not ten times at once.
+    A request waits for an earlier one of its group, unless that was dropped. A setting changed ten times quickly
+    opens its files twice, not ten times.
 
     Parameters
     ----------
     hand_over
-        Takes what is to be done in the window's thread.
+        Queues a function to run in the window's thread.
     """
 
     def __init__(self, hand_over: Callable[[Callable[[], None]], None]) -> None:
@@ -205,7 +205,7 @@ class BackgroundThreads(QObject):
     """Threads of the window, and the way back from them into its own."""
 
     trouble = Signal(str)
-    """Why a computation failed whose caller did not ask to be told."""
+    """Why a computation failed, if its caller does not handle errors."""
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -253,10 +253,10 @@ class BackgroundThreads(QObject):
         on_error: Callable[[str], None] | None = None,
         discard: Callable[[Any], None] | None = None,
     ) -> None:
-        """Open something in a thread of its own, which a disk that does not answer may keep for ever.
+        """Open something in its own thread. A disk that does not answer may block that thread for ever.
 
-        Only the newest request of a ``group`` reports. It waits for an earlier one unless that is dropped; what comes
-        too late is handed to ``discard``.
+        Only the newest request of a ``group`` reports. It waits for an earlier one unless that is dropped. A result
+        that arrives too late is passed to ``discard``.
         """
         if not (self._closed or self._leaving):
             self._loads.start(group, function, on_result, on_error or self.trouble.emit, discard)

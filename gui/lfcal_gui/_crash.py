@@ -29,16 +29,16 @@ _LEVELS = {
 
 
 class CrashGuard(QObject):
-    """Between `install` and `close` nothing unexpected is silent, and nothing of it ends the window.
+    """Report unexpected errors between `install` and `close`, and keep the window open.
 
     Parameters
     ----------
     window
         Parent of the dialog.
     log
-        The log file, None: there is none.
+        The log file, None if there is none.
     safe
-        Keeps what can be kept and returns what is safe, a sentence each; called when an error of a new kind is told.
+        Saves what it can and returns what is safe, a sentence each. Called when an error of a new kind is reported.
     """
 
     def __init__(self, window: QWidget, log: Path | None, safe: Callable[[], Sequence[str]]) -> None:

@@ -1,9 +1,9 @@
-"""Collect cyclic garbage in the window's thread alone, and the old of it while nothing else is to be done.
+"""Collect cyclic garbage in the window's thread only, and old objects only while the window is idle.
 
 Python collects in whichever thread happens to allocate. A widget that is part of a cycle would then be destroyed by a
-worker, which ends the program. While a `Collector` lives, collection happens in the event loop only. What was allocated
-just now is looked through at each tick, in a few milliseconds; all objects take a tenth of a second once libraries are
-loaded, which is felt when it falls into what a user does.
+worker, which ends the program. While a `Collector` lives, collection happens in the event loop only. Each tick collects
+new objects, in a few milliseconds. Collecting all objects takes a tenth of a second once libraries are loaded, which
+would be noticed while the user works.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ __all__ = ["CALM_TICKS", "LATEST_TICKS", "Collector"]
 
 INTERVAL_MS = 500
 BUSY_S = 0.02
-"""Processor time of the window's thread between two ticks: with less of it nothing goes on that anyone looks at (s)."""
+"""Processor time of the window's thread between two ticks below which the window counts as idle (s)."""
 
 CALM_TICKS = 4
 """Ticks without work before all generations are collected."""
 
 LATEST_TICKS = 240
-"""Ticks after which they are collected, whatever goes on."""
+"""Ticks after which they are collected even if the window is busy."""
 
 
 class Collector(QObject):
-    """Switch automatic collection off until `close`; look every half second whether a generation is due.
+    """Switch automatic collection off until `close`; check every half second whether a generation is due.
 
-    The first one leaves aside what is there already: modules and their functions, two thirds of all objects, none of
-    which ever becomes garbage.
+    The first one excludes existing objects: modules and their functions, two thirds of all objects, which never
+    become garbage.
 
     Parameters
     ----------
     parent
-        Owns it; while it says that it is ``busy``, as `lfcal_gui.jobs.Jobs` does, something goes on.
+        Owner. While its attribute ``busy`` is true, as in `lfcal_gui.jobs.Jobs`, the window counts as busy.
     """
 
     _first = True
@@ -56,7 +56,7 @@ class Collector(QObject):
         self._timer.start()
 
     def collect(self) -> None:
-        """Collect the youngest generation if it is due; older ones when nothing goes on, or that was long ago."""
+        """Collect the youngest generation if it is due; older ones if the window is idle, or after a long time."""
         worked_s, self._worked_s = self._worked_s, time.thread_time()
         # what a job brings is about to be shown
         waiting = self._busy()

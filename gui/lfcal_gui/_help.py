@@ -35,7 +35,7 @@ _KEYS = (
     ("Ctrl+T", "light or dark"),
     ("F1", "this sheet"),
 )
-"""Of the window; those of a page stand in its `PageSpec`."""
+"""Keyboard shortcuts of the window; those of a page are in its `PageSpec`."""
 
 _PACKAGES = (
     "numpy",
@@ -82,7 +82,7 @@ SIZE = (640, 620)
 
 
 class DoctorDialog(QDialog):
-    """Shows what ``lfcal doctor`` tells; looked up in the background, so it lives as long as its window."""
+    """Show the report of ``lfcal doctor``. It is made in the background, so the dialog lives as long as its window."""
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)

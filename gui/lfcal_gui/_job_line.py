@@ -6,12 +6,12 @@ __all__ = ["Line"]
 
 
 class Line:
-    """Numbers of the jobs that wait, and of the one that is at work.
+    """Numbers of the waiting jobs, and of the running one.
 
     Attributes
     ----------
     at_work
-        The job whose turn it is; None: nobody's.
+        The job whose turn it is, None if there is none.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Line:
         self._waiting.append(number)
 
     def next(self) -> int | None:
-        """Return whose turn it is now, None where one is at work or nobody waits."""
+        """Return the next job, None if one is running or none waits."""
         if self.at_work is not None or not self._waiting:
             return None
         self.at_work = self._waiting.pop(0)

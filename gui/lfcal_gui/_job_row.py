@@ -25,7 +25,7 @@ SIZE = (820, 460)
 
 
 class JobLogView(QDialog):
-    """Shows a `JobLog` as it is, and goes on to do so until it is closed."""
+    """Show a `JobLog`, and update it until the window is closed."""
 
     def __init__(self, log: JobLog, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -41,7 +41,7 @@ class JobLogView(QDialog):
         self.copy, self.keep, close = QPushButton("Copy text"), QPushButton("Save …"), QPushButton("Close")
         self.copy.setToolTip("Put the log on the clipboard, for a report of a problem")
         self.keep.setToolTip("Keep the log as a text file: the window forgets it when it is closed")
-        close.setToolTip("Close this window; the job goes on, and keeps its log")
+        close.setToolTip("Close this window. The job continues, and its log is kept")
         self.copy.clicked.connect(lambda: QApplication.clipboard().setText(self._log.text()))
         self.keep.clicked.connect(lambda: self.save())
         close.clicked.connect(self.close)
@@ -87,7 +87,7 @@ class JobLogView(QDialog):
             write_file(self, path, lambda part: part.write_text(self._log.text(), encoding="utf-8"))
 
 
-GO_ON = "Go on from what is kept of it. Once the window is closed: begin the same work under the same name again"
+GO_ON = "Resume from the parts that are done. After the window was closed, start the same work with the same file name"
 
 BAR = 150
 """Width of the bar of a job's progress (px)."""
@@ -111,7 +111,7 @@ class JobRow(HeadedCard):
         number = job.number
         self.up = self._button("Up", "Do this before the job that waits above it", lambda: jobs.move(number, -1))
         self.down = self._button("Down", "Do this after the job that waits below it", lambda: jobs.move(number, 1))
-        self.go_on = self._button("Go on", GO_ON, lambda: jobs.go_on(number))
+        self.go_on = self._button("Resume", GO_ON, lambda: jobs.go_on(number))
         self.log = self._button("Log", "What it did and when, what it warned of; to copy and to save", self.show_log)
         self.button = self._button("Stop", "", self._pressed)
         self.error = WrappedLabel()
@@ -186,7 +186,7 @@ class JobRow(HeadedCard):
         self.button.setEnabled(not (job.active and job.stopping))
 
     def show_log(self) -> JobLogView:
-        """Show its log beside the window."""
+        """Show its log in a separate window."""
         if self._view is None:
             self._view = JobLogView(self._jobs.log(self._job.number), self.window())
         self._view.show()

@@ -1,4 +1,4 @@
-"""One job at work in a thread of its own; it never touches Qt. No Qt."""
+"""One running job in its own thread. No Qt."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ __all__ = ["JobRequest", "JobThread"]
 
 @dataclass(frozen=True)
 class JobRequest:
-    """What was asked for when a job was started, by which it begins, and goes on after it was stopped.
+    """The request of a job. The job starts from it, and resumes from it after a stop.
 
     Attributes
     ----------
     work
-        Makes the work; called in the job's thread.
+        Returns the work; called in the job's thread.
     on_done, on_failed, on_end
-        Told of a good end with the result, of a failure, and of any end.
+        Called with the result on success, with the job on failure, and with the job at any end.
     before
         Called in the window's thread right before it begins.
     abandon, leave
         As in `lfcal_gui.jobs.Jobs.start`.
     at_once
-        It does not wait in the queue.
+        Whether the job skips the queue.
     keeping
-        What it keeps where it ends early.
+        What is kept of its work if it ends early.
     needs
-        Files that it reads, as they were when it was asked for.
+        Files that it reads, as they were when the job was requested.
     """
 
     work: Callable[[], Work[Any]]
@@ -56,7 +56,7 @@ class JobRequest:
             if stamp_of(stamp[0]) != stamp:
                 name = Path(stamp[0]).name
                 raise InputError.expected(
-                    name, "the file as it was when this was asked for", "another, or none", "ask for it anew"
+                    name, "the file as it was when this was requested", "a different file, or none", "start it again"
                 )
 
     @staticmethod
@@ -66,27 +66,27 @@ class JobRequest:
 
 
 class JobThread:
-    """The work of a job, followed.
+    """Run the work of a job, and record its progress.
 
     Parameters
     ----------
     number
-        The job's.
+        Number of the job.
     asked
-        What it does.
+        Its request.
     log
-        Takes what it says.
+        Its log.
     ended
-        Takes the job's number, and the fields of the `WindowJob` that its end changes.
+        Called with the number of the job, and the fields of the `WindowJob` that its end changes.
 
     Attributes
     ----------
     stop
-        Set: it is to end.
+        Set when the job must end.
     before_s
-        Seconds of its parts that are over.
+        Seconds of its finished parts.
     told
-        When its progress was told last, by the window's clock.
+        When its progress was last reported, by the window's clock.
     """
 
     def __init__(

@@ -236,8 +236,8 @@ class Leading(QObject):
     def _watch(self) -> None:
         """Follow clicks and keys while H is being made.
 
-        A filter of the application is called for each of the tens of thousands of events that a page sends while it is
-        built, so there is none at other times.
+        There is no event filter at other times: it would run for each event of the application. Building one page
+        sends tens of thousands of events.
         """
         making = not MAKING.isdisjoint(self.context.jobs.running_pages())
         if making != self._watching and (app := QApplication.instance()) is not None:

@@ -14,21 +14,21 @@ __all__ = ["Matrices"]
 
 
 class Matrices(QObject):
-    """Nothing here waits for a file: what is not open yet is None, and `changed` says when that changes.
+    """Open H files, without waiting for them. A file that is not open yet is None; `changed` reports when it is.
 
     Parameters
     ----------
     jobs
-        Which open files.
+        Jobs that open the files.
     order_of
         Returns the order of the axes of H that the project states for a file; empty: none.
 
     Signals
     -------
     changed(path)
-        A matrix was opened or closed, or it is known now why it cannot be opened.
+        A matrix was opened or closed, or could not be opened.
     failed(words)
-        Why a file could not be opened that the project names.
+        Why a file of the project could not be opened.
     """
 
     changed = Signal(str)
@@ -46,7 +46,7 @@ class Matrices(QObject):
         return self._open.get(path)
 
     def problem(self, path: str) -> str:
-        """Return in one line why a file could not be opened, or an empty string."""
+        """Return a one-line reason why a file could not be opened, or an empty string."""
         return self._problems.get(path, "")
 
     def opening(self, path: str) -> bool:
@@ -61,7 +61,7 @@ class Matrices(QObject):
     def take(
         self, path: str, then: Callable[[], None] | None = None, refused: Callable[[str], None] | None = None
     ) -> None:
-        """Open a file anew; one that is open already stays so until the new one is known to be good.
+        """Open a file again. An open one stays open until the new one is valid.
 
         Parameters
         ----------
@@ -70,7 +70,7 @@ class Matrices(QObject):
         then
             Called when it is open.
         refused
-            Called with the reason in one line when it cannot be opened; without it `problem` keeps the reason.
+            Called with a one-line reason if it cannot be opened; without it `problem` keeps the reason.
         """
 
         def opened(matrix: PSFMatrix) -> None:
@@ -113,7 +113,7 @@ class Matrices(QObject):
         self.changed.emit(path)
 
     def forget(self, path: str) -> None:
-        """Close a matrix, so that its file may be replaced or is read anew."""
+        """Close a matrix, so that its file may be replaced or is read again."""
         self._jobs.drop(_group(path))
         self._problems.pop(path, None)
         self._orders.pop(path, None)
@@ -123,7 +123,7 @@ class Matrices(QObject):
             self.changed.emit(path)
 
     def close(self) -> None:
-        """Close all files; nothing is told any more."""
+        """Close all files; no more signals follow."""
         self.blockSignals(True)
         for path in list(self._open):
             self.forget(path)

@@ -47,7 +47,7 @@ def stop_words(jobs: Jobs) -> str:
     if any(job.page == "acquire" for job in at_work):
         said.append("What a recording has counted as done stays.")
     if any(map(jobs.keeps, active)):
-        said.append("Whole planes of an H stay beside its file: begin it again under the same name to go on.")
+        said.append("Complete planes of an H are kept next to its file. To resume, start it again with that file name.")
     return "\n\n".join((*parts, " ".join(said)))
 
 
@@ -95,7 +95,7 @@ class ProjectFiles(QObject):
             self._open(path, then=lambda: self.rescue.look(path))
 
     def new(self) -> None:
-        """Begin anew, after asking about unsaved work."""
+        """Start an empty project, after asking about unsaved work."""
         if self.may_leave():
             self._start(ProjectState(), None, None)
             self.begun.emit()
@@ -154,7 +154,7 @@ class ProjectFiles(QObject):
         self.message.emit(f"opened {path}")
 
     def start_with(self, state: ProjectState) -> None:
-        """Begin with a project that has no file; what was open is let go, which `may_leave` asks about."""
+        """Start with a project that has no file. The open project is closed: ask with `may_leave` first."""
         self._start(state, None, None)
 
     def _start(
@@ -191,7 +191,7 @@ class ProjectFiles(QObject):
         self._lock = lock
 
     def _ask_about(self, path: Path) -> tuple[FileLock | None, bool]:
-        """Ask what to do with a project that is open elsewhere: its lock if it is to be taken; whether to copy it."""
+        """Ask what to do with a project that is open elsewhere; return its lock if taken over, and whether to copy."""
         lock = FileLock(path)
         who, away = lock.holder()
         box = QMessageBox(self._window)
@@ -272,7 +272,7 @@ class ProjectFiles(QObject):
 
     # -- leaving ---------------------------------------------------------------------------------------
     def may_leave(self) -> bool:
-        """Ask about jobs at work and unsaved work; return whether to go on. Jobs stop when all is answered."""
+        """Ask about running jobs and unsaved work; return whether to continue. Jobs stop after the last answer."""
         if not self._answered():
             return False
         self.jobs.cancel_all()
@@ -284,7 +284,7 @@ class ProjectFiles(QObject):
         return self.project.state if self.project.unsaved else None, jobs
 
     def _answered(self) -> bool:
-        """Ask about jobs at work and unsaved work; return whether to go on. Jobs are at work still."""
+        """Ask about running jobs and unsaved work; return whether to continue. Jobs keep running meanwhile."""
         words = stop_words(self.jobs)
         if words:
             choices = BUTTONS.Yes | BUTTONS.No

@@ -78,9 +78,9 @@ class Rescue(QObject):
 
     # -- copies of others ------------------------------------------------------------------------------
     def look(self, of: Path | None = None, *, asked: bool = False) -> None:
-        """Look for copies left behind and offer them: all, or those of the project ``of``.
+        """Find unsaved copies and offer them: all, or those of the project ``of``.
 
-        ``asked``: the user wants to know, and is told that there are none.
+        With ``asked`` a message says if there are none.
         """
         self._release()
         folder = self.folder

@@ -43,7 +43,7 @@ class RunView(HeadedCard):
         self._jobs, self._run = jobs, run
         self._rows: tuple[tuple[str, ...], ...] = ()
         self._gone = False
-        self.add_button("Dismiss", "Watch this run no longer; it goes on", self._dismiss)
+        self.add_button("Dismiss", "Remove this run from the list. The run continues", self._dismiss)
         self.place = QLabel("")
         self.place.setOpenExternalLinks(True)
         self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextBrowserInteraction)

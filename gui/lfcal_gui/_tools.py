@@ -41,7 +41,7 @@ class Tools(QObject):
         return self._verify
 
     def doctor(self) -> DoctorDialog:
-        """Tell what this machine has."""
+        """Show the report of ``lfcal doctor`` on this machine."""
         if self._doctor is None:
             self._doctor = DoctorDialog(self._window.jobs, self._window)
         self._doctor.look()

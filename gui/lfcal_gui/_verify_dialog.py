@@ -114,7 +114,7 @@ class VerifyDialog(QDialog):
         self.close()
 
     def _forget(self) -> None:
-        """Let go of what was found where another path stood."""
+        """Clear the result when the path changes."""
         self._redo = ()
         self.found.clear()
         self._enable()

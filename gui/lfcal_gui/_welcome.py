@@ -30,16 +30,16 @@ SIZE = (560, 420)
 
 
 class Welcome(QDialog):
-    """What the window can begin with, and the projects opened lately.
+    """Choices to start with, and recent projects.
 
     Signals
     -------
     chosen(key)
         One of `STARTS`.
     project_chosen(path)
-        A project opened lately.
+        A recent project was chosen.
     kept(on)
-        Whether this is to be shown at the next start.
+        Whether to show this dialog at the next start.
     """
 
     chosen = Signal(str)
@@ -71,7 +71,7 @@ class Welcome(QDialog):
         column.addWidget(heading("Opened lately"))
         self.list = QListWidget()
         self.list.setAccessibleName("projects opened lately")
-        self.list.setToolTip("Enter or a double click goes on with a project")
+        self.list.setToolTip("Press Enter or double-click to open a project")
         self.list.addItems([str(path) for path in recent])
         self.list.itemActivated.connect(lambda item: self._open(item.text()))
         self.none = QLabel("none yet")
@@ -85,7 +85,7 @@ class Welcome(QDialog):
     def _last_line(self, shown: bool) -> QHBoxLayout:
         self.box, close = QCheckBox("Show this at the start"), QPushButton("Close")
         self.box.setToolTip("Off: the window starts with an empty project; Preferences bring this back")
-        close.setToolTip("Go on with what the window shows; menu Help opens this again")
+        close.setToolTip("Close this dialog. The menu Help opens it again")
         self.box.setChecked(shown)
         self.box.toggled.connect(self.kept.emit)
         close.clicked.connect(self.close)

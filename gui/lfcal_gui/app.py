@@ -128,7 +128,7 @@ def safe_now(window: MainWindow) -> Sequence[str]:
 
 
 def _end_on_signals(window: MainWindow) -> None:
-    """End in order when the system asks to: recordings stop, devices are let go, unsaved work is kept."""
+    """End properly on a signal of the system: stop recordings, release devices, keep unsaved work."""
     from PySide6.QtWidgets import QApplication
 
     def end(number: int, _: object) -> None:

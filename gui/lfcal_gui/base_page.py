@@ -191,10 +191,10 @@ class BasePage(QWidget):
         discard: Callable[[Any], None] | None = None,
         on_error: Callable[[str], None] | None = None,
     ) -> None:
-        """Open ``what`` in the background; the page keeps what it shows until it is known to be good.
+        """Open ``what`` in the background. The page keeps its content until that succeeds.
 
-        Errors of any kind are said on the page, or told to ``on_error``, and the user may stop waiting; what opens
-        after that is handed to ``discard``.
+        Any error is shown on the page, or passed to ``on_error``. The user may stop waiting; a result that arrives
+        later is passed to ``discard``.
         """
         group = self._imports
 
@@ -228,7 +228,7 @@ class BasePage(QWidget):
         return button
 
     def _show_stop(self, button: QPushButton) -> None:
-        """Say on the button at once that what is at work was asked to stop."""
+        """Show on the button immediately that the running job was asked to stop."""
         active = [job for job in self.context.jobs.jobs() if job.active and job.page == self.spec.key]
         stopping = bool(active) and all(job.stopping for job in active)
         button.setEnabled(bool(active))
@@ -298,7 +298,7 @@ class BasePage(QWidget):
         return ""
 
     def let_go(self) -> None:
-        """Forget what belongs to the project before: another was begun, which `state_changed` is told of next."""
+        """Release what belongs to the previous project. `state_changed` with the new project follows."""
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow a change of the project."""

@@ -49,15 +49,15 @@ class Context(QObject):
     state_changed(old, new)
         The project changed (`lfcal_gui.models.project.ProjectState` before and after).
     go(page, payload)
-        A page asks for another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``.
+        A page requests another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``.
     files_offered(paths)
-        Files are to be opened by whichever page takes them, as if they were dropped.
+        Files to open in the page that accepts them, as if they were dropped.
     help_asked(page, name)
         A page of the manual is wanted, such as ``faults.md``, or its section about ``name``.
     message(text)
         A line for the log and the status bar.
     refused(text)
-        Why a change of the project was refused; the page that is looked at says it, too.
+        Why a change of the project was refused; the current page shows it, too.
     attention(page, flag)
         A page found something that needs the user.
     theme_asked(name)
@@ -70,9 +70,9 @@ class Context(QObject):
     made(page, payload)
         Something was made that page ``page`` shows; the window goes there unless the person is at work elsewhere.
     told_changed()
-        A page told something else of the sitting.
+        A page reported a change for the next step.
     fitted_changed()
-        Another camera was found by a fit, or the one that was is of no use any more.
+        A fit found another camera, or the fitted camera is no longer valid.
     """
 
     state_changed = Signal(object, object)
@@ -150,7 +150,7 @@ class Context(QObject):
         return str(found) if found is not None and os.access(folder, os.W_OK) else ""
 
     def set_fitted(self, fitted: FittedCamera | None) -> None:
-        """Tell all pages what a fit found; None: nothing is found any more."""
+        """Send all pages the camera of a fit; None: there is no valid fit."""
         if fitted is not self._fitted:
             self._fitted = fitted
             self.fitted_changed.emit()
@@ -172,7 +172,7 @@ class Context(QObject):
         return self.matrices.get(path)
 
     def forget(self, path: str) -> None:
-        """Close a PSF matrix, so that its file may be replaced or is read anew."""
+        """Close a PSF matrix, so that its file may be replaced or is read again."""
         self.matrices.forget(path)
 
     def start_writing(
@@ -189,10 +189,10 @@ class Context(QObject):
         keeping: Keeping | None = None,
         taken: Taken | None = None,
     ) -> int:
-        """Run a job that writes the H file ``path``, in units that are kept where it ends early.
+        """Run a job that writes the H file ``path``, in units that are kept if it ends early.
 
-        The file is closed when the job begins, and read anew when it has ended. A project that was begun meanwhile
-        takes nothing of it: then ``on_done`` is not called. ``kind``: as in `WindowJob`.
+        The file is closed when the job starts, and read again at its end. If another project was opened meanwhile,
+        ``on_done`` is not called. ``kind``: as in `WindowJob`.
         """
         begun = self.project.begun
 
@@ -230,18 +230,18 @@ class Context(QObject):
         *,
         draft: bool = False,
     ) -> Taken:
-        """Return what enters the history when something that begins now has ended well.
+        """Return the entry of the history for a step that starts now and succeeds.
 
         Parameters
         ----------
         page, title
-            Key of the page, and what it does.
+            Key of the page, and title of the step.
         out
             The file or folder that it writes.
         step
-            Makes the command; by default that of the page, for the project as it is now.
+            Returns the command; by default that of the page, for the project as it is now.
         draft
-            Whether nothing of it is kept yet.
+            Whether the step saves nothing yet.
         """
         try:
             made = step() if step is not None else step_of(PAGES.get(page), self.state, out)
@@ -254,7 +254,7 @@ class Context(QObject):
             self.history.add(job.taken)
 
     def on_close(self, closer: Callable[[], None]) -> None:
-        """Call ``closer`` when the window closes and no thread is at work any more: devices and files are let go."""
+        """Call ``closer`` when the window closes and all threads have ended, to release devices and files."""
         self._closers.append(closer)
 
     def close(self) -> None:

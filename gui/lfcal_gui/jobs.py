@@ -1,6 +1,6 @@
-"""Long work as jobs, each in a thread of its own; heavy ones run one after the other, in a queue.
+"""Long work as jobs, each in its own thread. Heavy jobs run one after the other, in a queue.
 
-Threads never touch Qt: they leave their records, and a timer in the window's thread looks at these and emits signals.
+Threads never touch Qt: they store their records. A timer in the window's thread reads these and emits signals.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from lfcal_gui.workers import wait_for
 __all__ = ["JOBS_S", "LOADS_S", "WAITS", "JobState", "Jobs", "WindowJob"]
 
 TELL_S = 0.03
-"""Between two records of a job that are told (s)."""
+"""Least time between two reported records of a job (s)."""
 
 JOBS_S = 30.0
 """How long closing waits for jobs, which clean up behind themselves (s)."""
@@ -50,7 +50,7 @@ class Jobs(BackgroundThreads):
         self._numbers = itertools.count(1)
         self._jobs: dict[int, WindowJob] = {}
         self._logs: dict[int, JobLog] = {}
-        self._asked: dict[int, JobRequest] = {}  # of jobs that are at work, wait, or can go on
+        self._asked: dict[int, JobRequest] = {}  # of jobs that run, wait, or can resume
         self._running: dict[int, JobThread] = {}
         self._line = Line()
         self._abandoned: list[threading.Thread] = []
@@ -74,26 +74,26 @@ class Jobs(BackgroundThreads):
         needs: Iterable[str] = (),
         taken: Taken | None = None,
     ) -> int:
-        """Run ``work()`` in a thread of its own, when it is its turn; return the job's number.
+        """Run ``work()`` in its own thread when its turn comes; return the job's number.
 
         Parameters
         ----------
         title, page, kind
-            What it is called, the page it belongs to, and its kind as in `WindowJob`.
+            Title of the job, key of its page, and its kind as in `WindowJob`.
         work, on_done, on_failed, on_end, before
             As in `lfcal_gui._job_thread.JobRequest`.
         abandon
-            Until its first record it only opens files, so that stopping it then need not wait for it.
+            Whether it only opens files until its first record. Stopping it then does not wait.
         leave
-            It writes nothing at all and may compute for long between two records; stopping never waits for it.
+            Whether it writes nothing and may compute long between two records. Stopping never waits for it.
         at_once
-            It does not wait for other jobs: it is short, or uses devices that do not wait.
+            Whether it skips the queue: it is short, or uses devices that do not wait.
         keeping
-            What it keeps where it ends early.
+            What is kept of its work if it ends early.
         needs
-            Files that it reads; where one is another when its turn comes, it fails and says so.
+            Files that it reads. If one has changed when its turn comes, the job fails.
         taken
-            What enters the history if it ends well.
+            Entry of the history if it succeeds.
         """
         number = next(self._numbers)
         stamps = JobRequest.stamps(needs)
@@ -196,7 +196,7 @@ class Jobs(BackgroundThreads):
         return asked is not None and asked.keeping is not None
 
     def go_on(self, number: int) -> None:
-        """Go on with a job that ended early, as it was asked for, when it is its turn."""
+        """Resume a job that ended early, with its first request, when its turn comes."""
         if number not in self._asked or not self._jobs[number].kept:
             return
         self._logs[number].go_on()
@@ -236,7 +236,7 @@ class Jobs(BackgroundThreads):
                 self._tell(running)
 
     def _tell(self, running: JobThread) -> None:
-        """Tell the newest record of a job; it is never dropped: the next may be long in coming."""
+        """Report the newest record of a job. It is never dropped, since the next one may take long."""
         record = running.take()
         if record is not None:
             running.told = time.monotonic()
@@ -266,14 +266,14 @@ class Jobs(BackgroundThreads):
         self._log_end(job)
         if running is not None:
             running.thread.join(join_s)
-        # what can go on is remembered as it was asked for; what jobs made is not
+        # keep the request of a job that can resume, never the result of one
         asked = self._asked[number] if job.kept else self._asked.pop(number)
         self._jobs[number] = job.remembered()
         if self._closed:
             return
         try:
             self._report(job, asked)
-        finally:  # whoever waits for the end hears of it, whatever its result met with
+        finally:  # report the end even if handling the result failed
             self.finished.emit(job)
             self._advance()
             self.queued.emit()

@@ -1,4 +1,4 @@
-"""Which window uses a file: a lock beside it that names the process; those of dead processes count for nothing."""
+"""Which window uses a file: a lock file in its folder names the process. Locks of dead processes are ignored."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ __all__ = ["FileLock"]
 
 
 class FileLock:
-    """The lock ``.NAME.window`` beside a file; ``.NAME.lock`` is that of the program that writes it.
+    """The lock ``.NAME.window`` in the folder of a file; the program that writes the file uses ``.NAME.lock``.
 
-    Where the folder cannot be written to there is no lock, and the file counts as free: it cannot be overwritten there.
+    A folder without write access has no locks. Its files count as free, since they cannot be overwritten.
     """
 
     def __init__(self, path: Path) -> None:
@@ -29,7 +29,7 @@ class FileLock:
         return self._lock.error() != QLockFile.LockError.LockFailedError
 
     def take_over(self) -> bool:
-        """Take the lock from whoever has it, as the user asked for."""
+        """Take the lock from its present owner, on request of the user."""
         self._name.unlink(missing_ok=True)
         return self.take()
 

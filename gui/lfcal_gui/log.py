@@ -29,7 +29,7 @@ def log_folder() -> Path:
 
 
 def system_line() -> str:
-    """Return version, Python, Qt and system in one line."""
+    """Return a line with the versions of lfcal, Python, Qt and the system."""
     qt = sys.modules.get("PySide6")
     return (
         f"lfcal {__version__}, Python {platform.python_version()}, PySide6 {getattr(qt, '__version__', 'not loaded')}, "
@@ -66,8 +66,7 @@ class Log:
     Attributes
     ----------
     path
-        The log file; None where the folder cannot be written to: then there is no log, and the window starts all the
-        same.
+        The log file. None if the folder cannot be written to: the window then starts without a log.
     problem
         Why there is no log, or empty.
     """

@@ -74,14 +74,14 @@ class Notice(QFrame):
         stay: str = "Leave as it is",
     ) -> None:
         """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it."""
-        self._say(text, button, "error", "Do what the line beside it says; undo (Ctrl+Z) takes it back")
+        self._say(text, button, "error", "Do what the message suggests. Undo (Ctrl+Z) reverts it")
         self._cancel, self._left = action, leave
         self.leave.setText(stay)
         self.leave.show()
         self.show()
 
     def tell(self, text: str) -> None:
-        """Say what is to be known of something that was taken."""
+        """Show a note on something that was accepted."""
         self._say(text, "Dismiss", "hint")
         self._cancel = None
         self.show()
@@ -94,7 +94,7 @@ class Notice(QFrame):
         self.hide()
 
     def drop_refusal(self) -> None:
-        """Take away why something was refused: what it was refused beside is another now."""
+        """Clear the refusal: its context has changed."""
         if self._refused:
             self.clear()
 

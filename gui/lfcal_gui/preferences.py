@@ -56,7 +56,7 @@ class Preferences(QDialog):
         self.threads.setAccessibleName("threads")
         self.threads.setToolTip("Most threads of simulations, assembly and reconstructions; from the next start on")
         self.welcome = QCheckBox("Show the welcome at the start")
-        self.welcome.setToolTip("Off: the window starts with an empty project at once")
+        self.welcome.setToolTip("Off: the window starts with an empty project")
         self.hint = WrappedLabel()
         self.hint.setProperty("role", "hint")
         self.reset, close = QPushButton("Reset all"), QPushButton("Close")

@@ -1,4 +1,4 @@
-"""The question whether unsaved work of a window that is gone is to be restored."""
+"""Ask whether to restore unsaved work of a window that ended."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ class RestoreDialog(QDialog):
             column.addWidget(hint)
         column.addLayout(self._buttons())
         self.setMinimumWidth(WIDTH)
-        self.resize(WIDTH, column.heightForWidth(WIDTH))  # a label that wraps asks for too much by itself
+        self.resize(WIDTH, column.heightForWidth(WIDTH))  # the size hint of a wrapping label is too high
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.restore, self.discard, self.later = QPushButton("Restore"), QPushButton("Discard"), QPushButton("Later")
         self.restore.setProperty("role", "primary")
         self.restore.setDefault(True)
-        self.restore.setToolTip("Go on with the unsaved work as it was kept; save it then under a name")
+        self.restore.setToolTip("Continue with the unsaved copy. Save it under a name afterwards")
         self.discard.setToolTip("Delete the copy for good: the work in it is not wanted")
         self.later.setToolTip("Keep the copy and ask at the next start")
         self.discard.setAutoDefault(False)

@@ -17,10 +17,10 @@ __all__ = ["ask_target", "may_replace", "write_file", "write_picture"]
 def ask_target(
     parent: QWidget, title: str, name: str, kinds: str, outputs: Callable[[Path], Sequence[Path]] | None = None
 ) -> str:
-    """Ask where to write; return the path, empty if the user thought better of it.
+    """Ask where to write; return the path, empty if the user cancels.
 
-    A name without a suffix takes that of the chosen kind. The dialog asks about replacing the name as it was typed,
-    so the files that are written instead are asked about here.
+    A name without a suffix takes that of the chosen kind. The dialog asks about replacing the typed name only. If other
+    files are written, this function asks about them.
 
     Parameters
     ----------

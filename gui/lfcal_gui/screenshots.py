@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _apart(size: str, options: argparse.Namespace) -> int:
-    """Take the pictures of a size with a scale in a process of their own."""
+    """Take the pictures of a size with a scale in a separate process."""
     scale = size.partition("@")[2]
     if os.environ.get("QT_SCALE_FACTOR") == scale:
         return _play(options, [size])

@@ -228,8 +228,8 @@ STYLED = "lfcal_styled"
 def style_sheet() -> str:
     """Return the style sheet of the theme in use.
 
-    It is given to parts of a window, never to the application: that would style each of the thousands of widgets
-    that plots hold for menus which are never shown, 2.5 s of processor time a change.
+    Set it on parts of a window, never on the application. That would also style thousands of widgets in plot menus
+    that are never shown, which takes 2.5 s of processor time for each change.
     """
     return _STYLE.format(**vars(current_theme()))
 

@@ -235,7 +235,7 @@ class MainWindow(QMainWindow):
         return super().event(event)
 
     def show_manual(self, page: str, name: str = "") -> None:
-        """Show a page of the manual, or its section about ``name``, beside the window."""
+        """Show a page of the manual, or its section about ``name``, in a separate window."""
         if self._manual is None:
             self._manual = Manual(self)
         try:

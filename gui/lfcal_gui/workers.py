@@ -1,4 +1,4 @@
-"""Threads that a hanging file cannot turn into a hanging window, and what an error says in one line. No Qt."""
+"""Threads that keep the window responsive when a file blocks, and one-line texts of errors. No Qt."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _numbers = itertools.count(1)
 
 
 def words_of(error: BaseException) -> str:
-    """Return an error in one line of at most 500 characters; what nobody meant to be read names its type."""
+    """Return a one-line text of an error, at most 500 characters. Unexpected errors include their type."""
     text = " ".join(str(error).split())
     if isinstance(error, MemoryError):
         text = "memory: it does not suffice; close other programs, or choose something smaller"
@@ -37,7 +37,7 @@ def words_of(error: BaseException) -> str:
 
 
 def keep(what: str, error: BaseException) -> None:
-    """Log an error: with its trace where nobody foresaw it."""
+    """Log an error, with its traceback if it was unexpected."""
     if isinstance(error, LfcalError):
         LOG.info("%s: %s", what, words_of(error))
     else:
@@ -84,7 +84,7 @@ def wait_for(threads: list[threading.Thread], timeout_s: float) -> None:
 
 
 def start_thread(call: Callable[[], None], name: str) -> threading.Thread:
-    """Do ``call`` in a daemon thread of its own."""
+    """Run ``call`` in its own daemon thread."""
     thread = threading.Thread(target=call, name=f"{name}-{next(_numbers)}", daemon=True)
     thread.start()
     return thread

@@ -1,4 +1,4 @@
-"""What several pages and the window share, without Qt: frozen state and pure functions.
+"""State and functions that pages and the window share, without Qt: frozen state and pure functions.
 
 - ``project``: the one project: camera, plan, files, settings; undo, save, autosave, recent
 - ``settings``: base of a page's settings, which the project keeps by page

@@ -43,7 +43,7 @@ class UnsavedCopy:
     time
         When the copy was written (s since 1970).
     on_disk, disk_time
-        What the project's own file holds and when it was written; None: there is none, or it cannot be read.
+        Content of the project's own file and when it was written. None: there is none, or it cannot be read.
     """
 
     file: Path
@@ -104,14 +104,14 @@ def _contents(state: ProjectState) -> tuple[str, ...]:
 
 
 def keep(project: Project, file: Path) -> None:
-    """Write a copy of the project, with the name of its own file; it opens as a project, too."""
+    """Write a copy of the project, with the path of its file. The copy opens as a project, too."""
     data: dict[str, Any] = json.loads(project.state.to_json())
     data["autosave"] = {"project": "" if project.path is None else str(project.path.absolute())}
     write_text(file, json.dumps(data, indent=2))
 
 
 def read_kept(file: Path) -> UnsavedCopy:
-    """Return the copy in ``file`` beside what the project's own file holds; raises `LfcalError` if it is none."""
+    """Return the copy in ``file`` and the content of the project's own file; raise `LfcalError` if it is no copy."""
     text = read_text(file)
     state = ProjectState.from_json(text)
     about = json.loads(text).get("autosave")

@@ -1,4 +1,4 @@
-"""Two H beside each other: what is asked, the comparison as work, and what is shown of a position. No Qt."""
+"""Comparison of two H: the request, the comparison as work, and the pictures of a position. No Qt."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
 
 
 def iter_compared(asked: CompareRequest, found: Comparison, folder: str) -> Work[Path]:
-    """Write what a comparison found, with pictures of both files, which are opened anew; return the page."""
+    """Write the report of a comparison, with pictures of both files, which are opened again; return its page."""
     from lfcal.judge import pair
     from lfcal.judge.report import iter_compared_report
 
@@ -146,7 +146,7 @@ def iter_compared(asked: CompareRequest, found: Comparison, folder: str) -> Work
 
 
 def compared_files(folder: str) -> list[Path]:
-    """Return the files of a comparison's report that somebody may have put into ``folder`` before."""
+    """Return the files of a comparison's report that may already exist in ``folder``."""
     from lfcal.judge.report import compared_report_files
 
     return [Path(one) for one in compared_report_files(Path(folder))]
@@ -163,7 +163,7 @@ def compared_words(found: Comparison) -> tuple[str, str]:
 
 
 def compared_rows(found: Comparison) -> list[tuple[str, ...]]:
-    """Return the rows of the table of numbers; what the correlation says stands in ``scaled``."""
+    """Return the rows of the table of numbers. The correlation is left out, since ``scaled`` shows the same."""
     from lfcal.judge.report import figure_rows
 
     return [(plane if kind == "all" else f"{plane}, {kind}", *rest[:-1]) for plane, kind, *rest in figure_rows(found)]

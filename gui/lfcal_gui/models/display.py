@@ -145,7 +145,7 @@ def depth_colours() -> NDArray[np.uint8]:
 def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
     """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, that of signed values or of depths.
 
-    ``red``: from black to red, as bright as it would be.
+    With ``red`` the table runs from black to red, with the same brightness.
     """
     colours = np.load(COLOURS)[(*COLOUR_MAPS, DIVERGING, DEPTHS).index(name)]
     if red:

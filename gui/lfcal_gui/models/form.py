@@ -95,10 +95,10 @@ def text_of(field: Field, value: Any) -> str:
 
 
 def parse(field: Field, text: str) -> Any:
-    """Return the stored value that ``text`` means; raise `InputError` in one line where it means none.
+    """Return the stored value that ``text`` means; raise a one-line `InputError` if it has none.
 
-    A comma directly between digits is refused everywhere: "2,5" may be 2.5 or two numbers, "1,000" one or a thousand,
-    and no guess is right for everybody.
+    A comma directly between digits is refused everywhere, since it is ambiguous: "2,5" may be 2.5 or two numbers,
+    and "1,000" one or a thousand.
     """
     text = text.strip()
     if not text and field.optional:

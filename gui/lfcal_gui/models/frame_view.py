@@ -67,7 +67,7 @@ class FrameNumbers:
     low, high, mean
         Smallest, largest and mean value.
     saturated
-        Saturated pixels, counted one by one; None: nobody can tell.
+        Number of saturated pixels; None: unknown.
     """
 
     low: float

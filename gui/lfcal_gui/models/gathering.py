@@ -74,18 +74,18 @@ def sitting_of(
     matrix: PSFMatrix | None = None,
     paces: Paces | None = None,
 ) -> Sitting:
-    """Return the sitting.
+    """Return everything that the next step depends on.
 
     Parameters
     ----------
     project, told, jobs
-        The project, what pages reported, and the jobs of the window.
+        The project, the reports of the pages, and the jobs of the window.
     page, place
-        Key of the page that is looked at, and of its place.
+        Key of the current page, and of its place.
     matrix
         The project's H, None while it is not open.
     paces
-        What forecasts are corrected by.
+        Measured speeds that correct the forecasts.
     """
     stamp = stamp_of(project.psf)
     path = exported_to(project)

@@ -25,15 +25,15 @@ class Taken:
     Attributes
     ----------
     page, title
-        Key of the page that it belongs to, and what it is called there.
+        Key of its page, and its title there.
     step
-        As a command and as Python; None where there is none.
+        The step as a command and as Python, None if there is none.
     out
         The file or folder that it wrote, empty if none.
     why
         Why there is no command.
     draft
-        Nothing of it is kept yet: the step of the same page that keeps it takes its place.
+        Whether it saves nothing yet. The step of the same page that saves it replaces it.
     """
 
     page: str
@@ -66,7 +66,7 @@ class History:
         return SHELL + "".join(_commented(one, "" if one.step is None else one.step.shell()) for one in self.taken)
 
     def python(self) -> str:
-        """Return a Python script; each step is as it is when copied by itself."""
+        """Return a Python script with the same text for each step as when it is copied alone."""
         return PYTHON + "".join(_commented(one, "" if one.step is None else one.step.body()) for one in self.taken)
 
 

@@ -14,7 +14,7 @@ __all__ = ["JobState", "Keeping", "WindowJob", "plain_record"]
 
 
 def plain_record(record: Progress) -> Progress:
-    """Return how far ``record`` is without what else it tells, such as a volume so far."""
+    """Return the progress of ``record`` without its other data, such as a volume so far."""
     return Progress(*(getattr(record, one.name) for one in fields(Progress)))
 
 
@@ -29,7 +29,7 @@ class JobState(Enum):
 
 
 class Keeping(Protocol):
-    """What a job keeps of its work where it ends early, so that it can go on; asked by threads, never the window's."""
+    """What a job keeps of its work if it ends early, so that it can resume. Not called in the window's thread."""
 
     @property
     def out(self) -> str:
@@ -47,7 +47,7 @@ class Keeping(Protocol):
 
 @dataclass(frozen=True)
 class WindowJob:
-    """What the window knows of a piece of long work.
+    """State of a job in the window.
 
     Attributes
     ----------
@@ -58,19 +58,19 @@ class WindowJob:
     state, progress
         How far it is.
     result
-        What it returned, for those who are told of its end; it is not remembered.
+        Its result, for the receivers of its end only; it is not stored.
     stopping
         Whether it was asked to stop; it may take a while to clean up.
     error, details
         One line in words, and the trace to copy, when failed.
     kept
-        What is kept of its work where it ended early, empty if nothing: it can go on, or that is discarded.
+        What is kept of its work if it ended early, to resume or to discard; empty if nothing.
     taken
-        What it does as a step of the sitting's history, None if it is none.
+        Its step in the history of the session, None if it has none.
     started
-        When it began, or was asked for where it waits (s, `time.monotonic`).
+        When it started, or was requested if it still waits (s, `time.monotonic`).
     before_s
-        Seconds of its parts that were over before that of the last progress, each with a clock of its own.
+        Seconds of the parts that ended before the part of the last progress. Each part has its own clock.
     """
 
     number: int

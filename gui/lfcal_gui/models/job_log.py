@@ -56,8 +56,8 @@ class JobLog:
     command
         The same as a command, empty if there is none.
     now
-        Tells the time (s since 1970); by default that of the system's clock when the job began, and from then on of one
-        that is never set.
+        Returns the time (s since 1970). By default the system's clock at the start of the job, continued with a
+        monotonic clock.
     """
 
     def __init__(self, title: str, command: str = "", now: Callable[[], float] | None = None) -> None:
@@ -83,7 +83,7 @@ class JobLog:
         """Add a line; of more than `MOST` the oldest that the job said by the way go."""
         at = self._now()
         with self._lock:
-            if self._over:  # a job that was left goes on for a while, and nobody waits for what it says
+            if self._over:  # an abandoned job runs for a while; drop its lines
                 return
             self._lines.append(Said(at, at - self._begun, kind, words))
             if len(self._lines) > MOST:
@@ -92,7 +92,7 @@ class JobLog:
                 self._dropped += 1
 
     def follow(self, record: Progress) -> None:
-        """Add what a record tells that was not told before: the end of a stage, with its time, and a note."""
+        """Add what is new in a record: the end of a stage, with its time, and a note."""
         before, self._latest = self._latest, plain_record(record)
         if self._stage is None or self._stage[0] != record.stage:
             self._end_stage(before)
@@ -106,7 +106,7 @@ class JobLog:
         self._stage = None
 
     def end(self, words: str, details: str = "") -> None:
-        """Add how it ended, and the trace of an error nobody foresaw."""
+        """Add how it ended, and the traceback of an unexpected error."""
         self._end_stage(self._latest)
         self.say("end", words)
         for line in details.rstrip().splitlines():
@@ -114,9 +114,9 @@ class JobLog:
         self._over = True
 
     def go_on(self) -> None:
-        """Go on with what had ended."""
+        """Reopen the log of a job that resumes."""
         self._over, self._latest = False, None
-        self.say("begin", "goes on")
+        self.say("begin", "resumed")
 
     def lines(self) -> tuple[Said, ...]:
         """Return the lines so far."""
@@ -169,7 +169,7 @@ def warnings_to(sink: Callable[[str], None]) -> Iterator[None]:
 
 
 def _hook() -> None:
-    """Listen to warnings of all threads; whoever listened before goes on to hear them."""
+    """Route the warnings of each thread to its log. The previous handler still receives them."""
     global _shown
     before = warnings.showwarning
     if before is _shown:

@@ -1,4 +1,4 @@
-"""What is kept of work in units that ended early: the files of those that are done, beside what they make. No Qt."""
+"""What is kept of work in units that ended early: the files of finished units, next to the output file. No Qt."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ __all__ = ["KeptRun", "going_on", "stamp_of_files"]
 
 
 def going_on() -> RunChoice:
-    """Return how the window does units: in its process, from where an earlier run of the same was stopped."""
+    """Return how the window runs units: in its process, resuming an earlier run of the same work."""
     return RunChoice("threads", begun="resume")
 
 
 def stamp_of_files(*places: str, but: str) -> str:
-    """Return what tells the files of folders and lists from what they were before; ``but`` is what is made of them.
+    """Return a stamp that changes with the files of folders and lists. The output file ``but`` does not count.
 
-    Of a recorded session only what was recorded counts: what is made of it often lies beside that.
+    Only the recorded files of a session count: its folder often holds results, too.
     """
     from lfcal.frames import RECORDINGS, files_of
 
@@ -40,7 +40,7 @@ class KeptRun:
     Attributes
     ----------
     out
-        What they make.
+        The output file.
     """
 
     out: str

@@ -26,7 +26,7 @@ class Profile:
     fwhm: float | None
 
     def words(self) -> str:
-        """Return length and width in a line."""
+        """Return length and width as text."""
         width = "no peak within the line" if self.fwhm is None else f"FWHM {self.fwhm:.2f} px"
         return f"{self.distance[-1]:.1f} px long, {width}"
 
@@ -74,7 +74,7 @@ class RegionNumbers:
     Attributes
     ----------
     rows, columns
-        First and behind the last.
+        First, and one past the last.
     mean, deviation, low, high, total
         Of the values.
     centre

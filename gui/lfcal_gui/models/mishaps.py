@@ -1,4 +1,4 @@
-"""Errors that nobody foresaw: which are told, how often, and what is safe. No Qt."""
+"""Unexpected errors: which are reported, how often, and what is safe. No Qt."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class Mishap:
     Attributes
     ----------
     words
-        The error in one line.
+        The error as one line of text.
     trace
-        Where it happened, for those who mend it.
+        Traceback, for bug reports.
     thread
         Name of the thread it happened in.
     key
-        Equal for errors of one kind at one place.
+        Equal for errors of the same kind at the same line of code.
     count
         How often it happened so far.
     """
@@ -51,7 +51,7 @@ class Mishap:
 
 
 class Mishaps:
-    """All unexpected errors since the start; each kind is told once."""
+    """All unexpected errors since the start; each kind is reported once."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, ...], Mishap] = {}
@@ -78,7 +78,7 @@ def safe_words(*, unsaved: bool, project: str, copy: str, jobs: Sequence[str], r
     project
         Its file, or empty.
     copy
-        File of the copy that was just kept, empty: none could be.
+        File of the copy that was just saved, empty if that failed.
     jobs
         Titles of the jobs at work.
     recording
@@ -91,9 +91,9 @@ def safe_words(*, unsaved: bool, project: str, copy: str, jobs: Sequence[str], r
     else:
         words = ["The project has unsaved changes and no copy of them could be kept: save it under a new name now."]
     if recording:
-        words.append("The recording goes on; every position counted as done is on the disk.")
+        words.append("The recording continues; every position counted as done is on the disk.")
     if jobs:
-        words.append(f"At work all the same: {', '.join(jobs)}.")
-    words.append("Files are written beside the old ones and replace them only when they are whole.")
-    words.append("The window can be used on; if it behaves oddly, save the project and start again.")
+        words.append(f"Still running: {', '.join(jobs)}.")
+    words.append("A file is replaced only after its new version is complete.")
+    words.append("You can continue to use the window. If it behaves oddly, save the project and restart lfcal.")
     return tuple(words)

@@ -79,12 +79,12 @@ class PageSpec:
     needs
         Package without which the page is left out; empty: none.
     place
-        Key of the `WindowPlace` that the page is a view of; empty: it is a window of its own, in the menu *More*.
+        Key of the `WindowPlace` that the page is a view of; empty: it has its own window, in the menu *More*.
     keys
         Pairs of key and meaning, for the sheet of keyboard shortcuts.
     takes
-        Whether the page may take a file or folder that was dropped elsewhere; it is made to ask it only then. None: it
-        is always asked.
+        Whether the page may accept a file or folder that was dropped elsewhere. Only then is the page created and
+        asked. None: it is always asked.
     """
 
     key: str

@@ -18,7 +18,7 @@ __all__ = ["Hold", "Project", "ProjectState", "RecentProjects", "read_project"]
 FORMAT = "lfcal-project"
 VERSION = 1
 OLD_FORMAT = "lfcal-session"
-"""Files of this format, version 1, are read and written anew as projects."""
+"""Files of this format, version 1, are read, and saved as projects."""
 
 FILES = ("frames", "psf", "reference", "recording", "light_field", "volume")
 UNDO_STEPS = 200
@@ -44,10 +44,10 @@ class ProjectState:
     redo
         Positions (z, y, x) to be recorded again.
     left_out
-        Paths on network shares that the file of the project named, as ``"psf //server/share/H.h5"``: they are not
-        taken from it, since Windows logs on at any server that a path names. No part of the project.
+        Paths on network shares in the file of the project, as ``"psf //server/share/H.h5"``. They are ignored, since
+        Windows logs on to any server that a path names. No part of the project.
     refused
-        Why entries of the file were refused, a line each: these have their defaults. No part of the project.
+        Why entries of the file were refused, a line each. They have their defaults. No part of the project.
     """
 
     name: str = "untitled"
@@ -81,7 +81,7 @@ class ProjectState:
 
     @classmethod
     def from_json(cls, text: str) -> ProjectState:
-        """Return the state described by JSON ``text``; raise `FileFormatError` in one line if it is none."""
+        """Return the state described by JSON ``text``; raise a one-line `FileFormatError` if it is invalid."""
         data = _parsed(text)
         try:
             data = _modern(data) if data["format"] == OLD_FORMAT else data
@@ -147,7 +147,7 @@ def _parsed(text: str) -> dict[str, Any]:
 
 
 def _modern(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of an old file as they are named now: settings of two pages stood beside the others."""
+    """Return the entries of an old file with the present names. Settings of two pages had their own entries."""
     frames = dict(data["frames"])
     folder = frames.pop("folder")
     settings = {**data["extra"], "frames": frames, "simulate": dict(data["simulate"])}
@@ -161,12 +161,12 @@ def read_project(path: Path) -> ProjectState:
 
 @dataclass(frozen=True)
 class Hold:
-    """What of a project must stay as it is while something is at work.
+    """What of a project must not change while a job runs.
 
     Attributes
     ----------
     reason
-        In words.
+        Why, as shown to the user.
     fields, pages
         Fields of the state, and pages whose settings stay.
     tell
@@ -320,7 +320,7 @@ class Project:
 
     @property
     def changed_on_disk(self) -> bool:
-        """Whether somebody else has written the project's file since it was opened or saved here."""
+        """Whether another program has written the project's file since it was opened or saved here."""
         now = None if self.path is None else _stamp(self.path)
         return now is not None and now != self._stamp
 

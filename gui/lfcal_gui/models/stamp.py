@@ -1,4 +1,4 @@
-"""A file as it was when it was read: what tells whether results are still about it. No Qt."""
+"""Stamp of a file when it was read, to detect results of an older version. No Qt."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""The window brought to states worth looking at, one after the other: for pictures and for rules of layout.
+"""Scenes that bring the window to typical states, for screenshots and layout checks.
 
 ``stage``
-    A window that is led from outside.
+    A window that scenes control.
 ``sample``, ``parts``, ``recording``, ``trouble``
-    The states: a new window; the sample session; a session that is recorded; pictures as large as those of real
-    cameras; dialogs; what goes wrong.
+    The scenes: a new window and the sample session. Pictures of full camera size and dialogs. A session that is
+    recorded. Errors.
 """
 
 from typing import TYPE_CHECKING

@@ -74,7 +74,7 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
 
 
 def _record(stage: Stage, page: Any) -> Iterator[Capture]:
-    """Record, let the camera fail on the way, go on, and assemble."""
+    """Record, let the camera fail once, resume, and assemble."""
     tab, panel = page.record, page.panel.record
     settle_live(stage, page)
     stage.tidy()
@@ -96,7 +96,7 @@ def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     page.setup.disconnect_devices()
     settle_live(stage, page)
     tab.start()
-    stage.until(lambda: tab.recording, "the recording to go on")
+    stage.until(lambda: tab.recording, "the recording to resume")
     stage.until(lambda: not tab.recording, "the end of the recording")
     settle_live(stage, page)
     stage.tidy()

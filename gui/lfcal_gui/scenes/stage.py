@@ -24,9 +24,9 @@ TURNS = 8
 
 @dataclass(frozen=True)
 class Capture:
-    """A state that the window is in now: its name, and what is looked at, by default the window of the page in front.
+    """A state of the window: its name, and the widget to capture, by default the window of the current page.
 
-    ``theme`` is the only one that the state has, where it has one.
+    ``theme`` is the only theme of the state, if it has just one.
     """
 
     name: str

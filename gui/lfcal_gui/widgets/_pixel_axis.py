@@ -12,7 +12,7 @@ ROOM = 14.0
 """Screen pixels from one number to the next, one above the other."""
 
 DIGIT, BETWEEN = 7.0, 8.0
-"""Width of a digit, and room between numbers beside each other (px)."""
+"""Width of a digit, and least gap between neighbouring numbers (px)."""
 
 
 class PixelAxis(pg.AxisItem):
@@ -45,7 +45,7 @@ class PixelAxis(pg.AxisItem):
         kept = [(step, [v for v in values if low <= v <= high]) for step, values in wide]
         if any(values for _, values in kept):
             return kept
-        # seen so near that pyqtgraph shows parts of a pixel only, or from so far that one number has room
+        # zoomed in until pyqtgraph has only ticks within a pixel, or out until one number fits
         each = max(1, math.ceil(room / max(apart, 1e-9)))
         return [(float(each), [float(k) for k in range(math.ceil(low), math.floor(high) + 1, each)])]
 

@@ -15,14 +15,14 @@ MIDDLE, LENGTH = QPointF(82, 82), 24.0
 """Where the stage's arrows start from, and how long they are."""
 
 STAGE, SENSOR, GROUND = QColor("#ffb000"), QColor("#d0d4dc"), QColor(0, 0, 0, 205)
-"""Colours that are told apart on any picture: the ground is dark in every theme, as the frames are."""
+"""Colours that are distinct on any picture. The background is dark in every theme, as frames are."""
 
 
 class AxisArrows(QWidget):
     """Arrows of a fixed size in the corner of another widget, which keeps its mouse.
 
-    Row and column of the sensor start in the corner, as the sensor counts; the stage's axes start in the middle and
-    point where a move in their positive sense moves the image.
+    The arrows of the sensor's row and column start in the corner, at its first pixel. The arrows of the stage start in
+    the middle; each points where the image moves when that axis moves in the positive direction.
     """
 
     def __init__(self, parent: QWidget) -> None:

@@ -167,14 +167,14 @@ MUCH = 10_000
 
 
 def split(*parts: QWidget | QLayout, sizes: Sequence[int], vertical: bool = False, fixed: int = 0) -> QSplitter:
-    """Return ``parts`` beside each other, or one above the other.
+    """Return ``parts`` side by side, or one above the other.
 
     Parameters
     ----------
     sizes
-        Of the parts at first, as shares of what there is.
+        Initial sizes of the parts, relative to each other.
     fixed
-        So many of the first parts have their size in pixels, and keep it when the window grows.
+        Number of first parts whose sizes are pixels, and stay when the window grows.
     """
     made = QSplitter(Qt.Orientation.Vertical if vertical else Qt.Orientation.Horizontal)
     made.setChildrenCollapsible(False)

@@ -41,14 +41,14 @@ class _Kept(QWidget):
 
 
 class Enlarged(QFrame):
-    """Lies over a page and holds one part of it, which goes on as before; Esc or a button puts it back.
+    """Cover a page with one enlarged part of it, which stays active. Esc or a button puts it back.
 
     Parameters
     ----------
     part
-        What is enlarged; an empty widget keeps its place meanwhile.
+        The part to enlarge. An empty widget keeps its place meanwhile.
     page
-        What is filled.
+        The page to cover.
     """
 
     def __init__(self, part: QWidget, page: QWidget) -> None:

@@ -36,7 +36,7 @@ LEAST = 52
 """Least width of a field (px)."""
 
 LONGEST = 16
-"""Letters of a label, or a unit, that stay in one line."""
+"""Letters of the longest label or unit that is not wrapped."""
 
 SEARCHED = 12
 """Folded fields from which they can be searched."""
@@ -106,9 +106,9 @@ class FoldedForm(QFrame):
     (`set_marks`) has a tick that confirms it.
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the field; only
-    values that pass are reported. Where what was typed first did pass, as the 2 of "2,8", the value from before the
-    field was touched is reported again, and the refused text stays until the value becomes another one. Of several
-    reasons that of the field touched last is shown; a field that is disabled shows its value again, and has none.
+    values that pass are reported. If a first part of the text did pass, as the 2 of "2,8", the value before typing is
+    reported again. The refused text stays until the value changes. Of several reasons, that of the field edited last is
+    shown. A disabled field shows its value again, and no reason.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class FoldedForm(QFrame):
         self.check: Callable[[str, Any], str] = lambda key, value: ""
         self._rows: dict[str, _Row] = {}
         self._defaults = {f.key: f.default for f in self.fields.values() if f.default is not UNKNOWN}
-        # what each field stands for, and what it stood for before it was typed in
+        # the value of each field, and its value before the user typed
         self._values: dict[str, Any] = {}
         self._untouched: dict[str, Any] = {}
         self._selected: dict[str, str] = {}

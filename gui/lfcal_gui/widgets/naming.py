@@ -1,4 +1,4 @@
-"""Names for screen readers: of controls that were given none, from what stands beside them."""
+"""Names for screen readers: controls without a name get one from their label or tooltip."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ LONGEST = 60
 
 
 def unnamed(root: QWidget) -> list[QWidget]:
-    """Return the controls in ``root`` that a screen reader has no words for."""
+    """Return the controls in ``root`` that a screen reader cannot name."""
     return [widget for widget in controls(root) if not widget.accessibleName() and not _own_words(widget)]
 
 
 def name_controls(root: QWidget) -> None:
-    """Name the controls in ``root`` that have no name: by the label they belong to, else by what their tip says first.
+    """Name the controls in ``root`` that have no name: by their label, else by the start of their tooltip.
 
     Pictures and plots are named by their axes.
     """

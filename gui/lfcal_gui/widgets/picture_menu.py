@@ -29,9 +29,9 @@ def offer_menu(
     entries: Callable[[], Sequence[Entry]] = lambda: (),
     at: Callable[[QPoint], Sequence[Entry]] = lambda _: (),
 ) -> None:
-    """Give ``widget`` a menu: ``entries`` of its own, then enlarging, copying and saving it under ``name()``.
+    """Give ``widget`` a menu: ``entries``, then enlarging it, copying it and saving it under ``name()``.
 
-    ``at`` returns those of what lies at a point of it.
+    ``at`` returns more entries for a point of the widget.
     """
 
     def show(position: QPoint) -> None:

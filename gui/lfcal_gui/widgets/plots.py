@@ -50,12 +50,12 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
         # switched off alone, the prefix for the range on screen would stay: ticks 1000 times too large or small
         axis.setSIPrefixEnableRanges(())
         axis.enableAutoSIPrefix(False)
-        # an axis that took room and gave it back, as its numbers and so the picture beside it changed, had no end
+        # an axis that also shrinks would resize the picture, which changes its numbers, and so on without end
         axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
         axis.setLabel(text)
         axis.resizeEvent()  # else the name stays where the middle of the one before was
     for side in ("right", "top"):
-        # never shown, they would write their names anew whenever the range changes
+        # these axes are hidden, but would still update their labels at each change of the range
         plot.getAxis(side).unlinkFromView()
 
 

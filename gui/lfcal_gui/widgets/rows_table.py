@@ -110,7 +110,7 @@ class RowsTable(QTableWidget):
         self.setSortingEnabled(True)
 
     def number_of(self, row: int) -> int:
-        """Return which of the rows that were given stands in a row of the table, however it is sorted; -1: none."""
+        """Return the index of the given row that a row of the table shows, in any sorting; -1: none."""
         item = self.item(row, 0)
         return -1 if item is None else int(item.data(ROW))
 

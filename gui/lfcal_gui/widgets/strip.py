@@ -207,7 +207,7 @@ class Strip(QListWidget):
         item.setToolTip(self._tip(z, tile, count))
 
     def apply_theme(self) -> None:
-        """Draw all pictures anew, in the colours of the theme in use."""
+        """Redraw all pictures in the colours of the theme in use."""
         for z in range(len(self.tiles)):
             self._show(z, count=len(self.tiles))
 

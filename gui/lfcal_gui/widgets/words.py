@@ -1,6 +1,6 @@
-"""Labels for words that may be longer than their place: in one line, or in as many as they need.
+"""Labels for texts that may not fit: cut to a single line, or wrapped.
 
-What is said of files has names in it, which people make long: no name makes a window wider, or is cut without a trace.
+Texts about files contain names, which may be long. No name makes a window wider, or is cut without notice.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def set_role(widget: QWidget, role: str) -> None:
 
 
 def set_look(widget: QWidget, name: str, value: object) -> None:
-    """Set a property that the style sheet looks at: Qt looks at it again only where it is told to."""
+    """Set a property that the style sheet uses, and apply the style again, since Qt does not."""
     if (widget.property(name) or None) != (value or None):
         widget.setProperty(name, value)
         widget.style().unpolish(widget)
@@ -47,7 +47,7 @@ def set_look(widget: QWidget, name: str, value: object) -> None:
 
 
 class WrappedLabel(QLabel):
-    """Plain words in as many lines as they need; a long name goes on in the next line, and is copied as it is."""
+    """Plain text, wrapped. A long name is broken at the end of a line, but copied unchanged."""
 
     def __init__(self, text: str = "", parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -89,7 +89,7 @@ class WrappedLabel(QLabel):
 
 
 class ElidedLabel(QLabel):
-    """Words in one line; what has no room is left out in the middle, and stands in the tip."""
+    """A single line of text. If it does not fit, its middle is left out, and the tooltip shows all of it."""
 
     def __init__(self, text: str = "", parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -130,7 +130,7 @@ class ElidedLabel(QLabel):
 
 
 BESIDE = 42
-"""Margins, frame and an upright scroll bar beside lines of text (px)."""
+"""Width of margins, frame and a vertical scroll bar next to text (px)."""
 
 WIDEST = 1180
 """Width of text in a window that is no wider than the smallest one of the program (px)."""

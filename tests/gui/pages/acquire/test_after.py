@@ -113,7 +113,7 @@ def test_a_session_s_h_that_failed_goes_on_to_the_same(
     idle(context.jobs, qtbot)
     context.matrices.forget(str(out))
     assert contents(out) == contents(whole)
-    assert "assemble plane" not in context.jobs.log(job.number).text().partition("goes on")[2]
+    assert "assemble plane" not in context.jobs.log(job.number).text().partition("resumed")[2]
 
 
 def test_positions_are_recorded_again_and_h_is_made_anew_as_before(

@@ -123,7 +123,7 @@ def test_planes_of_a_stopped_assembling_are_kept_and_it_goes_on_to_the_same_h(
     assert row.status.text().startswith("done in") and not row.go_on.isVisibleTo(row)
     assert context.state.psf == str(out) and not parts_folder(out).exists()
     assert context.history.taken[-1].out == str(out)
-    assert "goes on" in context.jobs.log(number).text()
+    assert "resumed" in context.jobs.log(number).text()
 
 
 def test_what_is_kept_is_discarded(
