@@ -216,9 +216,8 @@ def _acquire(window: MainWindow, page: Any) -> None:
 
 
 def _reconstruct(window: MainWindow, page: Any) -> None:
-    running, buttons = "reconstruct" in window.jobs.running_pages(), page.panel.buttons
-    assert buttons["stop"].isEnabled() == running
-    assert not (buttons["start"].isEnabled() and running)
+    running = "reconstruct" in window.jobs.running_pages()
+    assert (page.panel.go.text() == "Stop") == running
 
 
 def _simulate(window: MainWindow, page: Any) -> None:

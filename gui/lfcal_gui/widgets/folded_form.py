@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QWheelEvent
+from PySide6.QtCore import QEvent, QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QEnterEvent, QWheelEvent
 from PySide6.QtWidgets import (
+    QApplication,
     QCheckBox,
     QComboBox,
     QFileDialog,
@@ -102,8 +103,8 @@ class _Row:
 class FoldedForm(QFrame):
     """Labels, fields and units in columns; what is rarely needed is folded.
 
-    The row of the fold says what differs from the defaults. A changed value is bold and can be reset. An assumed value
-    (`set_marks`) has a tick that confirms it.
+    The row of the fold says what differs from the defaults. A changed value is bold and can be reset, by a button that is
+    shown while the pointer or the focus is in the form. An assumed value (`set_marks`) has a tick that confirms it.
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the field; only
     values that pass are reported. If a first part of the text did pass, as the 2 of "2,8", the value before typing is
@@ -157,7 +158,7 @@ class FoldedForm(QFrame):
         self._selected: dict[str, str] = {}
         self._reported = self._last = ""
         self._headings: dict[str, QLabel] = {}
-        self._folds = bool(more)
+        self._folds, self._attended = bool(more), False
         self._extras: list[QWidget] = []
         self.head = FoldHead(title, tip)
         self.reset_all = _small("↺", "reset", f"Reset {title.lower()}", "Restore the defaults of these values")
@@ -166,6 +167,9 @@ class FoldedForm(QFrame):
         self._error.setProperty("role", "error")
         self._error.setWordWrap(True)
         self._build(fields, more)
+        app = QApplication.instance()
+        if isinstance(app, QApplication):
+            app.focusChanged.connect(self._focus_moved)
 
     # -- building --------------------------------------------------------------------------------------
     def _build(self, fields: Sequence[Field], more: Sequence[Field]) -> None:
@@ -298,7 +302,7 @@ class FoldedForm(QFrame):
             for widget in row.widgets():
                 widget.setVisible(seen)
             if row.reset is not None:
-                row.reset.setVisible(seen and self._differs(row))
+                row.reset.setVisible(seen and self._attended and self._differs(row))
             if seen and row.rare:
                 groups.add(row.field.group)
         for name, title in self._headings.items():
@@ -368,6 +372,24 @@ class FoldedForm(QFrame):
         """Keys of the fields whose values differ from their defaults."""
         return tuple(row.field.key for row in self._rows.values() if row.shown and self._differs(row))
 
+    def enterEvent(self, event: QEnterEvent) -> None:
+        """Show what resets values."""
+        super().enterEvent(event)
+        self._attend(True)
+
+    def leaveEvent(self, event: QEvent) -> None:
+        """Hide what resets values, unless the focus is here."""
+        super().leaveEvent(event)
+        self._focus_moved(None, QApplication.focusWidget())
+
+    def _focus_moved(self, _: QWidget | None, now: QWidget | None) -> None:
+        self._attend(self.underMouse() or (now is not None and self.isAncestorOf(now)))
+
+    def _attend(self, on: bool) -> None:
+        if on != self._attended:
+            self._attended = on
+            self._tell()
+
     def _differs(self, row: _Row) -> bool:
         key = row.field.key
         return key in self._defaults and not same(row.field, self._values.get(key), self._defaults[key])
@@ -404,7 +426,7 @@ class FoldedForm(QFrame):
                 QWidget.setTabOrder(row.mark or row.editor, row.reset)
             if row.reset is not None:
                 row.reset.setToolTip(f"Default: {self._default_words(row)}")
-                row.reset.setVisible(differs and not row.label.isHidden())
+                row.reset.setVisible(self._attended and differs and not row.label.isHidden())
             for widget in (row.label, row.editor):
                 set_look(widget, "changed", differs)
         if not self._folds:
@@ -415,7 +437,7 @@ class FoldedForm(QFrame):
         said = [f"{count} changed" if count else "", f"{assumed} assumed" if assumed else ""]
         known = any(row.field.key in self._defaults for row in rare)
         self.head.say(", ".join(filter(None, said)) or ("defaults" if known else "all known" if marks else ""))
-        self.reset_all.setVisible(bool(count))
+        self.reset_all.setVisible(self._attended and bool(count))
         self._grid.addWidget(self.head, self._at_head, LABEL, 1, RESET if count else RESET + 1)
 
     def _default_words(self, row: _Row) -> str:

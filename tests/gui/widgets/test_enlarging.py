@@ -168,11 +168,10 @@ def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, wind
     assert psf.panel.sum_view.isVisible()
 
 
-@pytest.mark.parametrize("key", ["psf", "reconstruct"])
-def test_borders_are_the_users(window: MainWindow, key: str) -> None:
+def test_borders_are_the_users(window: MainWindow) -> None:
     window.resize(1600, 1000)
-    window.go(key)
-    page: Any = window.page(key)
+    window.go("psf")
+    page: Any = window.page("psf")
     page.show_body()
     QApplication.processEvents()
     before = page.panel.split.sizes()

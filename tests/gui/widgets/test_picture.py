@@ -271,7 +271,7 @@ def test_slices_of_a_volume_are_measured_and_steered(qtbot: QtBot, tmp_path: Pat
     view = shown(qtbot, VolumeView(), (600, 500))
     volume = np.random.default_rng(0).random((3, 20, 30)).astype(np.float32)
     assert not view.xy.entries(), "there is nothing to measure yet"
-    view.modes.button(1).click()
+    view.segments[1].click()
     view.set_volume(volume)
     view.set_cross(z=1, y=5, x=7)
     for name, wanted in (("xy", volume[1]), ("xz", volume[:, 5]), ("yz", volume[:, :, 7].T)):

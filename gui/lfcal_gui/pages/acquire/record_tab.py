@@ -78,23 +78,21 @@ class RecordTab(QObject):
         """Why the last recording stopped before its end, and the plane that was recorded last."""
         self._expected_of: tuple[Any, ...] = ()
         """Camera, depths and cutout whose apertures are shown."""
-        self._under_way: WindowJob | None = None
-        """The job of the recording, as last reported."""
-        self.poll_timer = QTimer(self)
-        self.poll_timer.setInterval(POLL_MS)
-        self.poll_timer.timeout.connect(self._poll)
-        self.frame_timer = QTimer(self)
-        self.frame_timer.setInterval(FRAME_MS)
-        self.frame_timer.timeout.connect(self._poll_frame)
-        self.read_timer = QTimer(self)
-        self.read_timer.setInterval(READ_MS)
-        self.read_timer.timeout.connect(self.refresh)
+        self._under_way: WindowJob | None = None  # the recording as it was reported last
+        self.poll_timer, self.frame_timer, self.read_timer = QTimer(self), QTimer(self), QTimer(self)
+        for timer, ms, action in (
+            (self.poll_timer, POLL_MS, self._poll),
+            (self.frame_timer, FRAME_MS, self._poll_frame),
+            (self.read_timer, READ_MS, self.refresh),
+        ):
+            timer.setInterval(ms)
+            timer.timeout.connect(action)
         for form in panel.forms:
             form.check = self._check_field
             form.edited.connect(self._field_edited)
         panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
         panel.folder_edited.connect(self.folder_choice.take)
-        panel.folder_asked.connect(lambda: self.folder_choice.ask())
+        panel.folder_asked.connect(self.folder_choice.ask)
         panel.target_asked.connect(lambda: self.target.ask(panel))
         panel.view_changed.connect(self.refresh)
         panel.plane_chosen.connect(self._plane_chosen)

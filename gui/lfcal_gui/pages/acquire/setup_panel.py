@@ -206,7 +206,6 @@ class SetupPanel(QWidget):
         widget = QWidget()
         column = QVBoxLayout(widget)
         column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(4)
         head = line(heading("Seen against expected"), self.correlation, stretch=0)
         head.addStrut(20)
         column.addLayout(head)

@@ -162,8 +162,7 @@ class Inspector(QWidget):
     def _start(self) -> QWidget:
         frame, column = card("Start from")
         self.presets = PresetBox()
-        column.addLayout(line(self._button("import"), self.presets, stretch=1))
-        column.addLayout(line(self._button("white"), self._button("dark")))
+        column.addLayout(line(self._button("import"), self.presets, self._button("white"), stretch=1))
         return frame
 
     def _camera(self, check: Callable[[str, Any], str]) -> QWidget:
@@ -177,7 +176,7 @@ class Inspector(QWidget):
         self.assumed_list.confirmed.connect(lambda path: self.confirmed.emit((path,)))
         self.values.fold_line(self.assumed_list, above=True)
         self.values.fold_line(self._button("confirm"), self._button("sensor"), above=True)
-        self.values.fold_line(self._button("save"), above=True)
+        self.values.fold_line(self._button("save"), self._button("dark"), above=True)
         column.addWidget(self.values)
         return frame
 

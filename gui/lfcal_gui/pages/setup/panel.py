@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QGridLayout,
@@ -62,6 +62,7 @@ BIG = 20
 """Size of a big number (pt)."""
 
 ABREAST, NAMED = 820, 1300
+LEAST = 400
 """Least widths of the numbers and the slider next to each other, and of a slider with its name (px)."""
 
 
@@ -82,8 +83,9 @@ class CostRow(QWidget):
         self._numbers: tuple[Number, ...] = ()
         self._shown: tuple[ScanChoice, ...] = ()
         self.labels = [(QLabel(), ElidedLabel()) for _ in range(4)]
-        self.title, self.slider = QLabel(), QSlider(Qt.Orientation.Horizontal)
+        self.title, self.slider = ElidedLabel(), QSlider(Qt.Orientation.Horizontal)
         self.title.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.slider.setToolTip("Record faster or more exactly: exposure and averages of the plan change")
         self.slider.setAccessibleName("time against accuracy")
         self.slider.setPageStep(1)
         self.slider.valueChanged.connect(self._chosen)
@@ -113,6 +115,10 @@ class CostRow(QWidget):
         """Put the slider next to the numbers where there is room."""
         super().resizeEvent(event)
         self._place()
+
+    def minimumSizeHint(self) -> QSize:
+        """Return a width that keeps the window from growing: what has no room is elided, or goes below."""
+        return QSize(LEAST, super().minimumSizeHint().height())
 
     def _place(self) -> None:
         abreast = self.width() >= ABREAST

@@ -231,7 +231,7 @@ def test_a_run_that_stops_by_itself_says_why(psf: str, tmp_path: Path) -> None:
     solving = Solving(psf, light_field(made.path), settings)
     drain(solving.work())
     assert solving.state is not None and 2 < solving.state.iteration < MOST_ITERATIONS
-    assert "left-out pixels" in solving.stopped and solving.stopped in solving.words()
+    assert "held-out pixels" in solving.stopped and solving.stopped in solving.words()
     assert f"{solving.state.iteration} iterations" in solving.words()
     assert solving.details()["iterations"] == solving.state.iteration
     solving.close()
