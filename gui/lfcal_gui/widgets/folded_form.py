@@ -103,8 +103,8 @@ class _Row:
 class FoldedForm(QFrame):
     """Labels, fields and units in columns; what is rarely needed is folded.
 
-    The row of the fold says what differs from the defaults. A changed value is bold and can be reset, by a button that is
-    shown while the pointer or the focus is in the form. An assumed value (`set_marks`) has a tick that confirms it.
+    The row of the fold says what differs from the defaults. A changed value is bold and can be reset; buttons for that
+    are shown while the pointer or the focus is in the form. The tick of an assumed value (`set_marks`) confirms it.
 
     A value that does not parse, or that ``check`` refuses, is marked red with the reason under the field; only
     values that pass are reported. If a first part of the text did pass, as the 2 of "2,8", the value before typing is
@@ -288,6 +288,13 @@ class FoldedForm(QFrame):
         """Show or hide one field with its label."""
         if self._rows[key].shown != shown:
             self._rows[key].shown = shown
+            self._show_rows()
+            self._tell()
+
+    def set_folded(self, key: str, folded: bool) -> None:
+        """Move one field into the fold, or out of it."""
+        if self._rows[key].rare != folded:
+            self._rows[key].rare = folded
             self._show_rows()
             self._tell()
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtGui import QEnterEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QLineEdit, QToolButton
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QToolButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.tasks import PlanScan
@@ -237,3 +238,17 @@ def test_a_late_field_reports_when_typing_ends(qtbot: QtBot) -> None:
 def shown_as(values: dict[str, Any]) -> dict[str, Any]:
     shown = shown_of(PlanScan, values)
     return {"virtual_depths": shown["virtual_depths"]}
+
+
+def test_resets_are_shown_while_one_is_in_the_form(qtbot: QtBot) -> None:
+    """At first sight a changed value is bold, and nothing more."""
+    page = Folding(qtbot)
+    form = page.form
+    form.open()
+    form.set_values({**page.values, "n3": 8})
+    reset = page.button("Reset Number 3")
+    assert form.changed == ("n3",) and not reset.isVisible() and not form.reset_all.isVisible()
+    QApplication.sendEvent(form, QEnterEvent(QPointF(2, 2), QPointF(2, 2), QPointF(2, 2)))
+    assert reset.isVisible()
+    QApplication.sendEvent(form, QEvent(QEvent.Type.Leave))
+    assert not reset.isVisible()

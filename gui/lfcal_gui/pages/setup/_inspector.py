@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
 
-from lfcal.camera import NOISE, PRESETS, Camera, ScanPlan
+from lfcal.camera import NOISE, PRESETS, Camera, Microscope, ScanPlan
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import fields_of
 from lfcal_gui.pages.setup.model import (
@@ -97,7 +97,7 @@ class PresetBox(QComboBox):
             self.addItem(name, name)
         self.setAccessibleName("preset")
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.setMinimumContentsLength(7)
+        self.setMinimumContentsLength(3)
         self.setToolTip(
             "Start with a camera that comes with lfcal, and change what is different; undo brings yours back"
         )
@@ -140,7 +140,7 @@ class Inspector(QWidget):
         self._assumed: tuple[str, ...] = ()
         self.setProperty("dense", True)
         column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 6, 0)
+        column.setContentsMargins(0, 0, 4, 0)
         column.setSpacing(6)
         for part in (
             self._start(),
@@ -253,6 +253,9 @@ class Inspector(QWidget):
             if plan.camera != self._suggested:
                 self._suggested = plan.camera
                 self.scan.set_defaults(suggested_values(plan.camera))
+            microscope = isinstance(plan.camera.optics, Microscope)
+            self.scan.set_folded("virtual_depths", microscope)  # one of two ways to name the planes is enough
+            self.scan.set_folded("depths", not microscope)
             self.scan.set_values({**settings.shown(), **values_of_plan(plan)})
 
     def show_verdict(self, merit: str, words: str, *, found: bool = False, measured: bool = False) -> None:

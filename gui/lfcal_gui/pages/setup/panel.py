@@ -93,7 +93,7 @@ class CostRow(QWidget):
         self.effort = QWidget()
         effort = QGridLayout(self.effort)
         effort.setContentsMargins(0, 0, 0, 0)
-        faster, exact = QLabel("faster"), QLabel("more exact")
+        faster, exact = QLabel("fast"), QLabel("exact")
         for label in (faster, exact, *(words for _, words in self.labels)):
             label.setProperty("role", "hint")
         for column, label in enumerate((faster, self.title, exact)):
