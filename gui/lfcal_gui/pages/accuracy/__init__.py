@@ -20,7 +20,7 @@ def state(project: ProjectState) -> PageState:
 PAGE = PageSpec(
     "accuracy",
     "Accuracy",
-    "What accuracy costs, everywhere it is paid",
+    "What accuracy costs in each part of the work",
     order=95,
     package=__name__,
     state=state,

@@ -18,8 +18,8 @@ FIELDS = (
     Field(
         "subject", "Measure", kind="choice", choices=SUBJECTS, tip="A simulation of the plan's camera, or H's values"
     ),
-    Field("seconds", "Time for a place", "s", "About how long each place may take"),
-    Field("error", "What would cost", "%", "The error whose cost is asked for", scale=0.01),
+    Field("seconds", "Time for a place", "s", "Approximate time to measure each place"),
+    Field("error", "What would cost", "%", "Error for which the cost is estimated", scale=0.01),
 )
 
 

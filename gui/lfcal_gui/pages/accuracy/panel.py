@@ -43,9 +43,7 @@ class AccuracyPanel(QWidget):
         frame, column = card("Where accuracy is paid")
         self.places = QListWidget()
         self.places.setAccessibleName("where accuracy is paid")
-        self.places.setToolTip(
-            "Choose one to see what accuracy costs there: a point for each setting that was measured"
-        )
+        self.places.setToolTip("Choose one to see what accuracy costs there, with a point for each measured setting")
         for place in PLACES:
             item = QListWidgetItem(place.title)
             item.setData(Qt.ItemDataRole.UserRole, place.name)

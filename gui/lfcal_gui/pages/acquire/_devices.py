@@ -70,11 +70,11 @@ def fault_words(fault: DeviceFault, *, now: bool = False) -> str:
     return f"{counted} {fault.at}{last}{after}: {_SAID.get(fault.kind, fault.kind)}"
 
 
-CONNECT = "Take hold of camera and stage, to see live frames and to record; nothing moves yet"
+CONNECT = "Connect camera and stage, to see live frames and to record; nothing moves yet"
 SHORT = re.compile(r"[.;,(\[@]| of the | after | the image| separated ")
-"""Where the first words of what an option means end; its tip has them all."""
-OPTIONS = "Settings of this driver; empty ones take their default"
-LET_GO = "Let camera and stage go, for another program or other settings; the stage stays where it is"
+"""Where the label of an option ends in its description; the tip has the whole description."""
+OPTIONS = "Settings of this driver; empty: default"
+LET_GO = "Release camera and stage, for another program or other settings; the stage does not move"
 
 
 class DevicePanel(QWidget):
@@ -247,8 +247,8 @@ def _fields(options: Mapping[str, str]) -> tuple[Field, ...]:
 
 
 MOST = 1_000_000
-HINT = "Try what a fault does before it happens: they strike the next time the simulator is connected."
-NOW = "The simulator is connected: a fault strikes so many calls from now, also while it records."
+HINT = "Rehearse faults: they occur the next time the simulator is connected."
+NOW = "The simulator is connected: a fault occurs after this number of calls, also during a recording."
 
 
 class FaultPanel(QWidget):
@@ -269,7 +269,7 @@ class FaultPanel(QWidget):
         super().__init__(parent)
         self._faults: list[DeviceFault] = []
         self._connected = False
-        self.kind = choice_box(KINDS, "What shall go wrong, to rehearse what the recording does about it")
+        self.kind = choice_box(KINDS, "Fault to simulate, to rehearse how a recording handles it")
         self.kind.setAccessibleName("kind of fault")
         self.kind.currentIndexChanged.connect(lambda _: self._count())
         self.at, self.times = QSpinBox(), QSpinBox()
@@ -281,18 +281,18 @@ class FaultPanel(QWidget):
         self.counted = QLabel()
         self.add, self.remove = QPushButton("Add"), QPushButton("Remove")
         self.add.setToolTip("Add this fault to the list")
-        self.remove.setToolTip("Take the marked fault from the list")
+        self.remove.setToolTip("Remove the selected fault from the list")
         self.add.clicked.connect(self._add)
         self.remove.clicked.connect(self._remove)
         self.list = QListWidget()
         self.list.setAccessibleName("faults of the simulator")
-        self.list.setToolTip("What will go wrong, and when; mark one to take it away")
+        self.list.setToolTip("Faults that will occur, and when. Select one to remove it")
         self.list.setMaximumHeight(84)
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.hint = QLabel(HINT)
         self.hint.setProperty("role", "hint")
         self.hint.setWordWrap(True)
-        self.fold = Folded("Faults of the simulator", "Rehearse what a recording does about faults, before it is real")
+        self.fold = Folded("Faults of the simulator", "Rehearse how a recording handles faults")
         column = self.fold.column
         column.addWidget(self.hint)
         column.addWidget(self.kind)

@@ -162,7 +162,7 @@ class SetupMeasuring(QObject):
     def _take(self, what: str, plan: ScanPlan) -> str:
         """Take what was found into the plan, and return words that say so."""
         taken = self.context.project.update(what, plan=plan)
-        return "<br>Taken into the plan; undo (Ctrl+Z) takes it back." if taken else ""
+        return "<br>Taken into the plan; undo (Ctrl+Z) restores the previous values." if taken else ""
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:

@@ -55,8 +55,8 @@ class ErrorView(LinePlot):
         self.blank.show_blank(True)
         self.set_labels("positions recorded", "error of H (%)")
         self.setToolTip(
-            "Stated: what the unknowns' standard deviations make of H (relative L2). Kept aside: off at positions that "
-            "are never fitted, ± 2 standard deviations; hollow: a limit. The session ends below the dashed line"
+            "Stated: error of H (relative L2) from the standard deviations of the fit. Kept aside: error at positions "
+            "that are never fitted, ± 2 standard deviations; hollow: a limit. The session ends below the dashed line"
         )
         # behind the dots: both fits of one count are seen
         self.bars = pg.ErrorBarItem(x=np.zeros(0), y=np.zeros(0), beam=0.6, pen=pg.mkPen(ASIDE, width=1.4))

@@ -181,12 +181,12 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     if recording:
         return "Recording continues while you use other pages."
     if folder.complete and folder.target is not None:
-        return "Complete. Assemble H of the points that meet phases; lfcal fit takes all of them where they are."
+        return "Complete. Assemble H uses the points that meet phases; lfcal fit uses all points at their positions."
     if folder.complete and folder.chosen is not None:
-        return "Fit opens the fit of what was recorded; with a smaller error the session continues."
+        return "Fit opens the fit of the recorded positions; enter a smaller error to continue the session."
     if folder.complete:
         return "Complete. Assemble H, or choose another folder for a new session."
     if backend:
         name = "the simulator" if backend == "sim" else backend
         return f"Start connects {name} and asks for a folder if there is none."
-    return "" if measured else "The stage axes are not measured yet: Adjust the rig does it in seconds."
+    return "" if measured else "The stage axes are not measured yet: Adjust the rig measures them in seconds."

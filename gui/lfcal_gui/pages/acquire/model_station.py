@@ -94,12 +94,12 @@ class Station:
         return f"{title}. The camera changes frames automatically: {automatic}" if automatic else title
 
     def outdated(self, plan: ScanPlan, name: str, options: Mapping[str, str], stage: str) -> str:
-        """Return in words why these are not the devices for ``plan`` and the choice that stands; empty: they are."""
+        """Return why these devices do not match ``plan`` and the present choice of devices; empty if they do."""
         if (self.name, *self._choice) != (name, dict(options), stage):
-            return "Other devices are chosen now than were connected; connect them."
+            return "The chosen devices are not the connected ones; connect again."
         opened = self._opened_for
         if name in DESCRIBED and any(getattr(opened, key) != getattr(plan, key) for key in SEEN):
-            return "Camera or plan changed: connect again, to see what they are now."
+            return "Camera or plan changed: connect again, to use the present ones."
         return ""
 
     # -- use -------------------------------------------------------------------------------------------

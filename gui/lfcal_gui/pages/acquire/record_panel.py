@@ -52,9 +52,9 @@ BUTTONS = (
     (
         "assemble",
         "Assemble H …",
-        "Make H of the cutouts of what is recorded, less darks where there are any",
+        "Make H from the cutouts of the recorded frames, minus the dark frames if there are any",
     ),
-    ("fit", "Fit", "Assemble what is recorded into H.h5 of the session's folder, and fit the optics to it"),
+    ("fit", "Fit", "Assemble the recorded frames into H.h5 in the session's folder, and fit the optics to it"),
     ("pack", "Pack", "Compress the finished recording; every frame is checked"),
 )
 """Key, title and meaning of each button."""
@@ -171,7 +171,7 @@ class RecordPanel(QWidget):
 
     def _map_box(self) -> QWidget:
         """Make the map of the plane that is looked at, with what it shows as its title."""
-        self.quantity = choice_box(QUANTITIES, "What the map shows of each position")
+        self.quantity = choice_box(QUANTITIES, "Quantity that the map shows for each position")
         self.quantity.setAccessibleName("quantity of the map")
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel()

@@ -34,12 +34,12 @@ FINDINGS = (
     (
         "stage",
         "Scale, rotation, sign",
-        "Move to five places and fit how the image follows: with a wrong sign H is useless but looks plausible",
+        "Move to five positions and fit how the image moves. With a wrong sign, H looks plausible but is useless",
     ),
     (
         "axis",
         "Optical axis",
-        "Look at 45 places in the first and the last plane, and find where a move in depth does not shift the image",
+        "Take frames at 45 positions in the first and last plane. Find where a move in depth does not shift the image",
     ),
     (
         "exposure",
@@ -50,15 +50,15 @@ FINDINGS = (
 """Key, title and meaning of what can be found."""
 
 STILLS = (
-    ("white", "White image", "Frames of an even light: lattice and fall of light are measured in them"),
-    ("dark", "Dark frames", "Frames without any light, of the whole sensor: a white image needs them"),
+    ("white", "White image", "Frames of uniform light, to measure the lattice and the relative brightness"),
+    ("dark", "Dark frames", "Frames of the whole sensor without light, subtracted from the white image"),
 )
 """Key, title and meaning of what can be taken."""
 
 OVERLAYS = (
     ("lattice", "Lattice", "Micro-image centres of the described camera, coloured by lens type"),
     ("cutout", "Cutout", "Where the plan expects the image (cross) and the cutout around it (square)"),
-    ("axes", "Axes", "Where moves of the stage move the image by the plan, and how the sensor counts"),
+    ("axes", "Axes", "Directions in which stage moves shift the image, as in the plan, and the sensor's axes"),
 )
 
 CONNECTS = (

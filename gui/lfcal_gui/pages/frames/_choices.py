@@ -49,7 +49,7 @@ FIELDS = (
         "Orientation",
         kind="choice",
         choices=CHOICES,
-        tip="What makes the frames upright: rows and columns as in the plan",
+        tip="Orientation that makes the frames upright: rows and columns as in the plan",
         group=READING,
         default=CHECK,
     ),
@@ -57,7 +57,7 @@ FIELDS = (
         "origin",
         "First pixel",
         "px",
-        tip="Of frames that are a part of the sensor: sensor row and column of their first pixel",
+        tip="Sensor row and column of the first pixel, for frames of a part of the sensor",
         kind="text",
         empty="whole sensor",
         group=READING,
@@ -68,8 +68,8 @@ FIELDS = (
         "skip_damaged",
         "Leave out damaged",
         kind="bool",
-        tip="Leave frames that cannot be read out of H, which lacks their positions. Every frame is then read once "
-        "when the frames are opened",
+        tip="Leave out frames that cannot be read; H then lacks their positions. Every frame is read once when the "
+        "frames are opened",
         group=READING,
         default=False,
     ),
@@ -115,7 +115,7 @@ class FrameChoices(FoldedForm):
         self._dark = there
         self.set_defaults({"use_dark": there})
         self.set_values({"use_dark": wanted and there})
-        found = f"Subtracted now: {words}" if words else "" if there else "No dark frame was found, nor a black level"
+        found = f"Subtracted now: {words}" if words else "" if there else "No dark frame and no black level was found"
         tip = f"{DARK_TIP}. {found}".rstrip(". ")
         self.set_enabled("use_dark", there, tip)
         box.setToolTip(tip)

@@ -34,7 +34,7 @@ class ColumnsTable(QTableWidget):
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self.verticalHeader().hide()
         self.setAccessibleName("columns of the list")
-        self.setToolTip("Say above each column what it holds, where that was not found or is wrong")
+        self.setToolTip("Choose above a column what it holds, if that was not found or is wrong")
         self.boxes: list[tuple[QComboBox, QComboBox]] = []
         self.names: tuple[str, ...] = ()
         """Names of the columns."""

@@ -43,7 +43,7 @@ WORDS_HEIGHT = 92
 """Pixels on the screen for what was found: five lines."""
 LIES = (("", "checked"), *CHOICES[1:])
 FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
-ORDER = "Numbered files without a list: rows of the scan go to and fro (serpentine), or all one way (raster)"
+ORDER = "Scan order of numbered files without a list: rows alternate (serpentine), or all run one way (raster)"
 ORDERS = (("", "not told"), ("serpentine", "serpentine"), ("raster", "raster"))
 SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
 
@@ -137,11 +137,11 @@ class ImportDialog(QDialog):
         grid.addLayout(order, row, 2, 1, 2)
 
     def _options(self) -> QHBoxLayout:
-        self.first = choice_box(FIRST, "What numbers of positions in names and lists count from")
-        self.shift = choice_box(SHIFTS, "Samples that fill 16 bits from the top are moved down")
+        self.first = choice_box(FIRST, "Whether positions in names and lists are counted from 0 or 1")
+        self.shift = choice_box(SHIFTS, "Move left-aligned samples down by a number of bits")
         self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour picture")
         self.channel.setMinimumContentsLength(10)
-        self.orientation = choice_box(LIES, "What makes the frames upright: rows and columns as the camera has them")
+        self.orientation = choice_box(LIES, "Orientation that makes the frames upright, as on the camera")
         # its words are long
         self.orientation.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.orientation.setMinimumContentsLength(12)
@@ -175,7 +175,7 @@ class ImportDialog(QDialog):
         self.open_button.setProperty("role", "primary")
         self.open_button.setEnabled(False)
         self.open_button.setDefault(True)
-        self.open_button.setToolTip("Take these frames as they are shown above; the files stay as they are")
+        self.open_button.setToolTip("Import these frames as shown above; the files are not changed")
         cancel.setToolTip("Keep the frames that the project has")
         cancel.setAutoDefault(False)
         self.open_button.clicked.connect(self._take)

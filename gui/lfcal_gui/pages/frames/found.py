@@ -14,19 +14,19 @@ __all__ = ["facts_of", "understood"]
 def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> tuple[str, str, str]:
     """Return a mark (``"good"``, ``"fair"``, ``"bad"`` or none), a headline and a sentence.
 
-    ``found`` is which way the frames lie, None as long as it is not known, and ``chosen`` what the user says of it.
+    ``found`` is the orientation found for the frames, None while it is not known; ``chosen`` is the user's choice.
     """
     if found is None:
-        return "", "Looking at the frames …", "Whether they lie as the plan says is being found."
+        return "", "Looking at the frames …", "Their orientation is being compared with the plan."
     if (turn := advice(found, chosen)) is not None and not turn.chosen:
-        return "bad", "The frames do not lie as the plan says", f"{turn.words}."
+        return "bad", "The frames are not oriented as in the plan", f"{turn.words}."
     if opened.left_out:
         return "fair", "Some frames are damaged", f"{len(opened.left_out)} cannot be read and are left out of H."
     if opened.missing:
         return "fair", "Some positions have no frame", f"{opened.missing} of {opened.frames.size} are missing."
     if not found.name:
         return "fair", "Every position has a frame", f"The orientation of the frames is unclear: {found.reason}."
-    return "good", "All of it is understood", "Every position has a frame, and they lie as the plan says."
+    return "good", "All of it is understood", "Every position has a frame, and their orientation is that of the plan."
 
 
 def facts_of(opened: Opened) -> tuple[tuple[str, str, str], ...]:

@@ -38,7 +38,7 @@ __all__ = ["Survey", "open_choice", "survey"]
 
 OTHER_SCAN = "the list is of another scan"
 OTHER_LIST = "columns: chosen for another list"
-REPLACED = "plan: the project's is of another scan; one made from the list takes its place"
+REPLACED = "plan: the project's plan is of another scan; a plan made from the list replaces it"
 
 
 @dataclass(frozen=True, eq=False)

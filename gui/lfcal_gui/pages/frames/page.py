@@ -36,9 +36,9 @@ __all__ = ["Page"]
 PLAY_MS = 60
 
 
-IMPORT = "A recorded session, a folder with a list or with positions in its names; what is unclear is asked"
-FILE = "One file of many frames, or a list that lies elsewhere: a dialog with all that can be said of frames"
-AGAIN = "Open the same folder again, once its files are whole or its disk is back"
+IMPORT = "A recorded session, or a folder with a list or positions in file names; a dialog asks what is unclear"
+FILE = "One file of many frames, or a list in another folder: opens the dialog with all settings of an import"
+AGAIN = "Open the same folder again, after its files are repaired or its disk is connected"
 
 
 class Page(BasePage):
@@ -64,7 +64,7 @@ class Page(BasePage):
         """A folder whose frames are not understood, and why."""
         self.tool_button("Import any folder …", IMPORT, self.choose_folder)
         self.assemble_button = self.tool_button(
-            "Assemble H", "Correct all frames, and make H of their cutouts", self.assemble
+            "Assemble H", "Correct all frames, and make H from their cutouts", self.assemble
         )
         self.play_timer = QTimer(self)
         self.play_timer.setInterval(PLAY_MS)

@@ -47,8 +47,8 @@ class MultiplexPictures(QWidget):
             self.right.addItem(text, key)
         self.right.setAccessibleName("third picture")
         self.right.setToolTip(
-            "What the third picture, below on the left, shows: the spatial less the Fourier route, or the scene itself "
-            "(truth), which is known of scenes, not of opened frames"
+            "Third picture, below on the left: the spatial minus the Fourier route, or the true scene, which is not "
+            "known for recorded frames"
         )
         self.right.currentIndexChanged.connect(lambda _: self.right_chosen.emit(self.right.currentData()))
         self.readout = QLabel("")

@@ -53,8 +53,8 @@ _USES: dict[str, Callable[[MultiplexSettings], bool]] = {
 
 
 LINEAR = (
-    "Pixels that are clipped or dead have no say: the spatial route then interpolates linearly. To choose a filter, "
-    "take all pixels alike: switch Leave out clipped off, and name no dead pixels"
+    "Clipped or dead pixels are left out, so the spatial route interpolates linearly. To choose a filter, use all "
+    "pixels: switch Leave out clipped off, and name no dead pixels"
 )
 """Why there is no filter to choose."""
 

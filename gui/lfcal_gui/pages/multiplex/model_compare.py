@@ -93,10 +93,10 @@ def _merits(
             tip = f"Over {reference.name}, read, dark, quantisation and shot noise of each pixel; {key} decorrelation"
             rows.append((name, number(gain, "+.2f", "dB"), tip))
     if found.mtf_low is not None:
-        tip = "Mean over samples: what waves of 0.1 and 0.25 cycles per pixel keep, and false detail with the finer"
+        tip = "Mean over samples: contrast at 0.1 and 0.25 cycles per pixel, and false detail at the finer one"
         rows.append(("MTF", f"{found.mtf_low:.2f}, {found.mtf_high:.2f}; false {found.false_detail:.2f}", tip))
     if found.delta_e is not None:
-        tip = "CIEDE2000 of 100 smooth reflectances through the model filters that ship, in D65; and what noise adds"
+        tip = "CIEDE2000 of 100 smooth reflectances in D65, with the built-in model filters; then the part of the noise"
         rows.append(("Colour error", f"{found.delta_e:.1f} ΔE, noise {number(found.delta_e_noise, '.1f')}", tip))
     return tuple(rows)
 

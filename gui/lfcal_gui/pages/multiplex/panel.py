@@ -68,7 +68,7 @@ NAME = Qt.ItemDataRole.UserRole
 GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
 PICTURES = "Test the modulator on a picture: the recorded frame, the reconstruction, and its error"
 FIGURES = "Figures 3, 5, 6 and 7 of Ihrke et al. 2010, of scenes made here, with shared scales"
-SEARCH = "Filters and masks of most gain that can be made, and how sure that is"
+SEARCH = "Search for the filters or the mask with the largest gain, among those that can be made"
 
 
 class MultiplexPanel(QWidget):

@@ -49,8 +49,8 @@ class SearchView(QWidget):
         column.addWidget(self.form)
         self.buttons: dict[str, QPushButton] = {}
         tips = (
-            ("Search", "Find the design of most gain at the project's camera", self.search_asked),
-            ("Use", "Take the design as the page's modulator", self.use_asked),
+            ("Search", "Find the design with the largest gain for the project's camera", self.search_asked),
+            ("Use", "Use the design as the modulator of this page", self.use_asked),
             (
                 "Save …",
                 "Write it to a file: .json keeps its views, .npy its transmissions (rows, columns, samples) alone",
@@ -105,7 +105,7 @@ class SearchView(QWidget):
                 widget.deleteLater()
         if found is None:
             self.view.set_shot(None)
-            self.show_status("Filters or a mask of most gain at the project's camera, as they can be made.")
+            self.show_status("Search for the filters or the mask with the largest gain for the project's camera.")
             return
         self.show_status("")
         pattern = found.design.modulator.pattern()

@@ -219,7 +219,7 @@ class Checking:
             self._say(job.error or "Stopped.")
         else:
             if job.error:
-                self._page.refuse(job.error if found is not None else f"{job.error}. Shown is what was found before")
+                self._page.refuse(job.error if found is not None else f"{job.error}. Earlier results are shown")
             self._show()
         self._show_buttons()
 

@@ -255,9 +255,9 @@ class Fitting:
             button.setEnabled(done)
         view.use_button.setEnabled(done and not self._recording)
         view.use_button.setToolTip(
-            "Not while a session is being recorded: its camera stays as it is"
+            "Not available while a session is being recorded with the camera"
             if self._recording
-            else "Make the fitted camera this window's, and its effects those of Record > Compute (undo takes it back)"
+            else "Use the fitted camera in this project, and its effects in Record > Compute (undo restores both)"
         )
         view.choices.set_running(bool(self._job))
 

@@ -35,7 +35,7 @@ from lfcal_gui.widgets import (
 __all__ = ["ChecksView"]
 
 COLUMNS = ("", "Check", "Value", "Good", "Bad", "Merit", "Cost")
-COST = "Estimate of the error of a reconstruction (NRMSE) that a fault of this size makes"
+COST = "Estimated error of a reconstruction (NRMSE) that a fault of this size causes"
 MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
 """What precedes a check; it repeats what its colour says."""
 
@@ -133,7 +133,7 @@ class ChecksView(QWidget):
     def _buttons(self) -> QHBoxLayout:
         self.measure_button, self.report_button = QPushButton("Inspect again"), QPushButton("Write report …")
         self.measure_button.setToolTip("Measure H again, and compare it with its camera (F5)")
-        self.report_button.setToolTip("Keep what was found: an HTML page with all figures, and JSON for programs")
+        self.report_button.setToolTip("Save the results: an HTML page with all figures, and JSON for programs")
         return line(self.measure_button, self.report_button)
 
     def _settings(self) -> QWidget:

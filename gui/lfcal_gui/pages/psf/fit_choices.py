@@ -81,14 +81,14 @@ class ChoicesPanel(QWidget):
         return frame
 
     def _unknowns(self) -> Folded:
-        frame = Folded("Unknowns", "What may differ from the camera as it is described")
+        frame = Folded("Unknowns", "Groups of values that the fit may change in the described camera")
         column = frame.column
-        self.way = choice_box(WAYS, "Found: groups that lower the error of patterns that are never fitted")
+        self.way = choice_box(WAYS, "Found: the fit chooses groups that lower the error of held-out patterns")
         self.way.setAccessibleName("choice of unknowns")
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = _Groups()
         self.groups.setAccessibleName("groups of unknowns")
-        self.groups.setToolTip("Tick what may differ from the description; what is left out is taken from it as it is")
+        self.groups.setToolTip("Tick the groups that may differ from the description; the others are fixed")
         for name, title, _ in group_rows():
             item = QListWidgetItem(title)
             item.setData(NAME, name)

@@ -125,8 +125,8 @@ class RoundsView(QWidget):
 
 
 READY = "Gap, focal lengths, iris and aberrations are found from the recorded positions of H."
-LEGEND = "Crossed out in the map: left out as unlike the others. In a square: kept aside to judge the fit."
-NO_ROUNDS = "Fitted while the session was recorded, which keeps no rounds."
+LEGEND = "Crossed out in the map: left out as an outlier. In a square: held out to judge the fit."
+NO_ROUNDS = "Fitted during the recording; rounds of such a fit are not kept."
 
 ROWS = 130
 """Height of the tables (px)."""

@@ -316,11 +316,11 @@ def use_of(project: ProjectState, fit: Fit) -> FitUse:
             words.append("the plan now uses this camera")
         except LfcalError as error:
             plan = None
-            words.append(f"the plan does not go with it and was dropped ({error})")
+            words.append(f"the plan does not fit this camera and was removed ({error})")
     settings = {**project.settings, "simulate": _simulate(project, fit)}
     words.append("Record > Compute has the effects of the fit")
     if any(fit.setup.depth_errors_um) or fit.setup.stage_scale:
-        words.append("depths and the stage's scale that were found are no part of a camera: the plan has its own")
+        words.append("fitted depths and stage scale are not part of a camera: the plan keeps its own")
     return FitUse({"camera": camera, "plan": plan, "settings": settings}, "; ".join(words) + ".")
 
 

@@ -94,7 +94,7 @@ class Page(BasePage):
             self.segments.addWidget(button)
         self.header.insertWidget(2, self.panel.readout, 1)
         self.tools.addWidget(self.panel.own_scale)
-        self.stop_button = self.stop_tool("Stop what is at work here; what was found before stays")
+        self.stop_button = self.stop_tool("Stop the running job of this page; earlier results are kept")
         self.stop_button.hide()
         self.context.jobs.changed.connect(lambda _: self.stop_button.setVisible(self.stop_button.isEnabled()))
         self.tool_button("Open H …", OPEN, self.choose_file)

@@ -116,7 +116,7 @@ VIEWS = (
     ("HT", {"view": "one", "transposed": True}, "Pattern in the volume seen by one pixel: the transposed matrix (T)"),
     ("Both", {"view": "both"}, "H, and HT of the pixel under the pointer"),
     ("Sum", {"view": "sum"}, "Depth-plane sum: the aperture as seen from this depth"),
-    ("Difference", {"view": "difference"}, "H, and what is left of it less the other H at equal energy (D)"),
+    ("Difference", {"view": "difference"}, "H, and its difference from the other H at equal energy (D)"),
     ("Fit", {"view": "fit"}, "Measured, model and residual of a fitted pattern"),
 )
 
@@ -332,7 +332,7 @@ class PSFPanel(QWidget):
     def _aperture_card(self) -> QWidget:
         panel, column = card()
         self.legend, larger = QLabel(), QPushButton("Larger …")
-        self.legend.setToolTip("Outline fitted to the depth-plane sum, and the one that the camera lets expect there")
+        self.legend.setToolTip("Outline fitted to the depth-plane sum, and the outline expected from the camera")
         larger.setProperty("role", "tight")
         larger.setToolTip("The apertures of all planes in a separate window, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())

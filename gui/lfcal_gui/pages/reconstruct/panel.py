@@ -43,11 +43,11 @@ from lfcal_gui.widgets import (
 
 __all__ = ["PLACES", "ReconstructPanel"]
 
-NOT_BY_ITSELF = "It cannot leave out pixels, and ends after the iterations."
+NOT_BY_ITSELF = "It cannot hold out pixels, and ends after the number of iterations."
 
 NO_LIGHT_FIELD = (
     "No light field open\n"
-    "Open an image taken through these optics, or make one with a known specimen to see what this H is worth.\n"
+    "Open an image taken through these optics, or make one from a known specimen to test this H.\n"
     "Or drop a .tif, .png or .raw file here."
 )
 
@@ -59,7 +59,7 @@ PLACES = (("solvers", "Solver and iterations"), ("projection", "Projector"))
 
 GO = {
     "start": "Reconstruct with these settings, as a job",
-    "more": "As many iterations again, from where it stopped",
+    "more": "Continue with the same number of iterations",
     "stop": "Stop after the current iteration; the volume is kept and can be continued",
 }
 """What the button does, by what it is."""

@@ -63,7 +63,7 @@ class TrendPanel(QWidget):
         words.addWidget(self.verdict)
         words.addWidget(self.notes)
         self.picture_button = QPushButton("Save picture …")
-        self.picture_button.setToolTip("All that was not good in every session, over time (.png, .svg)")
+        self.picture_button.setToolTip("Save the checks that were not good in every session, over time (.png, .svg)")
         self.picture_button.clicked.connect(lambda: self.picture_asked.emit())
         self.picture_button.setEnabled(False)
         row = QHBoxLayout()

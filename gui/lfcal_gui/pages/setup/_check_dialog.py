@@ -31,8 +31,8 @@ PICTURE = "picture"
 SHOWN = ((PICTURE, "White image"), (DISTORTION, "Distortion"), (RESIDUALS, "Residuals"))
 LEGENDS = {
     PICTURE: "First corner of the frame: + as measured, ○ as described.",
-    DISTORTION: "From straight rows to where micro-images are seen, up to {largest:.2f} px in the frame",
-    RESIDUALS: "From the lattice to the micro-images, mean of each cell, up to {largest:.3f} px",
+    DISTORTION: "Arrows from straight rows to the measured micro-images, up to {largest:.2f} px in the frame",
+    RESIDUALS: "Arrows from the lattice to the micro-images, mean of each cell, up to {largest:.3f} px",
 }
 STRAIGHT = "The lattice is straight: there is no distortion to draw."
 LENSLETS = 12
@@ -136,9 +136,7 @@ class CheckDialog(QDialog):
     def _make_table(self) -> None:
         self.table = QTableWidget(0, len(COLUMNS))
         self.table.setAccessibleName("camera and white image")
-        self.table.setToolTip(
-            "What the description says and what the white image shows, and by how many pixels they part"
-        )
+        self.table.setToolTip("Values of the description and of the white image, and their difference in pixels")
         self.table.setHorizontalHeaderLabels(list(COLUMNS))
         self.table.verticalHeader().hide()
         self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)

@@ -49,7 +49,10 @@ MORE = "Anchor, stage axes, order, averages, half-cell scan, rates of the foreca
 BUTTONS = {
     "import": ("Import …", "A file that describes a camera: of a maker, or of another program"),
     "white": ("White image …", "Compare the camera with an evenly lit frame: pitch, rotation and offset"),
-    "confirm": ("Confirm all", "All assumed values are right: figures that rest on them are no longer doubted"),
+    "confirm": (
+        "Confirm all",
+        "Confirm all assumed values; figures that depend on them are no longer marked ≈",
+    ),
     "sensor": ("Sensor …", "Measure gain, noise and saturation from flats and darks"),
     "dark": ("Dark frame …", "A frame without light, subtracted from white images: for a black level or hot pixels"),
     "save": ("Save camera …", "Keep this camera as JSON, for other projects and the commands (--camera)"),
@@ -62,7 +65,7 @@ BUTTONS = {
     ),
     "default": ("Default", "Replace this plan by the one that the camera's geometry suggests"),
     "target": ("Target of many points …", "Many points in every frame, for the same positions in far fewer frames"),
-    "take": ("Take measured lattice", "Make pitch, rotation and offset found in the white image the camera's"),
+    "take": ("Take measured lattice", "Take pitch, rotation and offset of the white image into the camera"),
     "details": ("Details …", "Every value compared with the white image, and maps of the lattice"),
 }
 """Names of buttons, what is on them, and when one would press them."""
@@ -301,7 +304,7 @@ class AssumedList(QWidget):
             name, effect, tick = ElidedLabel(), QLabel(words), QToolButton()
             name.setText(label)
             effect.setProperty("role", "hint")
-            effect.setToolTip("What changes if the value is off as far as it plausibly may be")
+            effect.setToolTip("What changes if the true value is at the end of its plausible range")
             tick.setText("✓")
             tick.setFixedSize(SMALL, SMALL)
             tick.setProperty("role", "mark")

@@ -91,8 +91,8 @@ def curves_of(found: SensorMeasurement) -> Curves:
 
 
 HINT = (
-    "Flats: two or more frames of each level of light; white images through the lenslets do. Darks: two or more with "
-    "the cap on. Nothing may process them on the way: no gamma, no noise reduction, no JPEG."
+    "Flats: two or more frames at each level of light; white images through the lenslets are suitable. Darks: two or "
+    "more with the cap on. The files must be unprocessed: no gamma, no noise reduction, no JPEG."
 )
 
 AXES = ("signal above black (counts)", "noise, rms (counts)")
@@ -175,7 +175,7 @@ class SensorDialog(QDialog):
         self.take_button.setEnabled(False)
         self.take_button.clicked.connect(lambda: self.take())
         close = QPushButton("Close")
-        close.setToolTip("Leave the camera as it is; a measurement under way is stopped")
+        close.setToolTip("Close without changing the camera; a running measurement is stopped")
         close.clicked.connect(lambda: self.close())
         row = QHBoxLayout()
         row.addStretch()
@@ -268,9 +268,9 @@ class SensorDialog(QDialog):
             self.words.setText(why)
             return
         if not self._take_over(camera, "measured sensor"):
-            self.words.setText("The camera stays as it is while a session is being recorded; take it over afterwards.")
+            self.words.setText("The camera cannot change while a session is being recorded; take it over afterwards.")
             return
-        self.words.setText("The measured sensor is the camera's now; save the camera to use it elsewhere.")
+        self.words.setText("The camera now has the measured sensor; save the camera to use it elsewhere.")
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -61,10 +61,10 @@ POINT_WORDS = (
     "your own array, such as array:4x4@1.7mm."
 )
 COSTS = (
-    "Noise: what the sensor's noise leaves of a recorded pattern, sum of errors over sum of light, expected in the "
-    "middle plane; phases: how many positions are shown. In all frames, and in the first half of them"
+    "Noise: expected error of a recorded pattern from sensor noise, sum of errors over sum of light, in the middle "
+    "plane. Phases: number of positions that are covered. Both for all frames, and for the first half of them"
 )
-READY_WORDS = "Nothing is planned yet.\nPress Plan target: it looks for the fewest frames that cover all phases."
+READY_WORDS = "Nothing is planned yet.\nPress Plan target to search for the fewest frames that cover all phases."
 
 
 class TargetPanel(QWidget):
@@ -103,8 +103,8 @@ class TargetPanel(QWidget):
     # -- building --------------------------------------------------------------------------------------
     def _asked(self) -> QWidget:
         frame, column = card("Target")
-        self.plan_button = _button("Plan target", "Look for the fewest frames that cover all phases", self.plan_asked)
-        self.stop_button = _button("Stop", "Look no longer: nothing is planned then", self.stop_asked)
+        self.plan_button = _button("Plan target", "Search for the fewest frames that cover all phases", self.plan_asked)
+        self.stop_button = _button("Stop", "Stop searching without creating a plan", self.stop_asked)
         self.save_button = _button(
             "Save target plan …",
             "Write where the target goes in each frame (.json): Record > Rig records it, by Target …",

@@ -106,7 +106,7 @@ SENSOR = (
     Field("sensor.full_well_e", "Full well", "e⁻", "Electrons at the highest sample value"),
     Field("sensor.saturation", "Saturation", "counts", SATURATED, optional=True, empty="the highest"),
     Field("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise without light"),
-    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Of each pixel; its noise is what a long exposure adds"),
+    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Of each pixel; it adds noise in long exposures"),
     Field("sensor.black_level", "Black level", "counts", "Sample value without light"),
     Field("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
     Field("sensor.dsnu_e", "DSNU", "e⁻ rms", "Offsets of the pixels in the dark; empty: not known", **UNKNOWN),

@@ -230,7 +230,7 @@ class Page(BasePage):
         if not self.context.project.update(label, **state_with(state, camera), settings=with_described(state)):
             return False
         if before is not None and self.context.state.plan is None:
-            words = "The plan was of the other camera and is gone with it. Undo brings both back."
+            words = "The plan belonged to the previous camera and was removed. Undo restores both."
             self.context.message.emit(words)
             self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it so")
         return True
@@ -366,7 +366,7 @@ class Page(BasePage):
     def _take_measured(self) -> None:
         if self._checked is not None and self._checked.check.camera is not None:
             if self._set(self._checked.check.camera, f"lattice measured in {self._checked.name}"):
-                words = "The measured lattice is the camera's now; save the camera to use it elsewhere."
+                words = "The camera now has the measured lattice; save the camera to use it elsewhere."
                 self.panel.inspector.show_verdict("good", words, found=True)
 
     # -- scan ------------------------------------------------------------------------------------------

@@ -383,7 +383,7 @@ class Page(BasePage):
         expected = asked_seconds(plan)
         if expected > LONG and plan != self._warned:
             self._warned = plan
-            self.panel.curve.show_status(f"This takes about {format_seconds(expected)}.", "Measure all the same")
+            self.panel.curve.show_status(f"This takes about {format_seconds(expected)}.", "Measure anyway")
             return
         curves.forget(subject_of(state, "plan"), (PLACE,))
         self._measuring = self.context.jobs.start(

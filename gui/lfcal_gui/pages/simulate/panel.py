@@ -32,7 +32,7 @@ WIDTH = 304
 """Least width of the settings (px)."""
 
 TAB_TIPS = (
-    "One pattern of H as it is computed with the settings of now",
+    "One pattern of H, computed with the present settings",
     "The effect chosen in the list: its magnitudes, and what it does to H",
     "A whole sensor frame with noise, as the camera would record it",
 )
@@ -135,7 +135,7 @@ class SimulatePanel(QWidget):
         tips = (
             "Take magnitudes and settings from a JSON file, as lfcal simulate --effect reads it",
             "Write the magnitudes and settings given here to a JSON file for lfcal simulate --effect",
-            "Take back every magnitude and setting",
+            "Set every magnitude and setting to its default",
         )
         buttons = (self.import_button, self.export_button, self.reset_button)
         signals = (self.import_asked, self.export_asked, self.reset_asked)

@@ -87,7 +87,7 @@ def test_a_fault_strikes_the_simulator_that_is_connected(page: Page, context: Co
     assert [gauge.read() for gauge in station.rig.gauges] == [27.0, 100.0]
     assert station.rig.gauges[0].read() == 21.0
     page.setup.disconnect_devices()
-    assert faults.add.text() == "Add" and faults.hint.text().startswith("Try what a fault does")
+    assert faults.add.text() == "Add" and faults.hint.text().startswith("Rehearse faults")
 
 
 def test_only_simulated_devices_have_faults() -> None:

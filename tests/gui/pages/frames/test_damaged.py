@@ -97,7 +97,7 @@ def test_what_is_subtracted_as_no_light_is_said(scan: Path, open_page: Any, cont
     box = page.panel.choices.editor("use_dark")
     page.open_folder(str(scan))
     idle(context.jobs, qtbot)
-    assert not box.isChecked() and not box.isEnabled() and "No dark frame was found" in box.toolTip()
+    assert not box.isChecked() and not box.isEnabled() and "No dark frame and no black level" in box.toolTip()
     folder = scan / "dark"
     folder.mkdir()
     cv2.imwrite(str(folder / "0.png"), np.full_like(true_frame(*FIRST), 3))

@@ -240,10 +240,10 @@ def test_a_solver_that_cannot_end_as_asked_says_so(page: Page, monkeypatch: pyte
     monkeypatch.setattr(model, "used_by", lambda solver, key: key != "weights")
     panel = page.panel
     panel.show_solver(ReconstructSettings(stop="left-out"))
-    assert "cannot leave out" in panel.solver_words.text() and panel.form.editor("iterations").isEnabled()
+    assert "cannot hold out" in panel.solver_words.text() and panel.form.editor("iterations").isEnabled()
     for stop in ("", "discrepancy"):
         panel.show_solver(ReconstructSettings(stop=stop))
-        assert "cannot leave out" not in panel.solver_words.text()
+        assert "cannot hold out" not in panel.solver_words.text()
 
 
 def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:

@@ -111,7 +111,7 @@ def test_what_was_found_before_is_said_to_be_where_the_next_inspection_fails(
     checking.measure(force=True)
     idle(window.jobs, qtbot)
     assert checking.view.counts.text() == counts and checking.view.stack.currentIndex() == 1
-    assert "found before" in page.notice.label.text()
+    assert "Earlier results" in page.notice.label.text()
     assert "Choices changed since" in checking.view.summary.text(), "these were not used"
 
 

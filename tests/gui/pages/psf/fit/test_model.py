@@ -322,7 +322,7 @@ def test_a_plan_that_does_not_go_with_the_camera_is_dropped(found: FoundFit) -> 
     camera = replace(found.fit.camera, sensor=replace(found.fit.camera.sensor, shape=(10, 10)))
     fit = replace(found.fit, setup=replace(found.fit.setup, camera=camera))
     use = use_of(ProjectState(plan=found.measured.plan), fit)
-    assert use.changes["plan"] is None and "dropped" in use.words
+    assert use.changes["plan"] is None and "removed" in use.words
     # where there is none, none is made up
     none = use_of(ProjectState(), found.fit)
     assert none.changes["plan"] is None and "plan" not in none.words

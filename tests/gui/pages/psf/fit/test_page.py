@@ -296,7 +296,7 @@ def test_a_fit_made_while_recording_is_taken_over(page: Page, known: FitRun, qtb
         and page.fitting.settings.auto
         and "Choices changed" not in view.detail.text()
     )
-    assert "while the session was recorded" in view.rounds.words.text()
+    assert "during the recording" in view.rounds.words.text()
     page.context.project.undo()
     assert page.fitting.settings == GEOMETRY
 
