@@ -92,8 +92,8 @@ def test_the_page_tells_what_became_of_each(reason: str) -> None:
     )
     assert "| `psf/cutout.py:7` | sign | `a \\| b` → `b` | killed by `test_seen` |" in text
     assert f"**survives**: {reason or 'a test is missing'} |" in text
-    assert "**2 of 3 are killed (67 %)**, 1 of them by\nhanging" in text and "seed 5" in text
-    assert f"the 1 that survive {len(judged)} cannot" in text
+    assert "**2 of 3 are killed (67 %)**, 1 of them\nbecause the test hangs" in text and "seed 5" in text
+    assert f"1 survive. No test can detect {len(judged)} of these" in text
 
 
 def test_what_was_judged_is_said_in_words() -> None:

@@ -262,7 +262,7 @@ def iter_adaptive(
     >>> steps: list[AdaptiveStep] = []  # how good H is after each round
     >>> work = iter_adaptive(Path("new"), plan, open_rig(plan, "sim"), Goal(error=0.01), seen=steps.append)
     >>> print(next(work).stage)
-    what patterns tell
+    information of patterns
     >>> work.close()  # run to its end, it returns an Adapted
     """
     recording = {"preview": preview, "observers": observers}

@@ -204,6 +204,17 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
         Share of the full well that the brightest pixel reaches at the plan's exposures.
     forecast
         Of the plan: speed of the stage and frame rate are those it was made with.
+
+    Examples
+    --------
+    >>> from lfcal.base import drain
+    >>> from lfcal.camera import Forecast, ScanPlan, preset
+    >>> from lfcal.simulate import iter_expected_light, scan_choices
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), cutout=55)
+    >>> light = drain(iter_expected_light(plan))
+    >>> ways = scan_choices(plan, light, 0.8, Forecast.of(plan))
+    >>> ways[0].seconds < ways[-1].seconds, ways[0].noise > ways[-1].noise
+    (True, True)
     """
     highest = max(peak, PLANNED_PEAK)
     ways = [(one, 1) for one in PEAKS if one < highest] + [(highest, count) for count in AVERAGES]

@@ -343,7 +343,7 @@ class FitMatrix(_Fit):
 
 @record
 class FitFrames(FitMatrix):
-    """Find the camera that explains measured patterns, and H of it without noise.
+    """Find the camera that explains measured patterns, and compute H of it without noise.
 
     The fit retrieves gap, focal lengths, iris and aberrations. It writes camera.json, effects.json, H.h5, fit.json and
     report/ into a folder. Several sources are regions of the field of one camera: the fit also finds how the wavefront

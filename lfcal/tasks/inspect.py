@@ -59,7 +59,7 @@ class InspectedMatrix(TaskResult):
 
 @record
 class Inspect(MatrixTask):
-    """Measure the quality of H: every metric with its rating, the aperture of each plane, and what to do.
+    """Measure the quality of H: every metric with its rating, the apertures, and what to do.
 
     If the camera of H is known, patterns are compared with its prediction, and faults are named by their causes.
 

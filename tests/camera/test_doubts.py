@@ -32,7 +32,7 @@ def changed(part: str, **values: Any) -> Camera:
         (changed("lattice", gap_um=0.29), "did you mean 290 µm"),
         (changed("optics", f_number=0.1), "unusual"),
         (changed("lattice", pitch_um=11.0, clear_um=None), "too small"),
-        (changed("lattice", offset_um=(1000.0, 0.0)), "off the 320 x 320 px sensor"),
+        (changed("lattice", offset_um=(1000.0, 0.0)), "outside the 320 x 320 px sensor"),
         (changed("lattice", gap_um=1500.0), "overlap"),
         (replace(preset("bench"), distortion=BrownDistortion((1e-3,), (3186.0, 2651.0))), "centre of distortion"),
     ],
@@ -47,7 +47,7 @@ def test_an_offset_up_to_the_edge_is_on_the_sensor() -> None:
     edge = 160 * 5.5
     assert doubts(changed("lattice", offset_um=(edge, -edge))) == ()
     for beyond in ((1.01 * edge, 0.0), (0.0, -1.01 * edge)):
-        assert any("off the 320 x 320 px sensor" in line for line in doubts(changed("lattice", offset_um=beyond)))
+        assert any("outside the 320 x 320 px sensor" in line for line in doubts(changed("lattice", offset_um=beyond)))
 
 
 @pytest.mark.parametrize(

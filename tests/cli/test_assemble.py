@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lfcal.frames import open_frames
 from lfcal.psf import open_psf
 from tests.cli.conftest import ANCHOR, CUTOUT, SHAPE, Run, true_frame
 
@@ -74,3 +75,14 @@ def test_transpose_and_export(lfcal: Lfcal, session: Path, tmp_path: Path) -> No
     run = lfcal("export", tmp_path / "H.h5", "-o", tmp_path / "one.tif", "--position", "1,2")
     assert run.code == 0 and (tmp_path / "one.tif").exists()
     assert "square period" in lfcal("export", tmp_path / "H.h5", "-o", tmp_path / "H.mat", "--force").err
+
+
+def test_nan_is_masked_or_refused(lfcal: Lfcal, session: Path, tmp_path: Path) -> None:
+    with open_frames(session / "frames") as frames:
+        values = np.stack([frames.read(k) for k in range(len(frames))]).astype(np.float32)
+    values[:, 3, 4] = np.nan
+    np.save(session / "stack.npy", values)
+    given = ("assemble", session / "stack.npy", "--order", "raster", "--dark", session / "dark")
+    run = lfcal(*given, "-o", tmp_path / "H.h5")
+    assert run.code == 0 and "1 pixel without a value" in run.err, run.err
+    assert "--nan mask" in lfcal(*given, "-o", tmp_path / "R.h5", "--nan", "refuse").err

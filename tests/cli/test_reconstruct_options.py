@@ -185,11 +185,11 @@ def test_frames_of_a_series_on_the_device_of_their_worker(
 def test_left_alone_it_stops_by_itself_and_says_why(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
     words = ("reconstruct", folder / "H.h5", folder / "frame.png", "--iterations", "auto")
     done = lfcal(*words, "--out", tmp_path / "v.h5")
-    assert done.code == 0 and "left-out pixels" in done.out
+    assert done.code == 0 and "held-out pixels" in done.out
     with h5py.File(tmp_path / "v.h5") as file:
         known = json.loads(str(file.attrs["details"]))
         assert file["volume"].shape == (2, *SHAPE)
-    assert "left-out pixels" in known["stopped"] and known["solver"]["name"] == "sieve" and known["solver"]["auto"]
+    assert "held-out pixels" in known["stopped"] and known["solver"]["name"] == "sieve" and known["solver"]["auto"]
     assert known["solver"]["margin"] == 3 and known["anchor"] == [0, 0]
     done = lfcal(*words, "--forecast")
     assert "stops automatically" in done.out and "margin of 3 pixels" in done.out

@@ -198,6 +198,7 @@ def test_the_calibration_of_imagej_is_applied(tmp_path: Path, compression: str |
     assert image.dtype == np.int32
     np.testing.assert_array_equal([image.read(k) for k in range(3)], signed)
     np.testing.assert_array_equal(image.read_region(2, slice(1, 3), slice(2, 5)), signed[2, 1:3, 2:5])
+    image.close()
     with open_frames(written("half.tif", -100.5, 0.5), order="raster", plan_shape=(1, 1, 3)) as frames:
         np.testing.assert_allclose(frames.read(1), signed[1], atol=0.26)
         assert frames.metadata.notes == ("ImageJ's calibration is applied: -100.5 + 0.5 x the stored value",)

@@ -274,7 +274,7 @@ def test_pixels_that_never_have_a_value_are_masked(tmp_path: Path) -> None:
         tifffile.imwrite(tmp_path / f"y0_x{k}.tif", frame)
     with open_frames(tmp_path, pattern="y{y}_x{x}.tif") as source:
         (note,) = source.metadata.notes
-        assert note == f"{frames.shape[1] * 6 + 1} pixels have no value (NaN or infinity) in any frame: they are masked"
+        assert note == f"{frames.shape[1] * 6 + 1} pixels without a value (NaN or infinity) in any frame: masked"
         for k in range(3):
             found, mask = source.samples(k), source.info(k).mask
             assert mask is not None and np.array_equal(mask, np.isfinite(frames[k]))

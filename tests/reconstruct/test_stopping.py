@@ -75,7 +75,7 @@ def test_stops_near_the_least_error(noisy, name):
     assert nrmse(found.volume, truth) < 1.08 * min(errors)
     assert found.volume is found.state.volume
     if len(found.history) < 60:
-        assert "left-out pixels" in found.stopped
+        assert "held-out pixels" in found.stopped
         assert found.state.iteration <= len(found.history)
 
 
@@ -130,7 +130,7 @@ def test_solvers_of_others_are_judged_by_their_volumes(noisy, monkeypatch):
     theirs = Solver("theirs", "of others", iterate)
     monkeypatch.setattr(SolverChoice, "solver", property(lambda self: theirs))
     found = reconstruct(P, image, SolverChoice("theirs", 60, 2.0, auto=True))
-    assert "left-out pixels" in found.stopped and len(found.history) < 40
+    assert "held-out pixels" in found.stopped and len(found.history) < 40
     blind = Solver("blind", "of others", iterate, COMMON - {"weights"})
     monkeypatch.setattr(SolverChoice, "solver", property(lambda self: blind))
     for setting, words in (

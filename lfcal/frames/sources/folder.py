@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, Region, StorageError, check_choice, check_region
+from lfcal.base import FileFormatError, InputError, Region, StorageError, check_choice, check_region, format_count
 from lfcal.frames.cfa import check_greens
 from lfcal.frames.damage import frame_errors
 from lfcal.frames.formats import ImageFile, open_image
@@ -206,7 +206,8 @@ class FolderSource(Frames):
         if fixed is None or not fixed.any() or fixed.mean() > MOST_MASKED:
             return
         self._mask = ~fixed if self._mask is None else self._mask & ~fixed
-        words = f"{int(fixed.sum())} pixels have no value (NaN or infinity) in any frame: they are masked"
+        count = format_count(int(fixed.sum()), "pixel", "pixels")
+        words = f"{count} without a value (NaN or infinity) in any frame: masked"
         self._metadata = replace(self._metadata, notes=(*self._metadata.notes, words))
 
     def _inspect_any(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:

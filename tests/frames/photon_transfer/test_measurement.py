@@ -203,7 +203,7 @@ def test_dark_current_that_the_camera_subtracts_is_told_from_its_noise() -> None
     found = measured(truth.flats(LEVELS), held, dark_s=seconds)
     assert found.dark_current_e_s is not None
     assert abs(found.dark_current_e_s.value - 200) < 4 * found.dark_current_e_s.sigma < 40
-    assert any("off itself" in note for note in found.notes)
+    assert any("the camera subtracts dark current" in note for note in found.notes)
 
 
 def test_colours_are_measured_at_their_own_levels() -> None:
