@@ -1,4 +1,4 @@
-"""One folder per page, all of one shape; pages never import each other.
+"""One folder per page, all with the same layout; pages never import each other.
 
 - ``__init__``: ``PAGE``, a `lfcal_gui.models.page.PageSpec`: title, place in the rail, state, icon; imports no Qt
 - ``page``: ``Page``, a `lfcal_gui.base_page.BasePage` that connects project, jobs and panel

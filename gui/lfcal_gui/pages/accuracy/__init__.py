@@ -1,4 +1,4 @@
-"""Accuracy: what it costs, place by place, and the rung that is put to use.
+"""Accuracy: what it costs in each step of the work, and settings that you apply from the chart.
 
 - ``page``, ``panel``: the places, and the curve of one
 - ``model``: settings, measurements, words; ``model_use``: what a rung changes in the project
@@ -12,7 +12,7 @@ __all__ = ["PAGE"]
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether there is a plan or H to measure; what was measured is not kept."""
+    """Return whether there is a plan or H to measure; measurements are not kept in the project."""
     there = project.plan is not None or file_state(project.psf, ready=False) is PageState.DONE
     return PageState.READY if there else PageState.NOTHING
 

@@ -1,4 +1,4 @@
-"""What a rung changes in the project when it is put to use, or why it cannot be. No Qt."""
+"""Changes of the project when a measured setting (rung) is applied, or why it cannot be applied. No Qt."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_USE = {
 
 @dataclass(frozen=True)
 class RungUse:
-    """What becomes of a rung.
+    """Result of applying a measured setting (rung).
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class RungUse:
 
 
 def use_of(project: ProjectState, curve: Curve, rung: Rung) -> RungUse:
-    """Return what using ``rung`` changes in the project."""
+    """Return the changes of the project if you apply ``rung``."""
     maker = _USES.get(curve.place)
     if maker is None:
         return RungUse(NO_USE.get(curve.place, "Nothing was changed: the window has no setting for it."))
@@ -151,4 +151,4 @@ _USES: dict[str, Callable[[ProjectState, Rung], RungUse]] = {
     "filters": _filters,
     "bases": _bases,
 }
-"""How a rung of each place is put to use."""
+"""For each place, the function that applies a rung."""

@@ -1,4 +1,4 @@
-"""Accuracy: what it costs, everywhere it is paid; the chart fills while it is measured, and a click uses a rung."""
+"""Accuracy: what it costs in each step. The chart fills during the measurement; a click applies a setting."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Page"]
 
 
 class Page(BasePage):
-    """Keeps every curve of the plan or H that was measured, also when it was stopped."""
+    """Page that keeps all measured curves of the plan or H, also those of a stopped measurement."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -150,7 +150,7 @@ class Page(BasePage):
 
     # -- using -----------------------------------------------------------------------------------------
     def use(self, number: int) -> None:
-        """Put a rung of the curve to use: change the settings of the page that has them, or say why not."""
+        """Apply a measured setting (rung) to the page that has it, or report why this is not possible."""
         curve = self._shown
         if curve is None or not 0 <= number < len(curve.rungs):
             return

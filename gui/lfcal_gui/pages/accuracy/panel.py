@@ -95,7 +95,7 @@ class AccuracyPanel(QWidget):
         blocker.unblock()
 
     def show_measured(self, curves: Mapping[str, Curve], running: str) -> None:
-        """Mark the places that have rungs, and the one at work."""
+        """Mark the places that have measurements, and the place that is being measured."""
         for k in range(self.places.count()):
             item = self.places.item(k)
             name = item.data(Qt.ItemDataRole.UserRole)

@@ -1,4 +1,4 @@
-"""What is made of a recorded session: H, one plane of it, a fit, a packed file."""
+"""Steps after the recording of a session: assemble H or one plane of it, fit it, pack the files."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Afterwards:
         self.context.made.emit("psf", sent)
 
     def _told(self, report: Any) -> str:
-        """Close H, and return its file; its verdict and notes become messages."""
+        """Close H and return its file; report the verdict and notes of assembling as messages."""
         from lfcal.judge import judgement_of
 
         path = str(report.matrix.path)

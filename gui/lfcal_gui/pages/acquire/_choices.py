@@ -70,11 +70,11 @@ class FolderChoice:
     def look(self) -> None:
         """Look into the project's folder."""
         path = self.context.state.recording
-        self.context.jobs.drop(LOOKED_INTO)  # it may hang
+        self.context.jobs.drop(LOOKED_INTO)  # an earlier read may hang on a slow disk
         self.context.jobs.load(LOOKED_INTO, lambda: folder_state(path), self._seen)
 
     def let_go(self) -> None:
-        """Open none any more for the project before."""
+        """Stop opening the folder of the previous project."""
         self.context.jobs.drop(CHOSEN)
         self.context.jobs.drop(LOOKED_INTO)
 

@@ -176,7 +176,7 @@ class DevicePanel(QWidget):
             self.button.setEnabled(False)
 
     def set_free(self, free: bool) -> None:
-        """Allow disconnecting, or not while devices are at work."""
+        """Allow disconnecting, unless the devices are in use."""
         self.button.setEnabled(free)
         self.button.setToolTip(LET_GO if free else "The devices are in use; stop that first")
 
@@ -319,12 +319,12 @@ class FaultPanel(QWidget):
             self.fold.open()
 
     def set_connected(self, connected: bool, *, busy: bool = False) -> None:
-        """Faults of the list are of devices that are not connected yet; of those that are, one strikes from now on."""
+        """Before connecting, collect faults in the list; when connected, pass a fault directly to the simulator."""
         if connected != self._connected:
             self._connected = connected
             self.hint.setText(NOW if connected else HINT)
             self.add.setText("Strike" if connected else "Add")
-            self.add.setToolTip("Let this fault happen now" if connected else "Add this fault to the list")
+            self.add.setToolTip("Make the simulator fail in this way" if connected else "Add this fault to the list")
             self._count()
         for widget in (self.kind, self.at, self.times, self.add):
             widget.setEnabled(not busy)

@@ -25,7 +25,7 @@ KEYS = (("next", "F9"), ("start", "F6"), ("pause", "F7"), ("stop", "F8"), ("abor
 
 @dataclass(frozen=True)
 class Standing:
-    """How a sitting stands.
+    """State of a recording session in the lab.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Standing:
 
 
 def next_step(now: Standing) -> tuple[str, str]:
-    """Return key and words of what comes next; the key is empty where nothing can be begun now."""
+    """Return key and text of the next step; the key is empty if no step can be started now."""
     if now.busy:
         return "", "at work"
     if not now.connected:
@@ -149,7 +149,7 @@ class Lab(QWidget):
 
     @property
     def standing(self) -> Standing:
-        """How the sitting stands."""
+        """State of the session, from which the next step follows."""
         setup, record, state = self.setup, self.record, self.context.state
         folder = Path(state.recording) if state.recording else None
         dark, white = (

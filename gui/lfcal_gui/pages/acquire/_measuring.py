@@ -33,11 +33,11 @@ ASKED = {
     "The live view should be bright everywhere and saturated nowhere; change the exposure if it is not.",
     "dark": "Cover the lens, and leave the exposure as it is.",
 }
-"""What the user does first."""
+"""What the user must do before such frames."""
 
 
 class SetupMeasuring(QObject):
-    """Measures what a `SetupPanel` asks for, and keeps what was found.
+    """Runs the measurements of a `SetupPanel`, and keeps their results.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class SetupMeasuring(QObject):
             self.panel.show_result(key, "")
 
     def follow(self, plan: ScanPlan) -> None:
-        """Forget what was found of other optics or planes; how the stage moves is true of any."""
+        """Forget results for other optics or planes; the axes of the stage hold for all of them."""
         scene = _scene(plan)
         if self._scene not in (None, scene):
             self.forget("axis", "exposure")
@@ -102,7 +102,7 @@ class SetupMeasuring(QObject):
         self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found, plan))
 
     def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
-        """Use the devices for a job whose result stands below its button."""
+        """Use the devices for a job; its result is shown below its button."""
         title = {name: text for name, text, _ in (*FINDINGS, *STILLS)}[key]
         self.panel.show_result(key, MEASURING)
         self._job = self.context.jobs.start(
@@ -160,7 +160,7 @@ class SetupMeasuring(QObject):
             self.panel.show_result(key, words, done=True)
 
     def _take(self, what: str, plan: ScanPlan) -> str:
-        """Take what was found into the plan, and return words that say so."""
+        """Change the plan by the result, and return a sentence that says so; empty if nothing changed."""
         taken = self.context.project.update(what, plan=plan)
         return "<br>Taken into the plan; undo (Ctrl+Z) restores the previous values." if taken else ""
 

@@ -76,7 +76,7 @@ class _AxisField(QDoubleSpinBox):
         super().keyPressEvent(event)
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Forget what was typed and not asked for: a stage never moves because of a click elsewhere."""
+        """Discard text that was not confirmed with Return: a click elsewhere never moves the stage."""
         super().focusOutEvent(event)
         self._forget()
 
@@ -178,7 +178,7 @@ class StagePanel(QWidget):
         self.stop.setVisible(moving)
 
     def say(self, words: str) -> None:
-        """Say why the stage does not go where it was to; empty: it does."""
+        """Show why the stage does not move to the position asked for; empty: it does."""
         self.refusal.setText(words)
         self.refusal.setVisible(bool(words))
 
@@ -272,13 +272,13 @@ class StageMoves(QObject):
         return self._moving
 
     def jog(self, axis: int, by_um: float) -> None:
-        """Move one axis by a step; steps asked for in a hurry are all made, one after the other."""
+        """Move one axis by a step; quickly repeated steps are queued and all made."""
         station = self._station()
         if station is not None:
             self._queue(lambda: station.jog(axis, by_um))
 
     def go_to(self, words: str) -> None:
-        """Go to a typed position; one that is none, or beyond the limits, is refused before anything moves."""
+        """Move to a typed position; refuse invalid text and positions beyond the limits before anything moves."""
         station = self._station()
         if station is None:
             return

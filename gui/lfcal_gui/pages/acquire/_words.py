@@ -128,7 +128,7 @@ def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str
 
 
 def asked_words(control: Control, *, stopping: bool) -> str:
-    """Return what a recording was asked to do and has not done yet; ``stopping``: its job is to stop."""
+    """Return the pending request of a recording (abort, stop, pause); ``stopping``: its job must stop."""
     if control.aborting:
         return "Aborting: nothing more is taken …"
     if control.stopping or stopping:
@@ -139,7 +139,7 @@ def asked_words(control: Control, *, stopping: bool) -> str:
 
 
 def end_words(job: WindowJob, ended: str, counted: str = "positions") -> tuple[str, float]:
-    """Return how a recording ended and the fraction that is done; ``ended``: why it needed no more, if it did."""
+    """Return how a recording ended and its completed fraction; ``ended``: why no more positions were needed."""
     if job.state is JobState.DONE:
         found = job.result
         words = f"{found.how.capitalize()}: {found.acknowledged} of {found.total} {counted}."
@@ -151,7 +151,7 @@ def end_words(job: WindowJob, ended: str, counted: str = "positions") -> tuple[s
 
 
 def automatic_words(devices: Devices, options: Options) -> str:
-    """Return what to do about settings by which the camera changes frames; empty: there are none, or they may be."""
+    """Return what to do about automatic settings of the camera; empty: there are none, or they are allowed."""
     if not devices.automatic or options.allow_automatic:
         return ""
     return (

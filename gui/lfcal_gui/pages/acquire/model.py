@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["EXTENTS", "FIELDS", "HELD", "MORE", "UNTIL", "AcquireSettings", "moved", "target_of"]
 
 EXTENTS = (("whole", "Record every position"), ("error", "Record until H is known"))
-"""How much is recorded."""
+"""Choices of the extent of a recording."""
 
 HELD = frozenset(
     {
@@ -73,7 +73,7 @@ EARLIER = {
     "tolerance_um": "tolerance",
     "overshoot_um": "overshoot",
 }
-"""What project files of earlier versions called a setting."""
+"""Names of settings in project files of earlier versions."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class AcquireSettings(PageSettings):
             self._until("plan.json", "session")
 
     def devices(self) -> dict[str, str]:
-        """Return the options of the backend; the target that is recorded stands before the simulator."""
+        """Return the options of the backend. The simulator also gets the target that is recorded."""
         options = dict(self.device_options)
         return {"target": self.target, **options} if self.target and self.backend == "sim" else options
 
@@ -215,7 +215,7 @@ class AcquireSettings(PageSettings):
 
 
 def _renewed(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings that an earlier version stored by the names of today, without those that were its defaults."""
+    """Return settings of an earlier version under their present names, without its defaults."""
     if not {"coarse", *EARLIER}.intersection(data):
         return dict(data)
     defaults = Options().to_dict() | {"tolerance_um": (), "most": None, "suspend": ""}

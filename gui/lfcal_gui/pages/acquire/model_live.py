@@ -249,7 +249,7 @@ def _with_cutout(
 
 
 def _compared(made: LivePicture, predicted: NDArray[Any] | None) -> LivePicture:
-    """Return a picture with what is seen in its window, and how well that agrees with what is ``predicted``."""
+    """Return the picture with the pattern in its window, and the correlation with the ``predicted`` pattern."""
     assert made.frame is not None and made.window is not None
     (top, left), (row, column, nt, ns) = made.first, made.window
     seen = cut(made.frame, row - top, column - left, (nt, ns)).astype(np.float32)
@@ -291,7 +291,7 @@ def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
 
 
 def expected_words(picture: LivePicture, plan: ScanPlan) -> str:
-    """Return how well a cutout agrees with what is expected, or why nothing is expected there."""
+    """Return the agreement of a cutout with the prediction in words, or why there is no prediction."""
     if not math.isnan(picture.correlation):
         return f"agree to {100 * max(picture.correlation, 0.0):.1f} %"
     near = plane_to_go(picture, plan) is None
@@ -299,7 +299,7 @@ def expected_words(picture: LivePicture, plan: ScanPlan) -> str:
 
 
 def plane_to_go(picture: LivePicture, plan: ScanPlan) -> int | None:
-    """Return the nearest plane of the plan where a frame is of none of them, else None."""
+    """Return the nearest plane of the plan if the frame belongs to no plane, else None."""
     depth = float(plan.stage.to_object(np.array(picture.stage_um))[2])
     if not math.isfinite(depth) or plane_at(plan, depth) is not None:
         return None

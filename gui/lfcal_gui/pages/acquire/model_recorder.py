@@ -87,7 +87,7 @@ class CoveredByHand:
         self._answered.set()
 
     def iter_wanted(self) -> Work[bool]:
-        """Return whether dark frames are wanted: the lens stays uncovered, for the stage is checked first."""
+        """Return whether dark frames are wanted. The lens stays uncovered, because the stage is checked first."""
         self._ask("Dark frames need a covered lens. You will be asked to cover it.", skippable=True)
         try:
             while not self._answered.wait(ASK_S) and not self._control.stopping:
@@ -163,7 +163,7 @@ class Recorder:
         return station.use(self._iter_session(station))
 
     def _iter_session(self, station: Station) -> Work[Outcome]:
-        """Record; the last fit is kept here: jobs are remembered long after they ended."""
+        """Record; keep the last fit here and not as the job's result, because finished jobs stay in memory."""
         if not isinstance(self.task, AcquireUntil) and self.task.redo is not None:
             RedoList.of(self.redo).write(self.task.redo)
         how: dict[str, Any] = {"seen": self.steps.append} if self.goal else {}
@@ -183,7 +183,7 @@ class Recorder:
 
     @property
     def counted(self) -> str:
-        """What is recorded, for people."""
+        """Number of recorded positions in words."""
         return "positions" if isinstance(self.recorded, ScanPlan) else "frames"
 
     @property
@@ -243,7 +243,7 @@ class RecordPicture:
     planes: tuple[float, ...] = ()
 
     def spread(self, quantity: str) -> str:
-        """Return how far the values of `QUANTITIES` in this plane lie apart; empty where none is known."""
+        """Return the range of each of `QUANTITIES` in this plane; empty if no value is known."""
         known = self.values[np.isfinite(self.values)]
         if self.covered or not known.size:
             return ""
@@ -261,7 +261,7 @@ def record_picture(
     earlier: NDArray[np.bool_] | None,
     read: PlaneSum | None = None,
 ) -> RecordPicture:
-    """Return what to draw: pure.
+    """Return what to draw of a recording; a pure function.
 
     Parameters
     ----------

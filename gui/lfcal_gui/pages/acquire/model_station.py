@@ -1,4 +1,4 @@
-"""The devices of the window: opened once, used by one task at a time, closed for sure. No Qt."""
+"""The connected devices: opened once, used by one task at a time, and always closed. No Qt."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DESCRIBED = ("sim",)
 """Backends whose frames are those of a description."""
 
 SEEN = ("camera", "period", "cutout", "depths_um", "anchor", "resample")
-"""What of a plan is seen in such frames; exposure and stage are set, not described."""
+"""Fields of a plan that such frames depend on; exposure and stage are set, not described."""
 
 MOVE_TIMEOUT_S = 60.0
 SETTLE_S = 0.1
@@ -48,7 +48,7 @@ class Look:
 
 
 class Station:
-    """A rig with a lock around it: the live view, a move and a session never meet inside a device.
+    """The connected devices with a lock: live view, moves and sessions never use a device at the same time.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class Station:
             return self._seen
 
     def _arrive(self) -> None:
-        """Wait until the stage stands, or stop it where that was asked for; the position is read on the way."""
+        """Wait until the stage has stopped, or stop it on request; the position is read meanwhile."""
         stage = self.rig.stage
         deadline, read = time.monotonic() + MOVE_TIMEOUT_S, -math.inf
         while stage.moving():
@@ -197,7 +197,7 @@ class Station:
         return self.move((here[0], here[1], here[2]))
 
     def inject(self, fault: DeviceFault) -> None:
-        """Let a fault strike the simulator so many calls from now; also while a session uses it."""
+        """Make the simulator fail after a number of calls, also while a session uses it."""
         from lfcal.devices.simulated import inject
 
         inject(self.rig, fault)
@@ -209,7 +209,7 @@ class Station:
             return (yield from work)
 
     def close(self) -> None:
-        """Release the devices; waits for what is under way."""
+        """Release the devices when the present task has ended."""
         self.moving.stop()
         with self._lock:
             self._stop_live()

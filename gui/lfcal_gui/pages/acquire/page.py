@@ -53,7 +53,7 @@ class Page(BasePage):
         self._show(context.state, folder=True)
 
     def let_go(self) -> None:
-        """Forget what was seen, found and asked for another project; a recording under way is shown until it ends."""
+        """Forget frames, results and requests of the previous project; a running recording is shown until it ends."""
         self.setup.let_go()
         self.record.let_go()
 
@@ -97,7 +97,7 @@ class Page(BasePage):
             self.redo()
 
     def _on_tab(self, tab: QWidget, deed: Callable[[], object]) -> None:
-        """Do something where it is seen."""
+        """Do something on the tab where its effect is visible."""
         self.panel.setCurrentWidget(tab)
         deed()
 
@@ -109,7 +109,7 @@ class Page(BasePage):
 
     def _show(self, state: ProjectState, *, folder: bool) -> None:
         self.record.show_state(state, folder=folder)
-        if state.plan is None and not self.record.recording:  # whose buttons stay, whatever becomes of the project
+        if state.plan is None and not self.record.recording:  # a running recording keeps its buttons
             self.show_empty(
                 "Recording needs a scan plan: which positions, planes and cutout.",
                 {"Plan": self.lead("setup", "Say which source positions and depth planes there are")},

@@ -60,7 +60,7 @@ class AcquirePanel(QWidget):
         self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
 
     def _folds(self) -> tuple[Folded, ...]:
-        """Make what is folded in the inspector."""
+        """Make the folded sections of the inspector."""
         self.devices = Folded("Devices", "Choose camera and stage, and their settings")
         self.adjust = Folded("Adjust the rig", "Scale and axis of the stage, exposures, white and dark frames")
         self.recording = Folded("Recording", "Folder, source, order, what happens at a fault, and all buttons")
@@ -75,7 +75,7 @@ class AcquirePanel(QWidget):
         return self.devices, self.adjust, self.recording
 
     def _say(self) -> None:
-        """Say on the folds what is connected, how much of the rig is adjusted, and what differs from the defaults."""
+        """Show on the folded sections the connected devices, the adjusted items, and settings not at their defaults."""
         self.devices.head.say(self.setup.devices.backend.currentText() if self.setup.connected else "not connected")
         self.adjust.head.say(f"{len(self.setup.done)} of {len(self.setup.find_buttons)} done")
         changed = sum(len(form.changed) for form in self.record.forms)

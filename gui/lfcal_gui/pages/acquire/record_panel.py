@@ -127,7 +127,7 @@ class RecordPanel(QWidget):
 
     @cached_property
     def pictures(self) -> RecordPictures:
-        """The session as it grows; made when it is first looked at, for its plots are most of what the page takes."""
+        """Pictures of the session, made when they are first shown because their plots are slow to create."""
         made = RecordPictures()
         name_controls(made)
         self._seen.addWidget(made, 1)
@@ -158,7 +158,7 @@ class RecordPanel(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _progress(self) -> QWidget:
-        """Make what says how far a recording is, why it cannot begin, and how it ended; hidden where nothing is."""
+        """Make the progress display: progress, why a recording cannot start, how it ended. Hidden without a text."""
         self.status, self.detail, self.alarms = _words("heading"), _words("hint"), _words("error")
         self.bar = QProgressBar()
         self.bar.setTextVisible(False)
@@ -239,7 +239,7 @@ class RecordPanel(QWidget):
         return widget
 
     def _tools(self) -> QWidget:
-        """Make what the bar of the session has."""
+        """Make the controls in the bar of the session."""
         bar = QWidget()
         self.plane_label = ElidedLabel()
         self.open_plane = QPushButton("Open plane")
@@ -264,7 +264,7 @@ class RecordPanel(QWidget):
         )
 
     def set_values(self, values: Mapping[str, Any], extent: str) -> None:
-        """Show what the user chose; what ends a recording by the error of H only where it does."""
+        """Show the settings; the goal of the error of H only if the recording ends by it."""
         blocker = QSignalBlocker(self.extent)
         self.extent.setCurrentIndex([key for key, _ in EXTENTS].index(extent))
         blocker.unblock()

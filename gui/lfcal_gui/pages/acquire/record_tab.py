@@ -161,7 +161,7 @@ class RecordTab(QObject):
             self.setup.moves.go_plane(z)
 
     def let_go(self) -> None:
-        """Open no folder any more for the project before."""
+        """Stop opening the folder of the previous project."""
         self.folder_choice.let_go()
         for group in ("acquire start", "acquire remake", EARLIER):
             self.context.jobs.drop(group)
@@ -198,7 +198,7 @@ class RecordTab(QObject):
             self.refresh()
 
     def _refuse(self, words: str) -> None:
-        """Say why something cannot be done, until something else is asked."""
+        """Show why a request is refused, until the next request."""
         self._refused = True
         self.panel.show_status("Cannot begin.", words, 0.0)
         self.context.message.emit(words)
@@ -453,7 +453,7 @@ class RecordTab(QObject):
         if not self.panel.strip.isVisible() or not made.earlier.want(z):
             return
         if self._reading is not None and self._reading is not made.earlier:
-            self._reading.want(-1)  # of another folder
+            self._reading.want(-1)  # it reads another folder
         self._reading = made.earlier
         jobs.drop(EARLIER)
         jobs.load(
@@ -479,7 +479,7 @@ class RecordTab(QObject):
         if job.number == self._job and job.active:
             self._under_way = job
             if job.stopping and self.recorder is not None:
-                self.recorder.control.stop()  # also where it waits for a person
+                self.recorder.control.stop()  # also while it waits for the user
             self._show_progress()
             self._tell()
 
@@ -497,7 +497,7 @@ class RecordTab(QObject):
         self.panel.show_status(*said, fraction)
 
     def _show_error(self) -> None:
-        """Show the error of H of a recording that ends by it; of another one the depth-plane sum."""
+        """Show the error of H if the recording ends by it, else the depth-plane sum."""
         recorder, settings = self.recorder, AcquireSettings.of(self.context.state)
         goal = settings.goal() if recorder is None else recorder.goal
         self.panel.show_error(None if goal is None else error_curve(recorder.steps if recorder else (), goal))

@@ -110,7 +110,7 @@ class SetupPanel(QWidget):
         self.arrows.hide()
         self._said: dict[str, tuple[str, bool]] = {}
         self.done: set[str] = set()
-        """What of `FINDINGS` and `STILLS` is done."""
+        """Keys of `FINDINGS` and `STILLS` that are done."""
         self.z = 0
         """Plane that is looked at, which what is measured in one plane is measured in."""
         self._last: tuple[LivePicture, ScanPlan] | None = None

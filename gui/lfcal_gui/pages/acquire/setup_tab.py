@@ -101,7 +101,7 @@ class SetupTab(QObject):
         self._check_station()
 
     def let_go(self) -> None:
-        """Forget what was seen and found for the project before, and what was to be done once it is connected."""
+        """Forget frames and results of the previous project, and actions that wait for a connection."""
         self._then = None
         self.measuring.forget(*self.panel.results)
         self.panel.show_nothing()
@@ -116,7 +116,7 @@ class SetupTab(QObject):
             self.disconnect_devices()
             self.panel.show_nothing()
             self.panel.devices.set_connected(why, connected=False)
-            if self.panel.isVisible():  # on other pages it is of no use: what was done there shows its own words
+            if self.panel.isVisible():  # other pages show their own messages
                 self.context.message.emit(why)
 
     @property
@@ -152,7 +152,7 @@ class SetupTab(QObject):
         self.context.project.update("faults", settings=replace(chosen, device_options=options).into(state))
 
     def _inject(self, fault: DeviceFault) -> None:
-        """Let a fault strike the simulator that is connected, also while it records."""
+        """Make the connected simulator fail, also during a recording."""
         if self.station is not None:
             self.station.inject(fault)
             self.context.message.emit(f"fault of the simulator: {fault_words(fault, now=True)}")
@@ -191,7 +191,7 @@ class SetupTab(QObject):
         self.panel.stage.set_limits(station.limits)
         then, self._then = self._then, None
         self._changed()
-        if self.station is None:  # opened for what the project was before
+        if self.station is None:  # opened for the previous project
             return
         if then is not None:
             then()
@@ -215,7 +215,7 @@ class SetupTab(QObject):
         self._changed()
 
     def _close_station(self) -> None:
-        """Release the devices as the window closes; one that does not answer does not keep it open."""
+        """Release the devices when the window closes; a device that does not answer does not keep it open."""
         if self.station is not None:
             wait_for([start_thread(self.station.close, "lfcal-release")], RELEASE_S)
             self.station = None
@@ -257,7 +257,7 @@ class SetupTab(QObject):
         )
 
     def _reference(self) -> PSFMatrix | None:
-        """Return what a frame is compared with, as soon as it is open."""
+        """Return the H that frames are compared with, as soon as it is open."""
         state = self.context.state
         for path in (state.reference, state.psf):
             self.context.matrices.want(path)

@@ -109,7 +109,7 @@ class FrameChoices(FoldedForm):
         manifest.setPlaceholderText(words)
 
     def show_dark(self, words: str, *, wanted: bool) -> None:
-        """Say what is subtracted as no light; where nothing was found, the choice is none."""
+        """Show what is subtracted as dark signal; without a dark frame or black level the choice is disabled."""
         box, there = self.editor("use_dark"), bool(words) or not wanted
         assert isinstance(box, QCheckBox)
         self._dark = there

@@ -84,6 +84,6 @@ class ColumnsTable(QTableWidget):
 
     def _changed(self) -> None:
         holds = {str(k): (role.currentData(), unit.currentData()) for k, (role, unit) in enumerate(self.boxes, 1)}
-        # else what was taken away would be found again by its name
+        # else a role that the user removed would be found again from the column's name
         without = (self._without | self._used) - {role for role, _ in holds.values()}
         self.changed.emit(columns_text(holds, without))

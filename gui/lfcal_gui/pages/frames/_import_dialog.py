@@ -1,4 +1,4 @@
-"""The import of frames that others recorded: what was found, what may be said, and three frames with their cutouts."""
+"""Dialog for the import of frames from other programs: findings, choices, and three frames with their cutouts."""
 
 from __future__ import annotations
 
@@ -218,11 +218,11 @@ class ImportDialog(QDialog):
             self._say(frames=frames, listed=listed, pattern=pattern)
 
     def look_at(self, frames: str, listed: str = "") -> None:
-        """Look at other frames: nothing that was said of those before holds for them."""
+        """Inspect other frames; choices for the previous frames are reset."""
         self._say(**vars(ImportChoice(frames, listed)))
 
     def _say(self, **changes: Any) -> None:
-        """Take what the user says and look again; what is looked at for an earlier choice is dropped."""
+        """Apply a choice and inspect the frames again; a running inspection for earlier choices is dropped."""
         self.choice = replace(self.choice, **changes)
         self._show_choice()
         self._drop()
@@ -269,7 +269,7 @@ class ImportDialog(QDialog):
         self.survey, self.choice = found, found.choice
         self.columns.show_table(found.table, found.used, found.choice.columns)
         _offer(self.channel, self._colours(found), self.choice.channel)
-        # what list and plan both say is said once
+        # show notes of list and plan that are equal only once
         lines = dict.fromkeys(map(said_in_window, filter(None, (found.problem, *found.notes))))
         self.words.setText("\n".join(lines) or "Nothing had to be guessed.")
         set_role(self.words, "error" if found.problem else "")

@@ -1,4 +1,4 @@
-"""Problems of an import in the words of its dialog, which has a box where the command line has an option. No Qt."""
+"""Import problems for the dialog: options of the command line are replaced by the boxes of the dialog. No Qt."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BOXES = (
 
 
 def said_in_dialog(problem: str) -> str:
-    """Return ``problem`` less the clauses that name options, with what to do in the dialog instead of them."""
+    """Return ``problem`` without its command-line options, and with the remedy in the dialog."""
     *ways, last = [words for option, words in BOXES if option in problem] or [""]
     words = f"{', '.join(ways)}, or {last}" if ways else last
     return "; ".join(filter(None, (said_in_window(problem), words)))

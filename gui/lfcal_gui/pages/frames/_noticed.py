@@ -1,4 +1,4 @@
-"""What is noticed of frames, said above them with what helps: how they lie, and which cannot be read."""
+"""Notices above the frames, with remedies: a different orientation, and damaged frames."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Noticed"]
 
 
 class Noticed:
-    """Says it on the page and in the log.
+    """Shows notices on the page and in the log.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Noticed:
         """What the notice says of a frame that cannot be read."""
 
     def offer_turn(self, opened: Opened | None, found: FoundOrientation | None, chosen: str, before: str = "") -> None:
-        """Say which way the frames lie, where that is not as was chosen, and offer what helps."""
+        """Report the orientation of the frames if it is not the chosen one, and offer to turn them."""
         advised = None if found is None else advice(found, chosen)
         if advised is None and opened is not None:
             if words := other_sensor(opened.delivered.corrected, opened.plan):
@@ -69,7 +69,7 @@ class Noticed:
         self._damage = words
 
     def forget_damage(self) -> None:
-        """Take that away: another frame is looked at, which can be read."""
+        """Remove the notice on damage: the frame that is shown now can be read."""
         if self._damage and self.notice.label.text() == self._damage:
             self.notice.clear()
         self._damage = ""

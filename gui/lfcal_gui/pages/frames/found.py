@@ -1,4 +1,4 @@
-"""What was found of the frames: whether all of it is understood, and the facts. No Qt."""
+"""Summary of the opened frames: whether they are complete and upright, and the facts. No Qt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the user says of frames to import, and where with this the frames and their list lie. No Qt."""
+"""The user's choices for an import, and the paths of frames and list that follow from them. No Qt."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["ImportChoice", "check_ways", "list_of", "root_of"]
 
 @dataclass(frozen=True)
 class ImportChoice:
-    """What the user says of frames; empty is found.
+    """The user's choices for an import; empty values are found automatically.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ def check_ways(choice: ImportChoice) -> None:
 
 
 def list_of(choice: ImportChoice) -> Path | None:
-    """Return the list that is named, or the only one that lies with the frames."""
+    """Return the list that is named, or the only list in the folder of the frames."""
     if choice.listed:
         return Path(choice.listed)
     place = Path(choice.frames)
@@ -78,7 +78,7 @@ def list_of(choice: ImportChoice) -> Path | None:
 
 
 def root_of(choice: ImportChoice) -> Path:
-    """Return the folder that the frames lie in, as `import_folder` finds it."""
+    """Return the folder of the frames, as `import_folder` finds it."""
     place = Path(choice.frames)
     if place.is_dir() and (place / "frames").is_dir() and not (place / "session.json").is_file():
         return place / "frames"

@@ -1,4 +1,4 @@
-"""What the columns of a list are said to hold, as the text that is kept, and as it is shown. No Qt."""
+"""Meaning of the columns of a list, as chosen by the user: the stored text and the shown one. No Qt."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def columns_text(holds: dict[str, tuple[str, str]], without: Collection[str] = (
 
 
 def not_held(columns: str) -> set[str]:
-    """Return the roles that no column is to hold."""
+    """Return the roles that the user excluded for all columns."""
     return {part.rstrip("=") for part in columns.split(",") if part.endswith("=")}
 
 
 def columns_used(table: Table, columns: str) -> tuple[tuple[Column, ...], str]:
-    """Return which columns are used for what, and what is wrong with that; empty: nothing."""
+    """Return the use of the columns, and the problem with it; empty: none."""
     said = [part.partition("=")[::2] for part in columns.split(",") if part]
     roles = [key.partition("_")[0] for key, _ in said]
     if twice := [role for role in roles if roles.count(role) > 1]:

@@ -62,7 +62,7 @@ WAYS = (("", "as the plan needs"), *((name, name) for name in INTERPOLATIONS))
 
 @dataclass(frozen=True)
 class FrameSettings(PageSettings):
-    """How frames are read, corrected and cut; the project says which.
+    """Settings that read, correct and cut the frames of a project.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class FrameSettings(PageSettings):
         return options_in(Assemble, dict(self.options))
 
     def usable(self) -> None:
-        """Raise `InputError` where the orientation has no name, or the origin is no place."""
+        """Raise `InputError` if the orientation is unknown, or if the origin is not a row and a column."""
         parse_origin(self.origin)
         task_of(self, "frames", "H.h5")
         if self.orientation != CHECK:
@@ -148,7 +148,7 @@ def task_of(settings: FrameSettings, frames: str, out: str, plan: str = "") -> A
 
 
 def positions_words(frames: str, settings: FrameSettings) -> str:
-    """Return where the positions of a project's frames come from while no other list is named."""
+    """Return the source of the frames' positions in words, if no other list is named."""
     if (Path(frames) / "session.json").is_file():
         return "records of the session"
     if settings.pattern:
@@ -182,7 +182,7 @@ class Delivered:
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """The frames of a project, as they are and as they are corrected, and which shows which position.
+    """The open frames of a project, uncorrected and corrected, with the number of the frame for each position.
 
     Attributes
     ----------
@@ -253,7 +253,7 @@ class Opened:
 
 
 def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> Frames:
-    """Open frames as they lie in their files, as the settings say; raises what opening raises."""
+    """Open uncorrected frames by the settings; errors of opening are raised unchanged."""
     from lfcal.frames import open_component, open_frames
 
     opening = partial(
@@ -273,12 +273,12 @@ def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> 
 
 
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
-    """Open frames and corrections as the settings say; raises what opening raises."""
+    """Open frames and corrections by the settings; errors of opening are raised unchanged."""
     from lfcal.frames import ThinnedSource, colour_scan, corrected_view
 
     source: FrameSource = open_source(folder, settings, plan)
     source = drain(task_of(settings, folder, "H.h5").iter_used(source))
-    # of a colour picture it is one colour already
+    # one channel of a colour picture is selected already
     channel = "" if source.metadata.colour else settings.channel
     plan = source.metadata.plan or plan
     frames, own = source, plan
@@ -287,7 +287,7 @@ def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opene
     recipe = _recipe(settings, channel)
     corrected = corrected_view(frames, recipe, plan)
     delivered = Delivered(frames, corrected, recipe, plan, settings.orientation)
-    # of one colour, and of samples moved down, the frames are shown as they go into the corrections
+    # with a channel or a shift of samples, show the frames as they go into the corrections
     raw = corrected.source if channel or settings.shift else source
     table = np.full(own.shape[:3], -1, np.int64)
     for index in range(len(raw)):
@@ -327,7 +327,7 @@ def _dark_words(chain: CorrectionChain) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ImportedFrames:
-    """What a folder of frames brings, before the project takes it.
+    """Content of a folder of frames, before it is imported into the project.
 
     Attributes
     ----------
@@ -347,7 +347,7 @@ class ImportedFrames:
     opened: Opened | None
 
     def close(self) -> None:
-        """Close the frames: they are not wanted."""
+        """Close the frames if they are not imported."""
         if self.opened is not None:
             self.opened.close()
 
@@ -387,6 +387,6 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
 
 
 def _plan_in(*folders: Path) -> ScanPlan | None:
-    """Return the plan that lies in the first of the folders that has one."""
+    """Return the plan in the first of the folders that has one."""
     found = [folder / "plan.json" for folder in folders if (folder / "plan.json").is_file()]
     return ScanPlan.from_json(read_text(found[0])) if found else None

@@ -76,7 +76,7 @@ class Survey:
     shown: tuple[Loaded, ...] = field(default=())
 
     def close(self) -> None:
-        """Close the frames: they are not wanted."""
+        """Close the frames if they are not imported."""
         if self.imported is not None:
             self.imported.close()
 
@@ -107,7 +107,7 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
 
 
 def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
-    """Return the frames opened with the project's plan, or with that of the list where it is of another scan."""
+    """Open the frames with the project's plan, or with a plan made from a list of another scan."""
     try:
         return _opened(found, plan, camera)
     except InputError as error:
@@ -186,14 +186,14 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
 
 
 def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> ImportedFrames:
-    """Return the frames, open; raises where no plan says how, and first what else is wrong with them."""
+    """Return the open frames. Raise `InputError` for problems of the frames first, then if there is no plan."""
     listed = list_of(choice)
     if listed is not None and not Path(choice.frames).is_file() and listed.parent != root_of(choice):
         choice = replace(choice, listed=str(listed))
     chosen = settings_of(choice, shift)
     imported = import_folder(choice.frames, chosen(FrameSettings()), plan, keep=True)
     if imported.opened is None:
-        if not choice.order:  # which needs the plan
+        if not choice.order:  # a scan order needs the plan
             open_source(imported.folder, imported.settings, None).close()
         raise InputError.expected(
             "scan plan", "one with the frames or in the project", "none", "make it in Set up, or choose a list"

@@ -1,4 +1,4 @@
-"""Which way the imported frames lie: what the pattern's path says, and what to offer. No Qt."""
+"""Orientation of imported frames, found from the path of the pattern, and the choices to offer. No Qt."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def turned(source: FrameSource, plan: ScanPlan, name: str) -> FrameSource:
 
 
 def advice(found: FoundOrientation, chosen: str) -> Advice | None:
-    """Return what to say where frames turned by ``chosen`` certainly do not lie as was ``found``, else None."""
+    """Return advice if the ``chosen`` orientation certainly differs from the one ``found``, else None."""
     if found.name in ("", AS_IS if chosen == CHECK else chosen):
         return None
     if found.name == AS_IS:
@@ -64,7 +64,7 @@ def advice(found: FoundOrientation, chosen: str) -> Advice | None:
 
 
 def other_sensor(source: FrameSource, plan: ScanPlan) -> str:
-    """Return a line where whole frames, however turned, are not of the sensor that the plan is for, else nothing."""
+    """Return a warning if whole frames, in any orientation, do not have the sensor size of the plan; else empty."""
     whole = all(source.info(k).origin == (0, 0) for k in range(len(source)))
     sensor = plan.camera.sensor.shape
     if not whole or sensor in (source.shape, source.shape[::-1]):

@@ -48,7 +48,7 @@ class Page(BasePage):
         super().__init__(spec, context)
         self.opened: Opened | None = None
         self.found: FoundOrientation | None = None
-        """Which way the frames lie, as soon as that is known."""
+        """Orientation of the frames, as soon as it is known."""
         self._ready: ImportedFrames | None = None
         """Frames that are open already when the project takes them."""
         self._seconds: float | None = None
@@ -150,7 +150,7 @@ class Page(BasePage):
         """Report the state of the frames."""
         opened, settings = self.opened, self.settings
         path, why = self._unread
-        # else it is the button of the next step
+        # without H, the button of the next step assembles it
         self.assemble_button.setVisible(bool(self.context.state.psf) and not self._fresh)
         self.context.tell(
             "frames",
@@ -171,7 +171,7 @@ class Page(BasePage):
         self.context.project.update(named, settings=replace(self.settings, **changes).into(self.context.state))
 
     def _set_option(self, key: str, value: Any) -> None:
-        """Take another field of the task; of values that exclude each other the new one is refused."""
+        """Change a field of the task; refuse a value that contradicts another."""
         options = {**self.settings.option_values, key: value}
         try:
             chosen = options_in(Assemble, options)
@@ -207,8 +207,8 @@ class Page(BasePage):
         self.load(name, lambda: import_folder(path, settings, plan), self._imported, ImportedFrames.close, failed)
 
     def start_import(self, frames: str = "", listed: str = "") -> None:
-        """Ask what frames that others recorded are, with what was found of them."""
-        if self.dialog is None:  # kept: pictures that are being drawn for it may come after it was closed
+        """Open the dialog that imports frames from other programs."""
+        if self.dialog is None:  # reused: pictures drawn for it may arrive after it was closed
             self.dialog = ImportDialog(self.context.jobs, self)
             self.theme_changed.connect(self.dialog.apply_theme)
             self.dialog.accepted_frames.connect(lambda found: self._imported(open_choice(found, self.settings)))
@@ -224,7 +224,7 @@ class Page(BasePage):
         if not self.context.project.update("open frames", **changes):
             self._ready = None
             found.close()
-        elif self._ready is not None:  # the project had them before
+        elif self._ready is not None:  # same path as before: the project did not change
             self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:
@@ -244,7 +244,7 @@ class Page(BasePage):
 
     def _open(self) -> None:
         state, settings = self.context.state, self.settings
-        if self._opening:  # other frames, or as they were to be opened before
+        if self._opening:  # outdated: other frames or other settings
             self._opening = False
             self.context.jobs.drop("frames open")
             self.notice.clear()
@@ -377,7 +377,7 @@ class Page(BasePage):
             return
 
         def loaded(found: Loaded) -> None:
-            if opened is self.opened and where == self.position:  # else another is looked at, which may have none
+            if opened is self.opened and where == self.position:  # else another frame is shown by now
                 self._loaded(found)
 
         def failed(words: str) -> None:
@@ -426,7 +426,7 @@ class Page(BasePage):
 
     # -- assembly --------------------------------------------------------------------------------------
     def assemble(self, path: str = "") -> None:
-        """Assemble H as a job, unless the frames are known not to lie as the plan says."""
+        """Assemble H as a job, unless the orientation of the frames is known to differ from the plan."""
         if self.opened is None:
             self.refuse("there are no frames to assemble; open some first")
             return
@@ -447,7 +447,7 @@ class Page(BasePage):
         )
 
     def _refused(self) -> bool:
-        """Return whether the frames lie as no H is made of; say so, and offer what helps."""
+        """Return whether H cannot be assembled in this orientation; if so, report it and offer a remedy."""
         refused = self.found is not None and bool(refusal(self.found, self.settings.orientation))
         if refused:
             self._offer_turn("No H: ")

@@ -193,7 +193,7 @@ class FramesPanel(QWidget):
         self.found.setText(_found_words(*self._found))
 
     def set_planes(self, count: int) -> None:
-        """Offer so many depth planes."""
+        """Set the number of depth planes to choose from."""
         self.plane_slider.setRange(0, count - 1)
         self.plane_slider.setEnabled(count > 1)
 
@@ -205,7 +205,7 @@ class FramesPanel(QWidget):
         self.map.set_position(y, x)
 
     def show_map(self, there: NDArray[np.bool_], energy: NDArray[np.float64] | None = None, words: str = "") -> None:
-        """Show which positions ``(ny, nx)`` of the plane have a frame, and what light H has of them so far."""
+        """Show which positions ``(ny, nx)`` of the plane have a frame, and the light of H assembled so far."""
         self.map.set_values(there.astype(float) if energy is None else energy, there.astype(int))
         self.map_words.setText(words)
         self.map_words.setVisible(bool(words))

@@ -1,4 +1,4 @@
-"""Multiplexing: filters, masks and lenslets in one language, their noise, and what reconstructs from them.
+"""Multiplexing: filters, masks and lenslets in one formalism, their noise, and reconstructions from their frames.
 
 - ``page``, ``panel``; ``_pictures``: the reconstructions side by side
 - ``model``: settings, modulators; ``model_compare``: numbers and gains

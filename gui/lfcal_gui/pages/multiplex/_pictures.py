@@ -148,7 +148,7 @@ class MultiplexPictures(QWidget):
             head.setText(title)
 
     def show_reconstructing(self) -> None:
-        """Say that other pictures are made; those of the settings before stay meanwhile, without their numbers."""
+        """Announce new pictures; until they are ready, the previous ones stay, without their numbers."""
         for head, title in zip(self.heads, HEADS, strict=True):
             head.setText(title)
         before = any(view.values is not None for view in self.views)

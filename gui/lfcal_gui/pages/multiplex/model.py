@@ -75,7 +75,7 @@ def weighs(settings: MultiplexSettings, *, colour: bool = False) -> bool:
 
 
 def why_unused(settings: MultiplexSettings, key: str, *, colour: bool = False) -> str:
-    """Return why a field that `used_by` refuses cannot be chosen, where its own tip does not say it."""
+    """Return the reason why `used_by` refuses a field, if its tip does not explain it."""
     linear = key == "filter" and settings.route != "general" and weighs(settings, colour=colour)
     return LINEAR if linear else ""
 
@@ -160,7 +160,7 @@ class MultiplexSettings(PageSettings):
                 raise InputError.expected(labels[what], f"{low} to {high}", getattr(self, what), "correct it")
 
     def changed(self, key: str, value: Any) -> MultiplexSettings:
-        """Return the settings with one field changed; a mask that has no such size takes the next one it has."""
+        """Return the settings with one field changed; a mask without this size gets its nearest size."""
         if key == "mask":
             return replace(self, mask=value, size=_fitting(value, self.size))
         return replace(self, **{key: value})
@@ -210,7 +210,7 @@ class MultiplexSettings(PageSettings):
 
 
 def _fitting(kind: str, size: int) -> int:
-    """Return the size next to ``size`` of which there is such a mask."""
+    """Return the size nearest to ``size`` at which such a mask exists."""
     for candidate in sorted(range(1, MAX_SIZE + 1), key=lambda n: abs(n - size)):
         try:
             mask_pattern(kind, candidate)

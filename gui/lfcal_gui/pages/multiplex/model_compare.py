@@ -76,7 +76,7 @@ def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera")
 def _merits(
     settings: MultiplexSettings, modulator: Modulator, reference: Modulator, sensor: Sensor
 ) -> tuple[tuple[str, str, str], ...]:
-    """Return what the camera's own noise, the finest detail and the eye say of the modulator."""
+    """Return figures of merit of the modulator: gain with the camera's noise, contrast of detail, colour error."""
     pattern = (settings.pattern if settings.cfa == TYPED else settings.cfa) if settings.family == "cfa" else ""
     noise = sensor_noise(sensor, gain=settings.gain)
     how: dict[str, Any] = {"pattern": pattern, "most_entries": MAX_SEEN}
@@ -107,7 +107,7 @@ def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
         return "–"
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
-    value = 0.0 if abs(value) < 1e-9 else value  # rounding, which a sign would make much of
+    value = 0.0 if abs(value) < 1e-9 else value  # no sign for rounding errors
     return f"{value:{form}} {unit}".strip().replace("-", "−")
 
 

@@ -120,7 +120,7 @@ def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
 
 
 def _told_apart(shown: NDArray[np.float64], modulator: Modulator) -> NDArray[np.float64]:
-    """Return as many planes as a direction has samples, unlike in their shapes, from those of three colours.
+    """Return one plane per sample of a direction, all with different shapes, made from planes of three colours.
 
     Stokes parameters are a share of S0, so that the light exists.
     """

@@ -81,7 +81,7 @@ def dead_pixels(path: str, part: FramePart, shape: tuple[int, ...]) -> NDArray[n
 def shares_of(
     settings: MultiplexSettings, modulator: Modulator, part: FramePart | None, shape: Any
 ) -> Array | Modulator:
-    """Return what pixels take of each sample: of the file of transmissions, the same part, or the modulator's."""
+    """Return the weight of each sample in each pixel, from the file of transmissions or from the modulator."""
     if not settings.transmissions:
         _check_count(modulator.count, shape)
         return modulator
@@ -145,7 +145,7 @@ def _sampled(scene: Array, places: Array, shape: tuple[int, ...]) -> Array:
 
 
 def white_of(project: ProjectState) -> str:
-    """Return the white image (or folder of them) whose lattice frames lie on: the page's own, else that of Folder."""
+    """Return the white image (or a folder of them) for the lattice: that of the page, else that of Folder."""
     own = MultiplexSettings.of(project).white
     frames = project.settings.get("frames")
     if own or not isinstance(frames, Mapping):
@@ -155,7 +155,7 @@ def white_of(project: ProjectState) -> str:
 
 
 def measured_in(project: ProjectState) -> str:
-    """Return the white image whose lattice an opened frame is taken to lie on, or an empty string: the camera's."""
+    """Return the white image that defines the lattice of an opened frame; empty: the camera defines it."""
     white, image = white_of(project), MultiplexSettings.of(project).image
     if not white.startswith(OF_FRAMES):
         return white

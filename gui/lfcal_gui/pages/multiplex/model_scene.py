@@ -180,7 +180,7 @@ def _iter_lattice(
 
 
 def _finite(seen: Seen, settings: MultiplexSettings) -> Array:
-    """Return a frame for a route without weights: what dead pixels hold instead of a number is 0."""
+    """Return a frame for a route without weights, with dead pixels (NaN) set to 0."""
     if settings.dead or settings.weighted:
         return np.where(np.isfinite(seen.frame), seen.frame, np.zeros((), seen.frame.dtype))
     return seen.frame

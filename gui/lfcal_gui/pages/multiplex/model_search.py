@@ -1,4 +1,4 @@
-"""Searches of the Multiplexing page: filters and masks of most gain at the camera, as they can be made. No Qt."""
+"""Searches of the Multiplexing page: filters and masks with the largest gain that can be made. No Qt."""
 
 from __future__ import annotations
 

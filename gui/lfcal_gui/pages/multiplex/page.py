@@ -1,4 +1,4 @@
-"""Multiplexing: filters, masks and lenslets in one language, their noise, and what reconstructs from them."""
+"""Multiplexing: filters, masks and lenslets in one formalism, their noise, and reconstructions from their frames."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class Page(BasePage):
             self.open_image(path)
 
     def _show_design(self) -> None:
-        """Show what the search's design does; its file may be one that held another."""
+        """Show the design of the search; its file may have held another design before."""
         self._asked = ()
         self.drawing.forget()
         self._show(self.context.state)
@@ -190,7 +190,7 @@ class Page(BasePage):
 
     # -- reconstruction --------------------------------------------------------------------------------
     def _resolved(self) -> MultiplexSettings:
-        """Return the settings with the white image that counts where none is named."""
+        """Return the settings with the default white image if none is named."""
         return replace(self.settings, white=white_of(self.context.state))
 
     def _reconstruct(self) -> None:

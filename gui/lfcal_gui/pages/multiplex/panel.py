@@ -244,7 +244,7 @@ class MultiplexPanel(QWidget):
 
     # -- modulator -------------------------------------------------------------------------------------
     def show_computing(self) -> None:
-        """Say that what is shown is of the settings before, until the new is there."""
+        """Mark the picture as outdated until the new one is ready."""
         self.titles[0].setText("Computing …")
         self.table.setEnabled(False)
 

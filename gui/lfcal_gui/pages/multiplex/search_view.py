@@ -126,7 +126,7 @@ DESIGNS = "With views and colours (*.json);;Transmissions alone (*.npy)"
 
 
 class Searching(QObject):
-    """What the buttons of the search do; ``used`` is sent when the project has taken what was found."""
+    """Actions of the search's buttons; ``used`` is emitted when the project uses the design."""
 
     used = Signal()
 
@@ -162,7 +162,7 @@ class Searching(QObject):
         )
 
     def follow(self, state: ProjectState) -> None:
-        """Show no design that was found for other wishes or another sensor, and look for none."""
+        """Remove a design found for other constraints or another sensor, and stop such a search."""
         if self._wishes and self._wishes != _wishes(state):
             job, self._job, self._wishes = self._job, 0, ()
             self.context.jobs.cancel(job)

@@ -43,7 +43,7 @@ __all__ = ["Checking"]
 
 
 class Checking:
-    """Judges H once when its checks are looked at, and whenever it is asked to; keeps what it found until H changes.
+    """Judges H when its checks are first shown, and on request; keeps the results until H changes.
 
     Parameters
     ----------
@@ -123,8 +123,8 @@ class Checking:
         self.measure()
 
     def _release(self) -> None:
-        """Forget what was found of another H, and stop what is at work on it."""
-        number, self._job = self._job, 0  # whose end is of no interest any more
+        """Release the results of another H, and stop its inspection."""
+        number, self._job = self._job, 0  # ignore its result
         if number:
             self.context.jobs.cancel(number)
         self.inspection, self._question, self._kept = None, None, InspectionRun()
@@ -260,7 +260,7 @@ class Checking:
         self._show_state()
 
     def _show_state(self) -> None:
-        """Show the choices, and whether what is shown was found with them."""
+        """Show the choices, and whether the results were found with them."""
         view, found, asked = self.view, self.inspection, self._question
         if view is None:
             return

@@ -110,7 +110,7 @@ class ProjectComparing(Comparing):
         return None if first is None or second is None else CompareRequest(first, second, settings.by_number, orders)
 
     def missing(self) -> str:
-        """Return what to choose, or what is gone."""
+        """Return which file must be chosen, or which no longer exists."""
         state = self._context.state
         return f"{Path(state.reference).name} is not there any more." if state.reference and state.psf else NONE
 

@@ -69,7 +69,7 @@ class Results:
 
     def _computed(self, found: FoundFit, path: str) -> None:
         self.context.message.emit(f"H of the fitted camera written: {path}")
-        if found is self._fitting.found:  # of another H it is no reference
+        if found is self._fitting.found:  # else it belongs to another H
             self.context.project.update("H of the fit", reference=path)
 
     def save(self, folder: str = "") -> None:
@@ -127,7 +127,7 @@ class Results:
         )
 
     def _failed(self, found: FoundFit, job: WindowJob) -> None:
-        if found is self._fitting.found:  # else its folder was taken away meanwhile
+        if found is self._fitting.found:  # else its temporary folder was removed meanwhile
             self._page.refuse(job.error)
 
     def _reported(self, found: FoundFit, page: Path) -> None:
@@ -141,7 +141,7 @@ class Results:
 
 
 class Fitting:
-    """Keeps what was found until H changes; a fit that is stopped or fails leaves the one before.
+    """Runs fits, and keeps the result until H changes; a stopped or failed fit leaves the previous result.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ class Fitting:
 
     def _release(self) -> None:
         """Forget the fit of another H, and stop the one at work."""
-        number, self._job = self._job, 0  # whose end is of no interest any more
+        number, self._job = self._job, 0  # ignore its result
         if number:
             self.context.jobs.cancel(number)
         self.found, self._said, self._used = None, ("", False), None
@@ -360,7 +360,7 @@ class Fitting:
 
     # -- using -----------------------------------------------------------------------------------------
     def use(self) -> None:
-        """Make camera and effects of the fit those of the whole window: one step of undo."""
+        """Use camera and effects of the fit in the project, as one step of undo."""
         if self.found is None or self._job:
             return
         if self._recording:

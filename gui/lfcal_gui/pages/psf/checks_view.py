@@ -47,7 +47,7 @@ ROW, LEAST_ROWS, PICTURE = 24, 5, 118
 
 
 class ChecksView(QWidget):
-    """What is wrong with H, and what to do.
+    """List of the checks of H, with meaning and remedy of the selected check.
 
     Signals
     -------

@@ -354,7 +354,7 @@ def place_words(matrix: PSFMatrix, intent: PSFIntent) -> tuple[str, str]:
     depth = float(matrix.known_depths[intent.z])
     known = f"z = {format_length(depth)}{_virtual_words(matrix.camera, depth)}"
     at = known if matrix.knows_depths else "depth not stated"
-    at = at.replace(" ", "\u00a0").replace(",\u00a0", ", ")  # no line ends in it
+    at = at.replace(" ", "\u00a0").replace(",\u00a0", ", ")  # no line breaks within it
     ny, nx = matrix.period
     return (
         f"{plane_words(intent.z, len(matrix))}: {at}",
@@ -369,7 +369,7 @@ GAP = "style='padding-right:6px'"
 
 
 def expected_in(matrix: PSFMatrix, z: int) -> Aperture | None:
-    """Return the aperture that the camera lets expect in plane ``z``, None where no camera is known."""
+    """Return the aperture expected from the camera in plane ``z``; None if no camera is known."""
     from lfcal.psf.aperture import expected_aperture
 
     if matrix.camera is None:
@@ -419,7 +419,7 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
     from lfcal.psf.aperture import KINDS, with_error
 
     row, column = aperture.centre
-    # a count that is refused is none to be named
+    # do not name a number of blades that the fit rejects
     told = aperture.confident and aperture.blades > 0
     sigma = aperture.curvature_sigma
     error = f" ± {sigma:.2f}" if np.isfinite(sigma) and sigma > 0 else ""

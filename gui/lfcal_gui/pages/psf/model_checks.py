@@ -177,7 +177,7 @@ def _of_fault(inspection: Inspection, one: FoundFault) -> CheckRow:
 
     share = format_share(min(one.share, 1.0))
     cost = "–" if one.cost is None else cost_words(inspection, one)
-    sure = f"{100 * one.confidence:.1f} %" if 100 * one.confidence <= 99.9 else "> 99.9 %"  # never certain
+    sure = f"{100 * one.confidence:.1f} %" if 100 * one.confidence <= 99.9 else "> 99.9 %"  # never 100 %
     parts = [f"<b>{capital(one.title)}</b>: {one.detail}"]
     where = place_words(one)
     parts.append(f"It changes {share} of the light, {min(one.sigmas, 999):.0f} sigma above the noise. {where}")
@@ -298,7 +298,7 @@ def _title_of(metric: Metric) -> str:
 
 
 def map_of(inspection: Inspection, check: CheckRow, z: int) -> PositionMap | None:
-    """Return what a check says of the positions of plane ``z``; None where it says nothing of single positions."""
+    """Return the map of a check over the positions of plane ``z``; None if it has no values per position."""
     from lfcal.judge.quality import Metric
 
     one, positions = check.found, check.positions

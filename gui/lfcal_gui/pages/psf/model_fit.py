@@ -235,7 +235,7 @@ def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float,
     own = np.empty((0, 2)) if known is None else np.asarray(known, np.float64)[recorded]
     if not len(own) or not np.isfinite(own).all():
         return None if said is None else (said.floor, said.slope), ""
-    # of samples above a black level the variance begins there, and at 0 it would be below nothing
+    # samples that include a black level have a negative variance at 0
     if (own[:, 0] < 0).any():
         return None, "H was assembled with its black level: assemble it with a dark frame, or give the noise here."
     constant, slope = own.mean(0).tolist()
@@ -282,7 +282,7 @@ def stamp_of(project: ProjectState) -> Stamp | None:
 # -- what a fitted camera changes in the project ---------------------------------------------------------
 @dataclass(frozen=True)
 class FitUse:
-    """What becomes of the project.
+    """Changes of the project if the fitted camera is used.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A fit as work for the window: what is asked, what is kept of it, and what comes out. No Qt."""
+"""A fit as work for the window: its request, its progress and its results. No Qt."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Place = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class FitRequest:
-    """What is fitted to what.
+    """Request for a fit: H, settings, camera and plan.
 
     Attributes
     ----------
@@ -257,7 +257,7 @@ def _place(at: NDArray[np.intp]) -> Place:
 
 
 def _outliers(fit: Fit, measured: Measured) -> tuple[dict[Place, F4], dict[Place, F4], dict[Place, float]]:
-    """Return what the fit predicts where patterns were left out as unlike the others, and how far off they are."""
+    """Return the predictions for patterns that were left out as outliers, and their deviation from them."""
     rows = [k for k, at in enumerate(measured.index) if _place(at) not in fit.residuals]
     if not rows:
         return {}, {}, {}

@@ -1,4 +1,4 @@
-"""An inspection as work for the window: what is asked, and what is kept of it. No Qt."""
+"""An inspection as work for the window: its request and its results. No Qt."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class InspectionRequest:
-    """What is judged.
+    """Request for an inspection of H.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
         kept.depths, kept.report, kept.camera = np.array(matrix.known_depths), report, matrix.camera is not None
         work = iter_inspection(matrix, report, setup=setup, seconds=asked.seconds, patterns=asked.patterns)
         found = yield from work
-        # what takes a fault out of patterns holds on to them
+        # repair functions keep references to the patterns
         kept.inspection = replace(found, faults=tuple(replace(one, repair=None) for one in found.faults))
 
 

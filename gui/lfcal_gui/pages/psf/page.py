@@ -55,7 +55,7 @@ OPEN = "An H file, another code's (.mat, .lfc), or an .npy array"
 
 
 class Page(BasePage):
-    """The heart of the window: intent in, picture out."""
+    """Page of H: turns an intent (position and view) into pictures."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -114,7 +114,7 @@ class Page(BasePage):
 
     @property
     def _parts(self) -> dict[str, Any]:
-        """What stands behind the levels that were made."""
+        """The controllers of the levels that exist already, by name."""
         names = {"checks": "checking", "fit": "fitting", "compare": "comparing"}
         return {level: self.__dict__[name] for level, name in names.items() if name in self.__dict__}
 
@@ -135,7 +135,7 @@ class Page(BasePage):
         self.show_map()
 
     def show_levels(self) -> None:
-        """Show in the lines of the inspector how each level stands."""
+        """Show the state of each level in the lines of the inspector."""
         parts = self._parts
         if "checks" in parts:
             self.panel.say_level("checks", *parts["checks"].row_words)
@@ -207,7 +207,7 @@ class Page(BasePage):
         return self.checking.deeds()
 
     def let_go(self) -> None:
-        """Open no file any more that the project before was to take."""
+        """Stop opening files for the previous project."""
         self._sent = {}
         asked, self._asked = self._asked, ""
         if asked and self.context.matrices.opening(asked):

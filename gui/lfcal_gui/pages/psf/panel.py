@@ -397,7 +397,7 @@ class PSFPanel(QWidget):
         """Offer the patterns of a fit; None: there is none."""
         self.view_buttons["Fit"].setVisible(found is not None)
         if found is None:
-            self.map.clear()  # its lines hold on to the fit
+            self.map.clear()  # its lines keep references to the fit
         if found is not None or "fitted" in self.__dict__:
             self.fitted.show_fit(found)
 
@@ -424,7 +424,7 @@ class PSFPanel(QWidget):
             view.blank.wait(words)
 
     def show_no_plane(self, words: str) -> None:
-        """Show no picture, and why: a plane that cannot be read must not have those of another."""
+        """Show why a plane cannot be read, in place of pictures of another plane."""
         for view in (self.main_view, self.linked_view, self.sum_view):
             view.blank.words = "This plane cannot be read."
             view.set_shot(None)
@@ -463,7 +463,7 @@ class PSFPanel(QWidget):
         self.profile.set_curve("along the column", np.arange(image.shape[0]) - ct, image[:, s])
 
     def show_aperture(self, aperture: Aperture, expected: Aperture | None, cutout: tuple[int, int]) -> None:
-        """Show the fitted aperture over the depth sum, dashed the one that the camera lets expect, and its numbers."""
+        """Show the fitted aperture over the depth-plane sum, the expected one dashed, and the numbers of both."""
         self._show_outlines(
             *(
                 shown.outline() - [n // 2 for n in cutout] if shown is not None and shown.seen else NO_LINE

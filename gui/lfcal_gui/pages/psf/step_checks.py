@@ -17,6 +17,6 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
     psf, chosen = needed_file(project.psf, "H", "PSF"), QualitySettings.of(project)
     given: dict[str, Any] = {"seconds": chosen.seconds, "session": chosen.session or None}
     given["mat_order"] = stated_order(project, psf)
-    if chosen.seconds:  # what else concerns the comparison with the camera alone
+    if chosen.seconds:  # further options concern only the comparison with the camera
         given |= {"patterns": chosen.patterns, "fit": chosen.fit if chosen.camera == "saved" else None}
     return CommandStep.of(Inspect(source=Path(psf), report=Path(out or "report"), **given))

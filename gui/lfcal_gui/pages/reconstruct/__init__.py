@@ -1,4 +1,4 @@
-"""Use: what H is for: a file for another code, and a light field that becomes a volume.
+"""Use: export H for another code, and reconstruct volumes from light fields.
 
 - ``page``, ``panel``; ``_volume_view``: the volume turned (``_solid_picture``) or from three sides (``model_volume``)
 - ``_exporting``, ``_export_card``, ``export_model``: H as a file for another code; ``step``: both as commands

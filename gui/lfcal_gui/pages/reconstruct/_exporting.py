@@ -33,7 +33,7 @@ class Exporting:
 
     @property
     def settings(self) -> ExportSettings:
-        """What the project says of the export."""
+        """Settings of the export in the project."""
         return ExportSettings.of(self._context.state)
 
     @property

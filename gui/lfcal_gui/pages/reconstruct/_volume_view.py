@@ -1,4 +1,4 @@
-"""What the view bar chooses from: a volume turned, as three slices, or as projections, with slice and light field."""
+"""Views of a volume: turned, as three slices or as projections, with a slice and the light field."""
 
 from __future__ import annotations
 

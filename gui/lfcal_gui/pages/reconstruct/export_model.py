@@ -58,7 +58,7 @@ class ExportFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class ExportSettings(PageSettings):
-    """What the project says of the export.
+    """Settings of the export in the project.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class ExportSettings(PageSettings):
         return CODES[code].suffix if code else self.suffix
 
     def refusal(self, H: PSFMatrix, code: str = "") -> str:
-        """Return why H cannot be written so; empty where it can."""
+        """Return why H cannot be written with these settings; empty if it can."""
         problem = refused_by(CODES[code], H) if code else None
         if problem is None:
             task: Any = self.task("", f"H{self.suffix_for(code)}", code=code)
@@ -168,7 +168,7 @@ class ExportSettings(PageSettings):
         return "" if problem is None else said_in_window(str(problem))
 
     def notes(self, H: PSFMatrix, code: str = "") -> tuple[str, ...]:
-        """Return what readers of the file should know, a line each; why it cannot be written comes first."""
+        """Return remarks for users of the file, one line each; a reason why it cannot be written is first."""
         refusal = self.refusal(H, code)
         if code and refusal:
             return (refusal,)

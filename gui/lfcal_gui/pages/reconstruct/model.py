@@ -54,7 +54,7 @@ ROWS = {one.key: one for one in fields_of(Reconstruct)}
 
 
 def _short(key: str, empty: str) -> Field:
-    """Return an entry of the task that says in its tip what an empty one means, for which the entry has no room."""
+    """Return an entry of the task with the meaning of an empty value in its tip, because the field is short."""
     return replace(ROWS[key], empty=empty, tip=f"{ROWS[key].tip}; empty: {ROWS[key].empty}")
 
 
@@ -245,7 +245,7 @@ class ReconstructSettings(PageSettings):
     regions: str = ""
 
     def __post_init__(self) -> None:
-        """Check what no library call would find before the work begins."""
+        """Check values that the library would refuse only after the work has begun."""
         if self.stop not in ("", *STOPS):
             raise InputError.expected("end", f"nothing, {' or '.join(STOPS)}", repr(self.stop), "choose one")
         for row in CHECKED:
@@ -297,12 +297,12 @@ class ReconstructSettings(PageSettings):
         return solver_settings(self.solver, **{"iterations": self.iterations, **used})
 
     def choice(self) -> SolverChoice:
-        """Return what the library is asked for, without a margin that it has to find."""
+        """Return the solver choice of the library, without an automatic margin."""
         return SolverChoice.of(self.solver_fields(), margin=self.margin or 0 if used_by(self.solver, "margin") else 0)
 
     @property
     def light_field(self) -> LightFieldSettings:
-        """What is done to the light field before it is reconstructed."""
+        """Corrections of the light field before the reconstruction."""
         resample = "never" if self.as_is else "auto"
         return LightFieldSettings(dark=self.dark, white=self.white, lattice=self.lattice, resample=resample)
 

@@ -57,14 +57,14 @@ def light_field(path: str) -> NDArray[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Synthetic:
-    """A light field that was made: its file, and the volume it shows."""
+    """A synthetic light field: its file, and the volume it shows."""
 
     path: str
     truth: NDArray[np.float32]
 
 
 def synthetic_shape(H: PSFMatrix) -> tuple[int, int]:
-    """Return a size for a made light field: several periods and two cutouts, no more than is quick to solve."""
+    """Return a size for a synthetic light field: several periods and two cutouts, small enough to solve quickly."""
     rows, columns = (int(min(LARGEST, max(4 * n, 2 * c))) for n, c in zip(H.shape[1:3], H.shape[3:], strict=True))
     return rows, columns
 
@@ -378,7 +378,7 @@ class Solving:
         return Placed(grid.apply(self.volume), (grid.voxel_um, grid.voxel_um), details)
 
     def details(self) -> dict[str, Any]:
-        """Return what a saved volume keeps of how it came to be."""
+        """Return the provenance that is saved with a volume."""
         last = self.history[-1] if self.history else None
         count = 0 if self.state is None else self.state.iteration
         return {

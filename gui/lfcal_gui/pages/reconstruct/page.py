@@ -45,7 +45,7 @@ FOLLOWED = ("psf", "light_field", "volume")
 
 
 class Page(BasePage):
-    """H out to a file; light field and H in, volume out, stopped and continued at will."""
+    """Page that exports H, and reconstructs volumes in runs that you can stop and continue."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -55,7 +55,7 @@ class Page(BasePage):
         self.synthetic: Synthetic | None = None
         self.saved: NDArray[Any] | None = None
         self._opened = ""
-        self._ready: tuple[str, NDArray[Any]] | None = None  # read already when the project takes it
+        self._ready: tuple[str, NDArray[Any]] | None = None  # read before the project changes
         self._job = 0
         self._shown_iteration = -1
         self._seconds: float | None = None
@@ -97,8 +97,8 @@ class Page(BasePage):
         return ReconstructSettings.of(self.context.state)
 
     def let_go(self) -> None:
-        """Forget the volume of the project before, and stop what is at work on it."""
-        number, self._job = self._job, 0  # whose end closes H
+        """Release the volume of the previous project, and stop its reconstruction."""
+        number, self._job = self._job, 0  # H is closed when the job ends
         if number:
             self.context.jobs.cancel(number)
         else:
@@ -237,7 +237,7 @@ class Page(BasePage):
         def read(image: NDArray[Any]) -> None:
             self._ready = (path, image)
             self.context.project.update("open light field", light_field=path)
-            if self._ready is not None:  # it was the project's before
+            if self._ready is not None:  # same path as before: the project did not change
                 self._load()
 
         self.load(Path(path).name, lambda: light_field(path), read)
@@ -378,12 +378,12 @@ class Page(BasePage):
         self._run()
 
     def go_on(self) -> None:
-        """As many iterations again."""
+        """Continue with the same number of iterations."""
         if self.solving is not None and not self._job:
             self._run()
 
     def stop(self) -> None:
-        """End after the iteration under way."""
+        """Stop after the present iteration."""
         if self.solving is not None and self._job:
             self.solving.stop()
             self.panel.show_status(STOPPING, None, busy=True)

@@ -236,7 +236,7 @@ class ReconstructPanel(QWidget):
         self.more.set_shown("goal", settings.stop == "left-out")
 
     def show_device(self, chosen: str) -> None:
-        """Grey out the choice of a device where there is none; one that was chosen elsewhere can be taken back."""
+        """Disable the choice of a device if there is no accelerator, unless one is chosen: it can be deselected."""
         self.more.set_enabled("device", not self.no_device or chosen == "cuda")
         editor = self.more.editor("device")
         editor.setToolTip("\n".join(filter(None, (DEVICE.tip, self.no_device))))
@@ -255,7 +255,7 @@ class ReconstructPanel(QWidget):
         self.forecast.setText(unbroken(words))
 
     def show_no_volume(self) -> None:
-        """Show none, and nothing of how one came to be."""
+        """Show no volume, no convergence and no status."""
         self.view.set_volume(None)
         self.misfit.clear()
         self.likelihood.clear()

@@ -1,4 +1,4 @@
-"""Folders looked through in the background, and the pictures of what is seen of them."""
+"""Search of folders in the background, with pictures of the visible results."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Seen = tuple["StoredResult", Verdict | None]
 
 
 class Looking(QObject):
-    """Looks through folders in a thread; a disk that does not answer holds up nothing but that.
+    """Searches folders in a thread, so that a slow disk delays nothing else.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Looking(QObject):
         return self._jobs.loading("sessions list")
 
     def start(self, folders: Sequence[str], project: ProjectState) -> None:
-        """Look through folders, and no longer through those before; H may have a verdict of the project."""
+        """Search these folders in place of the previous ones; the project may have a verdict on H."""
         self.stop()
         self._stop = stop = threading.Event()
         self._wanted.clear()
@@ -82,7 +82,7 @@ class Looking(QObject):
         self.began.emit()
 
     def stop(self) -> None:
-        """Look no further; what was found stays."""
+        """Stop searching; results found so far are kept."""
         self._stop.set()
         self._jobs.drop("sessions list")
 

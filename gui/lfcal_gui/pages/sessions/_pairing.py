@@ -47,7 +47,7 @@ class Pairing(Comparing):
         return CompareRequest(first, second, self._by_number, orders)
 
     def missing(self) -> str:
-        """Return what is gone."""
+        """Return the message for a file that no longer exists."""
         return NONE
 
     def pairing_chosen(self, by_number: bool) -> None:
@@ -80,7 +80,7 @@ class Pairing(Comparing):
         self._context.jobs.load("sessions pair", read, lambda rows: self._whole.show_pair(names, rows), refused)
 
     def release(self) -> None:
-        """Forget what was compared, and stop what is at work."""
+        """Release the comparison, and stop a running one."""
         super().release()
         self._pair = None
 

@@ -49,7 +49,7 @@ def thumbnail(values: NDArray[np.generic]) -> U1:
 
 
 class KeptResults:
-    """Pictures and verdicts of files as they are now; what belongs to another file of the same name is not found.
+    """Cache of pictures and verdicts by file and modification; entries of an earlier version are not found.
 
     Nothing fails where the folder cannot be written: then nothing is kept.
 
@@ -79,7 +79,7 @@ class KeptResults:
         return made
 
     def verdict(self, result: StoredResult) -> Verdict | None:
-        """Return what was found of H, None: nothing is kept."""
+        """Return the stored verdict on H; None: nothing is stored."""
         place = self._place(result, ".json")
         found = None
         if place is not None:
@@ -90,7 +90,7 @@ class KeptResults:
         return (found[0], found[1]) if found[0] in WORST else None
 
     def keep_verdict(self, result: StoredResult, verdict: Verdict) -> None:
-        """Keep what was found of H."""
+        """Store the verdict on H."""
         place = self._place(result, ".json")
         if place is not None:
             self._write(place, json.dumps(verdict).encode())
@@ -118,7 +118,7 @@ class KeptResults:
 
 @dataclass(eq=False)
 class JudgedResult:
-    """What a judgement at work in a thread finds."""
+    """Result of a judgement that runs in a thread."""
 
     verdict: Verdict | None = None
 

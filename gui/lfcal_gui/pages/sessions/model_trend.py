@@ -1,4 +1,4 @@
-"""Inspections of several sessions side by side: read, as rows, and as the course of one of them. No Qt."""
+"""Quality reports of several sessions over time: reading, table rows, and curves. No Qt."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ PAGES = ("index.html", "report/index.html")
 
 
 class Page(BasePage):
-    """Looks through a folder when the page is first looked at, and when asked to."""
+    """Page that searches a folder when it is first shown, and on request."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)

@@ -1,4 +1,4 @@
-"""The inspector of the place: where to start, the camera, the scan, and whether the camera is right."""
+"""The inspector of Set up: presets, the camera, the scan, and the comparison with a white image."""
 
 from __future__ import annotations
 
@@ -262,7 +262,7 @@ class Inspector(QWidget):
             self.scan.set_values({**settings.shown(), **values_of_plan(plan)})
 
     def show_verdict(self, merit: str, words: str, *, found: bool = False, measured: bool = False) -> None:
-        """Say whether a white image agrees; ``found``: there is more to say of it, ``measured``: also its lattice."""
+        """Show whether a white image agrees; ``found``: details exist, ``measured``: its lattice can be taken."""
         self.check_card.show_verdict(merit, words, HEADS.get(merit, "White image"))
         self.check_card.setVisible(bool(words))
         self.buttons["details"].setVisible(found)

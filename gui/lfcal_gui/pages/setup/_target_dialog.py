@@ -327,7 +327,7 @@ def change_settings(context: Context, key: str, value: Any) -> None:
 
 
 class TargetDialog(QDialog):
-    """What is asked for of a target, and its plan; of other values than those of now it shows none."""
+    """Dialog with the settings of a target and its plan; a plan of other settings is not shown."""
 
     def __init__(self, parent: QWidget, context: Context) -> None:
         super().__init__(parent)
@@ -370,7 +370,7 @@ class TargetDialog(QDialog):
             self.panel.show_refusal("there is no target to plan; make a plan, and type a source such as array")
             return
         self.forget()
-        # else the value before it would be planned with
+        # else the previous value would be used for the plan
         if refused := self.panel.form.error:
             self.panel.show_refusal(refused)
             return
@@ -394,7 +394,7 @@ class TargetDialog(QDialog):
             self.panel.show_refusal(job.error)
 
     def expect(self, scan: ScanPlan, settings: PlanSettings) -> None:
-        """Keep what is shown next as the plan of these values."""
+        """Treat the plan that is shown next as the plan of these values."""
         self.forget()
         self._asked = (scan, settings)
 

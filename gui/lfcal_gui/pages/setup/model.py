@@ -177,7 +177,7 @@ def confirmed(camera: Camera, paths: Iterable[str]) -> Camera:
 
 
 def stated(before: Camera, after: Camera, key: str) -> Camera:
-    """Return ``after``, made of ``before`` by a change of one field, with that value stated."""
+    """Return ``after``, which differs from ``before`` in one field, with that field marked as stated."""
     if key == "optics.kind" and type(before.optics) is not type(after.optics):
         kept = {path: mark for path, mark in after.marks if not path.startswith("optics.")}
         taken = {q.path: "assumed" for q in quantities_of(after) if q.path.startswith("optics.")}
@@ -239,7 +239,7 @@ def weighed_key(state: ProjectState) -> tuple[Any, ...] | None:
 
 
 def weighed(state: ProjectState) -> tuple[AssumedEffect, ...]:
-    """Return what hangs on each assumed value, the largest first; it takes a second."""
+    """Return the effect of each assumed value, the largest first; this takes about a second."""
     from lfcal.simulate import iter_assumed_effects
 
     return drain(iter_assumed_effects(state.plan or default_plan(state.camera)))
@@ -278,7 +278,7 @@ def _distortion(camera: Camera) -> str:
 
 
 def _tidy(depth: float) -> float:
-    """Return a virtual depth without the dust of its way through a focal length."""
+    """Return a virtual depth without the rounding error of its conversion to a focal length and back."""
     return depth if math.isinf(depth) else float(f"{depth:.9g}")
 
 
@@ -342,7 +342,7 @@ def _lattice(lattice: LensletLattice, name: str, value: Any) -> LensletLattice:
 
 
 def _straight(lattice: LensletLattice) -> LensletLattice:
-    """Return the lattice without what was measured of its rows: it was another kind's."""
+    """Return the lattice without the measured distortion of its rows, which belongs to another kind of lattice."""
     return replace(lattice, row_pitch_um=None, shear_rad=0.0, distortion=None)
 
 

@@ -66,7 +66,7 @@ class LatticeMap:
 
 
 def residual_map(fit: LatticeFit) -> LatticeMap:
-    """Return what the micro-images of each cell together depart from the lattice fitted."""
+    """Return the mean displacement of the micro-images of each cell from the fitted lattice."""
     return _map(fit.residual_map(CELLS), max(fit.shape) / CELLS)
 
 

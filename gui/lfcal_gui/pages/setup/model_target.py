@@ -182,7 +182,7 @@ class PlannedTarget:
 
     @property
     def coding_briefly(self) -> str:
-        """Whether it pays, without at what light and why: in the smallest window there is no room for more."""
+        """Short form of the advice on coded frames, for small windows."""
         verdict, *reasons = re.split(r" at (?=\d)", self.coding, maxsplit=1)
         return f"{verdict}." if reasons else verdict
 
@@ -245,7 +245,7 @@ def iter_drawn(made: TargetPlanned) -> Work[PlannedTarget]:
 
 
 def _coding(made: TargetPlanned) -> str:
-    """Return whether showing several frames together would pay, at the exposure of a session."""
+    """Return in words whether coded frames (several subsets of points at the same time) reduce the noise."""
     if made.plan.lit is not None:
         return "Frames of a display that shows several subsets of points together, by an S-matrix."
     words = "" if made.verdict is None else f"{made.verdict.frames_words}."

@@ -127,7 +127,7 @@ class Page(BasePage):
         self._forecast_noise()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Show camera and plan if they changed; a comparison with another camera is of no use."""
+        """Show camera and plan if they changed; discard a comparison with another camera."""
         other = old.camera != new.camera
         if other and self._checked is not None and new.camera != self._checked.check.camera:
             self._forget_check("The camera changed since it was compared with a white image.")
@@ -140,7 +140,7 @@ class Page(BasePage):
             self._show(new)
 
     def let_go(self) -> None:
-        """Plan no target for the project before."""
+        """Stop planning a target for the previous project."""
         if self._target is not None:
             self._target.forget()
 
@@ -179,7 +179,7 @@ class Page(BasePage):
         self.context.project.merge("time against accuracy", plan=choice.plan, settings=settings)
 
     def _weigh(self) -> None:
-        """Find in the background what hangs on the assumed values."""
+        """Compute the effects of the assumed values in the background."""
         state = self.context.state
         key = weighed_key(state)
         if key is None or (self._weighed is not None and self._weighed[0] == key):
@@ -192,7 +192,7 @@ class Page(BasePage):
         self.context.jobs.compute("assumed values", lambda: weighed(state), done, lambda _: None)
 
     def _report(self) -> None:
-        """Report whether the plan can work, and the assumed values on which much depends."""
+        """Report whether the plan is feasible, and the assumed values with large effects."""
         state, facts = self.context.state, dict[str, Any]()
         effects: tuple[AssumedEffect, ...] = ()
         if self._weighed is not None and self._weighed[0] == weighed_key(state):
@@ -209,7 +209,7 @@ class Page(BasePage):
         if camera is None:
             return
         label, project = f"change of {key.split('.')[1].replace('_', ' ')}", self.context.project
-        # of the plan before the field was touched: half a number must not have changed it
+        # start from the plan before this edit, so that half-typed numbers have no effect on it
         before = project.before(label)
         changes = state_with(before, camera, same=True)
         project.merge(label, **changes)
@@ -236,7 +236,7 @@ class Page(BasePage):
         return True
 
     def _take_back(self, label: str) -> None:
-        """Bring back what was there before another camera was taken, unless something else was done since."""
+        """Restore the previous camera, unless something else was changed since."""
         if self.context.project.undo_label == label:
             self.context.project.undo()
         else:
@@ -272,7 +272,7 @@ class Page(BasePage):
         self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
 
     def _tell(self, found: Imported) -> None:
-        """Say what the file leaves open, and lead to where it is stated."""
+        """Report which values the file does not state, and show the fields for them."""
         count = len(found.camera.marks.paths("assumed"))
         if count:
             self.panel.inspector.values.open()
@@ -308,7 +308,7 @@ class Page(BasePage):
 
     # -- white image -----------------------------------------------------------------------------------
     def choose_white(self) -> None:
-        """Ask for a white image and hold the camera against it."""
+        """Ask for a white image and compare the camera with it."""
         path = QFileDialog.getOpenFileName(self, "White image", self._white, IMAGES)[0]
         if path:
             self.check_white(path)
@@ -323,7 +323,7 @@ class Page(BasePage):
                 self.check_white(self._white)
 
     def check_white(self, path: str) -> None:
-        """Hold the camera against the white image at ``path``, as a job."""
+        """Compare the camera with the white image at ``path``, as a job."""
         self._white = path
         self.notice.clear()
         self.panel.inspector.show_verdict("", f"Fitting the lattice of {Path(path).name} …")

@@ -213,7 +213,7 @@ class EffectsTable(QTreeWidget):
             item.setExpanded(not item.isExpanded())
         elif column == SETTING:
             self.ask_next(name)
-        else:  # of the selected one, too: another picture may be looked at
+        else:  # also for the selected row: another tab may be open
             self.chosen.emit(name)
 
     def ask_next(self, name: str) -> None:

@@ -56,7 +56,7 @@ class MagnitudeEditor(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_magnitude(self, magnitude: Magnitude) -> None:
-        """Show value and source; what is being typed stays."""
+        """Show value and source; text that is being typed is kept."""
         same, self.magnitude = self.magnitude == magnitude, magnitude
         if same and not self.error.isHidden():
             return  # the user is still correcting the refused value
@@ -180,7 +180,7 @@ class MagnitudeForm(QWidget):
         for k, one in enumerate(row.magnitudes):
             editor = MagnitudeEditor(row.name, one)
             editor.setParent(self._body)
-            editor.hide()  # it holds the widgets' state, not their places
+            editor.hide()  # holds the state of the shown widgets
             editor.given.connect(lambda field, value, mark, name=row.name: self.given.emit(name, field, value, mark))
             label = QLabel(one.title)
             label.setBuddy(editor.value)

@@ -91,7 +91,7 @@ def shown(name: str, settings: SimulateSettings) -> Any:
 
 @dataclass(frozen=True)
 class SimulateSettings(PageSettings):
-    """What the simulation is asked for.
+    """Settings of the simulation.
 
     Attributes
     ----------
@@ -221,7 +221,7 @@ def _task_of(kind: type[T], settings: SimulateSettings, **more: Path) -> T:
 
 
 def kept_pass(path: str) -> str:
-    """Return how accurate the H is that a run in passes left when it was stopped, in words; empty: there is none."""
+    """Return the accuracy of the H that a stopped run in passes left, in words; empty: there is none."""
     from lfcal.psf import open_psf
     from lfcal.work import PASS, parts_folder, read_events
 

@@ -31,7 +31,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class FrameQuestion:
-    """What is asked: the frame of one position (z, y, x) under effects, those of stage and sensor included.
+    """Request for the frame of one position (z, y, x) with effects, including those of stage and sensor.
 
     ``tolerance`` is the computation's share; ``peak`` and ``seed`` are as in `lfcal.tasks.SimulateFrames`.
     """

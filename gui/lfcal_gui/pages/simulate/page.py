@@ -46,7 +46,7 @@ RESUMED = RunSettings(resume=True)
 
 
 class Page(BasePage):
-    """Asks the planner after every change; what it answered to an earlier question is never used."""
+    """Page that asks the planner after every change; answers to earlier requests are discarded."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -200,10 +200,10 @@ class Page(BasePage):
         plan, verdict, settings, place = self.context.state.plan, self._answer(), self.settings, self.panel.place.place
         if plan is None or (fine and verdict is None):  # the planner's answer brings the fine one
             return
-        if not self.panel.pattern_shown:  # the tab brings it
+        if not self.panel.pattern_shown:  # computed when the tab is shown
             return
         level = settings.level if fine else "geometric"
-        # the selection and not its effects: what it leaves out uses its part of the tolerance
+        # pass the selection, not its effects: the effects left out use their share of the tolerance
         effects = verdict.found if fine and verdict is not None else ()
         self.context.jobs.compute(
             "simulate preview",
@@ -214,7 +214,7 @@ class Page(BasePage):
 
     def _previewed(self, shot: Shot, plan: ScanPlan, settings: SimulateSettings, fine: bool) -> None:
         if (plan, settings) != (self.context.state.plan, self.settings):
-            return  # of an earlier question; the planner's answer brings the next
+            return  # outdated; the planner's next answer starts a new preview
         self.panel.view.set_shot(shot)
         if not fine:
             self._preview(fine=True)
@@ -228,7 +228,7 @@ class Page(BasePage):
         if panel.tabs.currentWidget() is panel.effect:
             self._influence()
         else:
-            panel.tabs.setCurrentWidget(panel.effect)  # which looks
+            panel.tabs.setCurrentWidget(panel.effect)  # starts the computation
 
     def _stop_influence(self) -> None:
         self._stop.set()
@@ -251,7 +251,7 @@ class Page(BasePage):
             panel.effect.show_influence(known)
             return
         panel.effect.show_waiting("Computing without and with it …")
-        if self._computing:  # its end brings this one: a second would only wait, and keep the planner waiting
+        if self._computing:  # started when the present one ends, so that no job waits
             return
         self._computing, stop = True, self._stop
         self.context.jobs.compute(

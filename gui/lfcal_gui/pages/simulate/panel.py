@@ -161,7 +161,7 @@ class SimulatePanel(QWidget):
         self.effect.show_row(verdict.row(self.table.selected))
 
     def show_cost(self, curve: Curve | None, settings: SimulateSettings, forecast: str) -> None:
-        """Show the curve as far as it is measured, and time and error of the settings; ``forecast``: of the time."""
+        """Show the measured part of the curve, and time and error of the settings; ``forecast`` is of the time."""
         rung = used_rung(curve, settings)
         if curve is not None:
             self.curve.set_labels(*axis_labels(curve))
