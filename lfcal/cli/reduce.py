@@ -1,4 +1,4 @@
-"""``lfcal reduce``: store H in a fraction of its bytes, each pattern within a tolerance that the file states."""
+"""``lfcal reduce``: store H in a fraction of its bytes; each pattern stays within a tolerance that the file states."""
 
 from __future__ import annotations
 
