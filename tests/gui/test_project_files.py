@@ -431,7 +431,7 @@ def test_of_what_stops_only_that_is_promised_which_it_keeps(window: MainWindow, 
     window.jobs.start("Record", "acquire", work, at_once=True)
     assert stop_words(window.jobs).endswith("Stop them? What a recording has counted as done stays.")
     window.context.start_writing("Assemble", "frames", "H.h5", work)
-    assert "Whole planes of an H" in stop_words(window.jobs)
+    assert "Complete planes of an H" in stop_words(window.jobs)
     going.set()
     idle(window.jobs, qtbot)
 

@@ -100,7 +100,7 @@ class PresetBox(QComboBox):
             self.addItem(name, name)
         self.setAccessibleName("preset")
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.setMinimumContentsLength(3)
+        self.setMinimumContentsLength(7)
         self.setToolTip(
             "Start with a camera that comes with lfcal, and change what is different; undo brings yours back"
         )
@@ -165,7 +165,8 @@ class Inspector(QWidget):
     def _start(self) -> QWidget:
         frame, column = card("Start from")
         self.presets = PresetBox()
-        column.addLayout(line(self._button("import"), self.presets, self._button("white"), stretch=1))
+        column.addLayout(line(self._button("import"), self.presets, stretch=1))
+        column.addLayout(line(self._button("white")))
         return frame
 
     def _camera(self, check: Callable[[str, Any], str]) -> QWidget:
