@@ -85,7 +85,7 @@ class Page(BasePage):
             self.show_empty(
                 "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
                 {
-                    "Plan": self.lead("setup", "Say which source positions and depth planes there are"),
+                    "Plan": self.lead("setup", "Choose the source positions and depth planes of the scan"),
                     "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
                 },
             )

@@ -79,9 +79,9 @@ def _afterwards(now: Standing) -> tuple[str, str]:
 
 
 TIPS = {
-    "next": "What comes next in a sitting: connect, measure, record, dark and white frames, assemble",
+    "next": "Next step of the session: connect, measure, record, dark and white frames, assemble",
     "start": "Record every position, or continue the session",
-    "pause": "Finish the current position, then wait; again: continue",
+    "pause": "Finish the current position, then wait; press again to continue",
     "stop": "Finish the current position, then stop; the session can be resumed",
     "abort": "Stop the stage now; what is recorded is safe",
 }

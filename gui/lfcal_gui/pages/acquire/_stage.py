@@ -25,7 +25,7 @@ from lfcal_gui.widgets import heading, line
 __all__ = ["StageMoves", "StagePanel"]
 
 Limits = tuple[tuple[float, float], ...]
-HOW = "Type a place and press Return, or press ↑ and ↓ in a field. Esc stops."
+HOW = "Type a position and press Return, or press ↑ and ↓ in a field. Esc stops."
 FARTHEST_UM = 1e9
 """What can be typed (µm); limits of the stage are checked when it is asked to move."""
 
@@ -165,7 +165,7 @@ class StagePanel(QWidget):
         """Say the travel of each axis (µm); None: not known."""
         for k, (name, field) in enumerate(zip("xyz", self.fields, strict=True)):
             travel = "" if limits is None else f", {format_length(limits[k][0])} to {format_length(limits[k][1])}"
-            field.setToolTip(f"Position {name}{travel}. Type a place and press Return, or move by a step with ↑ and ↓")
+            field.setToolTip(f"Position {name}{travel}. Type a value and press Return, or move by a step with ↑ and ↓")
 
     def set_position(self, stage_um: tuple[float, float, float]) -> None:
         """Show where the stage is (µm)."""

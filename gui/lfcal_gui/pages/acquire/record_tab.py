@@ -40,9 +40,9 @@ from lfcal_gui.pages.acquire.step import REDO_FILE, step
 __all__ = ["RecordTab"]
 
 POLL_MS, HIDDEN_MS, READ_MS, FRAME_MS = 120, 1000, 250, 80
-"""Between two looks at the quality, while the session is not looked at, at what is read, and at frames (ms)."""
+"""Periods (ms) of updates of the quality, of a hidden session, of reading earlier frames, and of frames."""
 EARLIER = "acquire earlier frames"
-HELD = "a session is being recorded: camera, plan and devices stay as they are until it ends"
+HELD = "a session is being recorded: camera, plan and devices cannot change until it ends"
 
 
 class RecordTab(QObject):

@@ -142,7 +142,7 @@ class SetupPanel(QWidget):
         self.exposure.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.exposure.setAccessibleName("exposure of the live view")
-        self.exposure.setToolTip("Exposure of the live view; the plan's exposures stay as they are")
+        self.exposure.setToolTip("Exposure of the live view; the exposures of the plan do not change")
         self.exposure.valueChanged.connect(lambda ms: self.exposure_edited.emit(ms / 1e3))
         row = QHBoxLayout(bar)
         row.setContentsMargins(0, 0, 0, 0)

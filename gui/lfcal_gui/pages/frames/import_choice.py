@@ -20,10 +20,10 @@ class ImportChoice:
     frames
         Folder, or one file of many frames.
     listed
-        List of the frames that does not lie with them.
+        List of the frames, if it is in another folder.
     columns, header
-        What its columns hold, as ``lfcal assemble --columns`` takes it, and the names of the columns that this was said
-        of; of no names it is said of any list.
+        Meaning of its columns, in the format of ``lfcal assemble --columns``, and the column names it was chosen for.
+        Without names it applies to any list.
     pattern, first
         Positions in names, and what they count from: ``""``, ``"0"`` or ``"1"``.
     order

@@ -53,10 +53,10 @@ def advice(found: FoundOrientation, chosen: str) -> Advice | None:
     if found.name in ("", AS_IS if chosen == CHECK else chosen):
         return None
     if found.name == AS_IS:
-        return Advice("The frames lie upright as they are delivered, but are turned", CHECK)
+        return Advice("The frames are upright as delivered, but are turned by the settings", CHECK)
     words = found.words[0].upper() + found.words[1:]
     if chosen == AS_IS:
-        return Advice(f"{words}; they are taken as they are, as was chosen", chosen=True)
+        return Advice(f"{words}; they are used unchanged, as chosen", chosen=True)
     leave = AS_IS if chosen == CHECK else ""
     if found.cause == "scan":
         return Advice(f"{words}: correct the positions, or the plan's stage axes", leave=leave)

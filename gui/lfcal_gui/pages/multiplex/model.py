@@ -245,9 +245,8 @@ class ModulatorPicture:
     name
         Its name.
     pattern, colours
-        Transmission seen by the middle view ``(rows, columns)``, mean over colours, or of unmodulated light where
-        samples are no colours; the same ``(rows, columns, 3)``
-        as colours, None for a light field of one colour.
+        Transmission ``(rows, columns)`` for the middle view: the mean over colours, or that of unmodulated light if
+        samples are not colours. The same as colours ``(rows, columns, 3)``; None for a light field of one colour.
     spectrum
         Magnitude of its Fourier weights, mean over colours, zero frequency in the middle.
     sigma, pi

@@ -81,8 +81,8 @@ FIELDS = (
         "Scene",
         kind="choice",
         choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image"), ("live", "live frames")),
-        tip="What is recorded; an opened grey image is taken as the recorded frame, a colour image as the scene; "
-        "live frames are those that Record > Rig shows",
+        tip="What is recorded. An opened grey image is used as the recorded frame, a colour image as the scene. "
+        "Live frames are those that Record > Rig shows",
     ),
     Field(
         "filter",

@@ -86,8 +86,8 @@ def iter_reconstruct(
 ) -> Work[Reconstructions]:
     """Record the scene and reconstruct it by the routes chosen.
 
-    ``live`` is a frame of the camera and the sensor's pixel (row, column) that its first one is: super-pixels begin at
-    the sensor's corner. ``camera`` states the lattice of that route.
+    ``live`` is a frame of the camera, with the sensor coordinates (row, column) of its first pixel: super-pixels begin
+    at the sensor's corner. ``camera`` states the lattice for the route by lattice.
 
     Raises
     ------

@@ -45,7 +45,7 @@ Pixel = tuple[int, int]
 
 @dataclass(frozen=True)
 class PSFIntent:
-    """What the user asked for.
+    """Request for a picture of H.
 
     Attributes
     ----------
@@ -60,8 +60,8 @@ class PSFIntent:
     display
         Scaling and colour map.
     view
-        ``"both"``: H and HT, ``"one"`` of them, ``"sum"``: that of the plane, ``"difference"``: H and what is left of
-        it less the reference at equal energy, or ``"fit"``: measured, model and residual of a fitted pattern.
+        ``"both"``: H and HT; ``"one"`` of them; ``"sum"``: depth-plane sum; ``"difference"``: H, and H minus the
+        reference at equal energy; ``"fit"``: measured, model and residual of a fitted pattern.
     """
 
     z: int = 0
@@ -282,8 +282,8 @@ def linked_pixel(
 def resolve(intent: PSFIntent, plane: LoadedPlane, reference: LoadedPlane | None = None) -> PSFPicture:
     """Return what to draw for ``intent`` from the loaded plane (and that of the reference).
 
-    Without a pixel under the pointer the linked picture is the other matrix at the same position; with one it
-    is the pattern that this pixel belongs to, with the entry marked.
+    Without a pixel under the pointer, the linked picture is the other matrix at the same position. With a pixel, it is
+    the pattern that contains this pixel in the other matrix, with the entry marked.
     """
     ny, nx, nt, ns = plane.values.shape
     here, pixel = (intent.y, intent.x), intent.pixel

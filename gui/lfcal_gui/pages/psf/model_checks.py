@@ -240,7 +240,7 @@ def _metric_words(inspection: Inspection, metric: Metric) -> str:
         if cause is not None:
             parts.append(f"<b>See the fault “{cause.title}”</b>, which causes it. {_atlas_link(cause.name)}")
         elif inspection.withdrawn(metric):
-            parts.append("<b>Not confirmed</b>: the comparison with the camera measured it, and found nothing of it.")
+            parts.append("<b>Not confirmed</b>: the comparison with the camera measured it and did not find it.")
         else:
             parts.append(f"<b>What to do:</b> {metric.spec.advice}")
     return "<br>".join(parts)

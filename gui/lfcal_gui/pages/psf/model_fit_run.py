@@ -82,26 +82,29 @@ class FitRequest:
 
 @dataclass(frozen=True, eq=False)
 class FoundFit:
-    """What a fit found, with pictures of every pattern that it was given.
+    """Result of a fit, with pictures of every pattern that it used.
 
     Attributes
     ----------
     question
-        What was asked.
+        The request.
     fit, measured
         As of `lfcal.fit`.
     known
-        What the provenance of H and numbers says.
+        Provenance of H, and numbers on the fit.
     unit
-        What the values of H are.
+        Unit of the values of H.
     places
-        Positions of all patterns, outliers among them, plane by plane and row by row.
+        Positions of all patterns, including outliers, plane by plane and row by row.
     aside
-        Those that were never fitted.
-    patterns, valid, model, residual, chi2
-        Of each place: what was measured, and which pixels are a measurement; what is predicted, with gain and
-        background; measured minus predicted in sigmas ``(nt, ns)``; mean square of the residuals, weighted by the
-        light.
+        Held-out positions, which were never fitted.
+    patterns, valid
+        For each position: the measured pattern ``(nt, ns)``, and the pixels that hold a measurement.
+    model, residual
+        For each position: the prediction with gain and background, and measured minus predicted in sigmas
+        ``(nt, ns)``.
+    chi2
+        For each position: the mean square of the residuals, weighted by the light.
     by_plane, by_type
         chi² of each plane, and of the pixels behind each lens type; NaN where nothing was measured.
     """

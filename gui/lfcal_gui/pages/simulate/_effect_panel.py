@@ -94,7 +94,7 @@ class EffectPanel(QWidget):
         self.form.given.connect(self.given.emit)
         self.influence = InfluenceView()
         self.stop_button = QPushButton("Stop")
-        self.stop_button.setToolTip("Leave the pictures as they are; the effect stays on")
+        self.stop_button.setToolTip("Stop computing these pictures; the effect stays on")
         self.stop_button.clicked.connect(lambda _=False: self.stop_asked.emit())
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 6, 0, 0)

@@ -106,7 +106,7 @@ def test_no_h_is_made_of_mirrored_frames_unless_that_is_chosen(
     assert not context.jobs.jobs(), "refused before any work"
     page.notice.leave.click()
     assert FrameSettings.of(context.state).orientation == "as is"
-    shown(qtbot, page, "taken as they are, as was chosen")
+    shown(qtbot, page, "used unchanged, as chosen")
     assert not page.notice.leave.isVisible(), "nothing is asked again"
     assert assembled(qtbot, context, page, out) == {"applied": "as is", "found": None}
 
@@ -140,7 +140,7 @@ def test_upright_frames_pass_with_what_was_found(
     record = assembled(qtbot, context, page, tmp_path / "H.h5")
     assert record["found"] == "as is" and record == commanded(folder, tmp_path / "C.h5", "check")
     page.panel.choices.edited.emit("orientation", "mirror x")
-    shown(qtbot, page, "The frames lie upright as they are delivered, but are turned.")
+    shown(qtbot, page, "The frames are upright as delivered, but are turned by the settings.")
     page.notice.button.click()
     assert FrameSettings.of(context.state).orientation == "check"
 
