@@ -45,6 +45,9 @@ __all__ = ["MainWindow"]
 
 INI = QSettings.Format.IniFormat
 
+IMPORT_MS = 400
+"""When the pages are imported after the window was shown (ms)."""
+
 MESSAGE_MS = 8000
 """How long a line of the log is shown in the status bar (ms)."""
 
@@ -178,7 +181,14 @@ class MainWindow(QMainWindow):
 
     def import_pages(self) -> None:
         """Import the pages in the background, so that the first look at one only builds its widgets."""
-        self.jobs.load("pages", lambda: [page_class(spec) for spec in self.specs], lambda _: None)
+
+        def load() -> None:
+            self.jobs.load("pages", lambda: [page_class(spec) for spec in self.specs], lambda _: None)
+
+        later = QTimer(self)  # once the window is there: imports would slow its start
+        later.setSingleShot(True)
+        later.timeout.connect(load)
+        later.start(IMPORT_MS)
 
     def go_place(self, place: str) -> None:
         """Show a place as it was left."""

@@ -20,7 +20,6 @@ from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, with_checked, with_described
 from lfcal_gui.pages.setup import takes
 from lfcal_gui.pages.setup._check_dialog import CheckDialog
-from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 from lfcal_gui.pages.setup._target_dialog import TargetDialog, change_settings, refused_setting
 from lfcal_gui.pages.setup.model import apply_change, confirmed, name_at, state_with, weighed, weighed_key
 from lfcal_gui.pages.setup.model_check import Checked, iter_check
@@ -34,6 +33,7 @@ from lfcal_gui.saving import ask_target, write_file
 
 if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect, ExpectedLight, ScanChoice
+    from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 
 __all__ = ["Page"]
 
@@ -249,6 +249,8 @@ class Page(BasePage):
     def measure_sensor(self) -> None:
         """Open the measurement of the sensor from flats and darks; one that is open comes to the front."""
         if self.dialog is None:
+            from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
+
             self.dialog = SensorDialog(self, self.context, self._set)
             self.dialog.finished.connect(self._dialog_closed)
         self.dialog.show()
