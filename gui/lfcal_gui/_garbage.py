@@ -46,7 +46,7 @@ class Collector(QObject):
         self._busy = busy
         self._was_on = gc.isenabled()
         gc.disable()
-        if Collector._first:  # to ask how many are left aside would count them
+        if Collector._first:  # gc.get_freeze_count would be slow: it counts all objects
             Collector._first = False
             gc.freeze()
         self._calm, self._ticks, self._worked_s = 0, 0, time.thread_time()
@@ -58,7 +58,7 @@ class Collector(QObject):
     def collect(self) -> None:
         """Collect the youngest generation if it is due; older ones if the window is idle, or after a long time."""
         worked_s, self._worked_s = self._worked_s, time.thread_time()
-        # what a job brings is about to be shown
+        # the result of a job will be shown soon
         waiting = self._busy()
         self._calm = 0 if waiting or self._worked_s - worked_s >= BUSY_S else self._calm + 1
         self._ticks += 1

@@ -24,7 +24,7 @@ class HeaderBar(QFrame):
         self.button.setText("☰")
         self.button.setProperty("role", "bare")
         self.button.setAccessibleName("menus")
-        self.button.setToolTip("All that can be done, by menu (F10)")
+        self.button.setToolTip("Open the menu (F10)")
         self.button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self.button.setMenu(self.menu)
         self.name, self.saved = ElidedLabel(), ElidedLabel()

@@ -21,12 +21,12 @@ __all__ = ["DoctorDialog", "Manual", "about_text", "cheat_sheet"]
 
 _KEYS = (
     ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "go to a place, to a view of it"),
-    ("Ctrl+Return", "do what the line at the top says comes next"),
+    ("Ctrl+Return", "do the next step, shown at the top"),
     ("Ctrl+M", "open Multiplexing"),
     ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo"),
     ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save project"),
     ("Ctrl+Shift+C", "copy a picture of the page"),
-    ("Ctrl+Shift+K, Ctrl+Shift+Y", "copy what the page does as a command, as Python"),
+    ("Ctrl+Shift+K, Ctrl+Shift+Y", "copy the page as a command, as Python"),
     ("Ctrl+K, Ctrl+Shift+P", "command palette"),
     ("F or Ctrl+E, Esc", "enlarge the picture under the pointer, put it back"),
     ("A", "automatic contrast"),
@@ -94,7 +94,7 @@ class DoctorDialog(QDialog):
         self.view.setAccessibleName("what this machine has")
         self.view.setPlainText("looking …")
         self.copy, close = QPushButton("Copy text"), QPushButton("Close")
-        self.copy.setToolTip("Put it on the clipboard, for a report of a problem")
+        self.copy.setToolTip("Copy the report, for example for a bug report")
         close.setToolTip("Close this window; menu Help opens it again")
         self.copy.setEnabled(False)
         self.copy.clicked.connect(lambda: QApplication.clipboard().setText(doctor_text(self._found)))
@@ -132,13 +132,13 @@ class Manual(QDialog):
         self.browser = QTextBrowser()
         self.browser.setOpenLinks(False)
         self.browser.setAccessibleName("manual")
-        self.browser.setToolTip("Links lead on, to other pages of the manual and to the web")
+        self.browser.setToolTip("Links open other pages of the manual, or web pages")
         self.browser.anchorClicked.connect(self._follow)
         self.whole = QPushButton("Whole page")
-        self.whole.setToolTip("All of the page that this section is part of")
+        self.whole.setToolTip("Show the whole page that contains this section")
         self.whole.clicked.connect(lambda: self.show_page(self._page))
         close = QPushButton("Close")
-        close.setToolTip("Close the manual; the names of faults in the checks of H open it again")
+        close.setToolTip("Close the manual. A fault name in the checks of H opens it again")
         close.clicked.connect(self.close)
         buttons = QHBoxLayout()
         buttons.addWidget(self.whole)

@@ -36,11 +36,11 @@ class JobLogView(QDialog):
         self.view.setReadOnly(True)
         self.view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
         self.view.setAccessibleName(f"log of {log.title}")
-        self.view.setToolTip("What the job did and when, what it warned of; it grows while the job runs")
+        self.view.setToolTip("Steps and warnings of the job with their times, updated while it runs")
         self.view.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.copy, self.keep, close = QPushButton("Copy text"), QPushButton("Save …"), QPushButton("Close")
-        self.copy.setToolTip("Put the log on the clipboard, for a report of a problem")
-        self.keep.setToolTip("Keep the log as a text file: the window forgets it when it is closed")
+        self.copy.setToolTip("Copy the log, for example for a bug report")
+        self.keep.setToolTip("Save the log as a text file. It is lost when lfcal is closed")
         close.setToolTip("Close this window. The job continues, and its log is kept")
         self.copy.clicked.connect(lambda: QApplication.clipboard().setText(self._log.text()))
         self.keep.clicked.connect(lambda: self.save())
@@ -57,7 +57,7 @@ class JobLogView(QDialog):
         self.setStyleSheet(style_sheet())
         first = not self._shown
         self.refresh()
-        if first:  # later it is as wide as the user made it
+        if first:  # keep the width that the user chose
             margins = self.layout().contentsMargins()
             self.resize(max(self.width(), lines_px(self.view) + margins.left() + margins.right()), self.height())
         self._timer.start()
@@ -109,10 +109,10 @@ class JobRow(HeadedCard):
         self.bar.setAccessibleName(f"progress of {job.title}")
         self.head.insertWidget(1, self.bar)
         number = job.number
-        self.up = self._button("Up", "Do this before the job that waits above it", lambda: jobs.move(number, -1))
-        self.down = self._button("Down", "Do this after the job that waits below it", lambda: jobs.move(number, 1))
+        self.up = self._button("Up", "Run this job before the one above it", lambda: jobs.move(number, -1))
+        self.down = self._button("Down", "Run this job after the one below it", lambda: jobs.move(number, 1))
         self.go_on = self._button("Resume", GO_ON, lambda: jobs.go_on(number))
-        self.log = self._button("Log", "What it did and when, what it warned of; to copy and to save", self.show_log)
+        self.log = self._button("Log", "Show steps and warnings of the job, to copy or save", self.show_log)
         self.button = self._button("Stop", "", self._pressed)
         self.error = WrappedLabel()
         self.error.setProperty("role", "error")
@@ -161,7 +161,7 @@ class JobRow(HeadedCard):
         if job.state is JobState.RUNNING and record is not None:
             eta = record.eta_seconds
             left = f", about {format_seconds(eta)} to go" if eta is not None and record.done < record.total else ""
-            # of work in units the stage is that of one of them, the count that of all
+            # for work in units, the stage is that of one unit, the count that of all units
             count = f", {record.count} done" if record.per > 1 else f" {record.count}".rstrip()
             return record.stage + count + left
         if job.state in (JobState.DONE, JobState.CANCELLED):
@@ -175,11 +175,11 @@ class JobRow(HeadedCard):
     def _show_button(self) -> None:
         """Name the last button by what it does now."""
         job = self._job
-        text, tip = "Dismiss", "Take it out of this list"
+        text, tip = "Dismiss", "Remove this job from the list"
         if job.active:
-            text, tip = "Stop", "Stop this job; it cleans up behind itself"
+            text, tip = "Stop", "Stop this job. It may take a moment to clean up"
         elif job.kept:
-            text, tip = "Discard", f"Free what is kept of it, {job.kept}"
+            text, tip = "Discard", f"Delete what is kept of this job: {job.kept}"
         self.button.setText(text)
         self.button.setToolTip(tip)
         self.button.setAccessibleName(f"{text}: {job.title}")

@@ -54,7 +54,7 @@ class LogView(QPlainTextEdit):
         super().__init__(parent)
         self.setReadOnly(True)
         self.setAccessibleName("log")
-        self.setToolTip("All that was done and refused since the start; the file of it is in the log folder (Help)")
+        self.setToolTip("Messages since the start. The log file is in the log folder (menu Help)")
         self.setMaximumBlockCount(LINES)
 
 

@@ -226,8 +226,8 @@ class Leading(QObject):
 
     # -- arriving --------------------------------------------------------------------------------------
     def _show_made(self, page: str, payload: Any) -> None:
-        """Show what was made, unless the person is at work elsewhere: then the rail says it."""
-        if current_theme().red:  # in a dark lab the large buttons stay under the hand
+        """Show the result, unless the user works elsewhere: then the rail marks its page."""
+        if current_theme().red:  # in a dark lab the large buttons must not move away
             return
         shown, place = self._shown()
         if place == "record" or shown == page or time.monotonic() - self._pressed > ELSEWHERE_S:

@@ -30,12 +30,12 @@ LISTED = 8
 
 
 def stop_words(jobs: Jobs) -> str:
-    """Return what leaving stops, with the question whether to; empty where nothing is at work or waits."""
+    """Return the question whether to stop running and waiting jobs; empty if there are none."""
     at_work = [job for job in jobs.jobs() if job.active]
     active = {job.number: job.title for job in at_work}
     waiting = [number for number in jobs.waiting() if number in active]
     groups = {"At work": [active[number] for number in active if number not in waiting]}
-    groups["Waiting, and not begun then"] = [active[number] for number in waiting]
+    groups["Waiting, will not start"] = [active[number] for number in waiting]
     parts = []
     for head, titles in groups.items():
         more = [f"and {len(titles) - LISTED} more"] if len(titles) > LISTED else []
@@ -137,7 +137,7 @@ class ProjectFiles(QObject):
         changes, jobs = self._at_stake()
         if changes not in (None, asked[0]) or not jobs <= asked[1]:
             if self._answered():
-                self._open(path)  # the changes may have been saved into this very file
+                self._open(path)  # the changes may have been saved to this file
             return
         lock = self._claim(path)
         if lock is None:
@@ -167,14 +167,14 @@ class ProjectFiles(QObject):
         for kind in PageSettings.__subclasses__():
             refused += kind.read(state.settings.get(kind.page))[1]
         if refused:
-            self._refuse("Open project", f"not taken from the project, which has the rest: {'; '.join(refused)[:400]}")
+            self._refuse("Open project", f"ignored in the project file: {'; '.join(refused)[:400]}")
         if state.left_out:
             named, more = state.left_out[0][:200], len(state.left_out) - 1
             others = f" and {more} more" if more else ""
             self._refuse(
                 "Open project",
-                f"not taken from the project: {named}{others}; a path on a network share makes this computer log on at "
-                "that server: choose the file again if you know it, or give the share a drive letter",
+                f"ignored in the project file: {named}{others}; a path on a network share makes this computer "
+                "log on to that server. Choose the file again if you trust it, or give the share a drive letter",
             )
 
     # -- locks -----------------------------------------------------------------------------------------
@@ -198,10 +198,10 @@ class ProjectFiles(QObject):
         box.setIcon(QMessageBox.Icon.Question)
         box.setWindowTitle("The project is open elsewhere")
         box.setText(f"{path.name} is open in {who}.")
-        box.setInformativeText("A copy can be changed as you like; saving it asks for a name.")
+        box.setInformativeText("You can change a copy. Saving it asks for a name.")
         copy = box.addButton("Open a copy", QMessageBox.ButtonRole.AcceptRole)
         copy.setProperty("role", "primary")
-        # a dead process of this machine is known to be dead; of another one only the user may know
+        # only the user can know whether a process of another machine has ended
         take = box.addButton("Open anyway", QMessageBox.ButtonRole.DestructiveRole) if away else None
         box.addButton(BUTTONS.Cancel)
         box.setDefaultButton(copy)

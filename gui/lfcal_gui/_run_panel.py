@@ -31,7 +31,7 @@ def look(run: Path) -> RunTable:
     named = run.suffix == ".parts" or not run.name or (run / JOURNAL).exists()
     folder = run if named else parts_folder(run)
     if run.name and not folder.exists() and (made := folder.with_suffix("")).exists():
-        return RunTable(f"{made.name}: is whole; no run is under way", "", (), "")
+        return RunTable(f"{made.name}: is complete; no run is active", "", (), "")
     return run_table(read_run(folder))
 
 
@@ -64,14 +64,14 @@ class RunView(HeadedCard):
         self._jobs.compute(f"run {self._run}", lambda: look(self._run), self.show_table, self._lost)
 
     def show_table(self, found: RunTable) -> None:
-        """Show where the run stands."""
+        """Show the progress of the run."""
         if self._gone:  # dismissed while its journal was read
             return
         self.title.setText(found.headline)
         self.status.setText(found.pace)
         self.place.setText(f'watch its workers at <a href="{found.place}">{found.place}</a>' if found.place else "")
         self.place.setVisible(bool(found.place))
-        if found.rows != self._rows:  # or the order that a click gave it would be lost every second
+        if found.rows != self._rows:  # else the sorting that the user chose would be lost every second
             self._rows = found.rows
             self.table.show_rows(found.rows)
         self.table.setVisible(bool(found.rows))

@@ -13,7 +13,7 @@ from lfcal_gui.saving import ask_target, write_file
 
 __all__ = ["Scripts"]
 
-NONE_YET = "no step that is also a command was taken yet"
+NONE_YET = "no step with a command was taken yet"
 
 
 class Scripts:

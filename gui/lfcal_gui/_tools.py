@@ -87,7 +87,7 @@ class Tools(QObject):
         window.jobs.start("Open the sample session", "sample", lambda: iter_demo(folder), self._opened, kind="sample")
 
     def _opened(self, state: ProjectState) -> None:
-        # something may have been begun meanwhile
+        # the user may have changed the project meanwhile
         if self._window.files.may_leave():
             self._window.files.start_with(state)
             self._window.go("psf")

@@ -75,7 +75,7 @@ def _lacking() -> str:
         import PySide6.QtWidgets  # noqa: F401
     except ImportError as error:
         return why_no_window(error)
-    # Qt itself aborts without a word that helps
+    # Qt itself aborts without a helpful message
     missing = missing_libraries(ON_X11) if shows_on_x11() else ()
     return without(missing) if missing else ""
 
@@ -136,7 +136,7 @@ def _end_on_signals(window: MainWindow) -> None:
         QApplication.exit(128 + number)
 
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):  # Windows has no hang-up
+        if hasattr(signal, name):  # Windows has no SIGHUP
             signal.signal(getattr(signal, name), end)
 
 

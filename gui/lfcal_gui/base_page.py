@@ -28,9 +28,9 @@ HEADER = 28
 """Height of a header, also of one without buttons (px)."""
 
 MARKS = {PageState.RUNNING: " …", PageState.ATTENTION: " ▲"}
-"""What stands behind the name of a view."""
+"""Marks after the name of a view."""
 
-NO_LONGER = "Wait no longer for this file; it stays the project's, and can be opened later"
+NO_LONGER = "Stop waiting for this file. It stays in the project, and can be opened later"
 
 
 class EmptyState(QWidget):
@@ -166,10 +166,10 @@ class BasePage(QWidget):
         if matrices.opening(path):
             self.show_empty(f"Opening {Path(path).name} …", {"Cancel": (NO_LONGER, lambda: matrices.cancel(path))})
         elif matrices.problem(path):
-            again = "Open the same file again, once it is whole or its disk is back", lambda: matrices.take(path)
+            again = "Open this file again, after it is complete or its disk is back", lambda: matrices.take(path)
             self.show_empty(matrices.problem(path), {"Try again": again, **buttons})
         elif path:
-            self.show_empty(f"{Path(path).name} is being written and is shown again afterwards.")
+            self.show_empty(f"{Path(path).name} is being written. It will be shown again afterwards.")
         else:
             self.show_empty(text, buttons)
 

@@ -120,7 +120,7 @@ class Context(QObject):
     def kept_texts(self, name: str) -> list[str]:
         """Return texts that `keep_texts` kept, at an earlier start too."""
         kept = None if self.preferences is None else self.preferences.value(name)
-        texts = kept if isinstance(kept, list) else [kept]  # one text is kept as such
+        texts = kept if isinstance(kept, list) else [kept]  # a list of one text is stored as the text
         return [one for one in texts if isinstance(one, str) and one]
 
     def keep_texts(self, name: str, texts: Sequence[str]) -> None:
@@ -200,7 +200,7 @@ class Context(QObject):
             if self.project.begun == begun and on_done is not None:
                 on_done(result)
             elif self.project.begun != begun:
-                self.message.emit(f"{path} is whole; the project it was made for is no longer open")
+                self.message.emit(f"{path} is complete; its project is no longer open")
 
         def ended(job: WindowJob) -> None:
             if on_end is not None and self.project.begun == begun:

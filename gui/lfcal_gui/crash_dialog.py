@@ -68,11 +68,11 @@ class CrashDialog(QDialog):
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
         self.more = QPushButton("Details")
-        self.more.setToolTip("Show where in the program it happened, for a report of it")
+        self.more.setToolTip("Show the traceback, for a bug report")
         self.more.setCheckable(True)
         self.more.toggled.connect(self._show_details)
         self.copy = QPushButton("Copy text")
-        self.copy.setToolTip("Put all of it on the clipboard, for a report of the problem")
+        self.copy.setToolTip("Copy all of it, for a bug report")
         self.copy.clicked.connect(self.copy_text)
         self.folder = QPushButton("Open log folder")
         self.folder.setToolTip("The log of this session shows what happened before the error")
@@ -116,7 +116,7 @@ class CrashDialog(QDialog):
         needs = lines_px(self.details) + margins.left() + margins.right() if on else 0
         self.setMinimumWidth(max(WIDTH, needs))
         self.adjustSize()
-        # Qt stops at two thirds of the screen, where buttons would lie over the text
+        # Qt stops at two thirds of the screen, and the buttons would cover the text
         self.resize(self.width(), max(self.height(), self.layout().totalHeightForWidth(self.width())))
 
 

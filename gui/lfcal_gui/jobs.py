@@ -247,8 +247,8 @@ class Jobs(BackgroundThreads):
 
         def take() -> None:
             running = self._running.get(number)
-            if running is not None:  # else it was abandoned before
-                self._tell(running)  # how far it came, and how long a short job took
+            if running is not None:  # else it was already abandoned
+                self._tell(running)  # its last progress, and the time of a short job
                 self._end(number, **changes)
 
         self.hand_over(take)

@@ -49,7 +49,7 @@ class _Handler(RotatingFileHandler):
     def rotate(self, source: str, dest: str) -> None:
         try:
             super().rotate(source, dest)
-        except OSError:  # another window has it open, and the system does not rename such files
+        except OSError:  # another window has it open; Windows does not rename open files
             return
 
 

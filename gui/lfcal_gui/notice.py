@@ -17,7 +17,7 @@ WAIT_MS = 300
 HEIGHT = 20
 """Of the buttons: a status bar is as low as without them (px)."""
 
-DISMISS = "Take this line away once it is read; the log keeps it"
+DISMISS = "Hide this message. The log keeps it"
 
 
 class Notice(QFrame):
@@ -33,7 +33,7 @@ class Notice(QFrame):
         self.button.setToolTip(DISMISS)
         self.button.clicked.connect(self._pressed)
         self.leave = QPushButton("Leave as it is")
-        self.leave.setToolTip("Do nothing about it now; nothing changes")
+        self.leave.setToolTip("Hide this message without any change")
         self.leave.clicked.connect(self._leave)
         row.addWidget(self.label)
         for button in (self.leave, self.button):
@@ -52,7 +52,7 @@ class Notice(QFrame):
 
     def wait(self, text: str, cancel: Callable[[], None]) -> None:
         """Say what is being waited for, when it takes a while, with a button to wait no longer."""
-        self._say(text, "Cancel", "hint", "Wait for it no longer; what is shown stays")
+        self._say(text, "Cancel", "hint", "Stop waiting. The page keeps its content")
         self._cancel = cancel
         self.hide()
         self._timer.start()

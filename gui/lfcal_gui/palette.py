@@ -36,7 +36,7 @@ class PaletteEntry:
 
 def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
     """Return the buttons of ``page``, which is called ``title``, and the actions of the menus that can be used now."""
-    # what was listed may be gone when it is chosen: a job's row, a file of the menu
+    # an entry may be gone when it is chosen: a job's row, a file of the menu
     entries = [
         PaletteEntry(f"{title}: {name}", "", button.click, partial(_pressable, button, page))
         for button in page.findChildren(QPushButton)
@@ -76,15 +76,15 @@ class Palette(QDialog):
         self.resize(*SIZE)
         self._entries = tuple(entries)
         self.line = QLineEdit()
-        self.line.setPlaceholderText("Type a part of what to do")
+        self.line.setPlaceholderText("Type part of a command")
         self.line.setAccessibleName("command")
-        self.line.setToolTip("A part of its name; the arrows choose among what matches, Enter does it")
+        self.line.setToolTip("Part of the name of a command. Arrow keys select a match, Enter runs it")
         self.line.textChanged.connect(self._show)
         self.line.returnPressed.connect(self._do)
         self.line.installEventFilter(self)
         self.list = QListWidget()
         self.list.setAccessibleName("commands that match")
-        self.list.setToolTip("All that can be done here; a double click does it")
+        self.list.setToolTip("Commands that are available now. Double-click to run one")
         self.list.itemActivated.connect(lambda _: self._do())
         column = QVBoxLayout(self)
         column.addWidget(self.line)

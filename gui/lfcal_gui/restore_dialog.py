@@ -39,7 +39,7 @@ class RestoreDialog(QDialog):
         heading.setProperty("role", "title")
         heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setWordWrap(True)
-        why = QLabel("A window ended without being closed, and this work of it is in no project file.")
+        why = QLabel("A window ended without being closed. Its last changes are in no project file.")
         self.words = QLabel("\n".join(kept.words()))
         self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         for label in (why, self.words):
@@ -48,7 +48,7 @@ class RestoreDialog(QDialog):
         for widget in (heading, why, self.words):
             column.addWidget(widget)
         if not kept.newer:
-            hint = QLabel("Restored work is not put into that file: saving asks for a name.")
+            hint = QLabel("The restored work does not replace that file. Saving asks for a name.")
             hint.setProperty("role", "hint")
             column.addWidget(hint)
         column.addLayout(self._buttons())
@@ -61,7 +61,7 @@ class RestoreDialog(QDialog):
         self.restore.setProperty("role", "primary")
         self.restore.setDefault(True)
         self.restore.setToolTip("Continue with the unsaved copy. Save it under a name afterwards")
-        self.discard.setToolTip("Delete the copy for good: the work in it is not wanted")
+        self.discard.setToolTip("Delete the copy permanently")
         self.later.setToolTip("Keep the copy and ask at the next start")
         self.discard.setAutoDefault(False)
         for button, signal in (

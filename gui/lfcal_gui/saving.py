@@ -41,7 +41,7 @@ def with_suffix(path: str, kind: str) -> str:
     """Return ``path`` with the first suffix of a kind such as ``"TIFF (*.tif *.tiff)"`` unless it has one itself."""
     own = Path(path).suffix
     offered = re.findall(r"\*(\.[\w.]+)", kind)
-    # "H_0.5um" ends in no suffix of a file
+    # "H_0.5um" has no file suffix
     if (own and re.fullmatch(r"\.[A-Za-z][A-Za-z0-9]{1,5}", own)) or not offered:
         return path
     return path + str(offered[0])

@@ -140,7 +140,7 @@ class MainWindow(QMainWindow):
         self._silence.setSingleShot(True)
         self._silence.setInterval(MESSAGE_MS)
         self._silence.timeout.connect(lambda: self.message.setText(""))
-        self.notices = QStackedWidget()  # each page's own line
+        self.notices = QStackedWidget()  # one notice for each page
         holder = QWidget()
         row = QHBoxLayout(holder)
         row.setContentsMargins(0, 0, 0, 0)
@@ -221,7 +221,7 @@ class MainWindow(QMainWindow):
             self.notices.setCurrentWidget(page.notice.parentWidget())
             self.rail.show_place(spec.place)
             self._last[spec.place] = key
-            self.stack.updateGeometry()  # the least width before the page had its fonts would stay that of the window
+            self.stack.updateGeometry()  # else the window keeps the minimum width from before the page had its fonts
             if any(window.isActiveWindow() for window in self._windows.values()):
                 self.activateWindow()
         else:
@@ -317,13 +317,13 @@ class MainWindow(QMainWindow):
         self._refresh()
 
     def _style(self) -> None:
-        """Style what stands around the pages, which style themselves as soon as they are seen."""
-        dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others take their page's
+        """Style the parts around the pages. Each page styles itself when it is first shown."""
+        dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others follow their page
         parts = self.log_dock, self.job_line.sheet, self.rail.menu, self.header.menu, *self.menus.menus
         for part in (self.menuBar(), self.header, self.statusBar(), self.rail, *parts, self._manual, *dialogs):
             if part is not None:
                 part.setStyleSheet(style_sheet())
-            if isinstance(part, Themed):  # a window with plots: a page redraws its own only
+            if isinstance(part, Themed):  # a window with plots; a page redraws only its own plots
                 part.apply_theme()
         for window in self._windows.values():
             window.apply_theme()
@@ -388,13 +388,13 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def _leave_later(self) -> None:
-        """Close when the jobs, which were asked to stop, have cleaned up behind themselves, and nothing is computed."""
+        """Close when the jobs, which were asked to stop, have cleaned up, and no computation runs."""
         if self._leaving:
             return
         self._leaving = True
         for widget in (self.menuBar(), self.centralWidget()):
             widget.setEnabled(False)
-        self.log("stopping what is at work; the window closes when that is done")
+        self.log("stopping jobs; the window closes afterwards")
         Leaving(self.jobs, self._leave_now, self)
 
     def _leave_now(self, overdue: bool) -> None:

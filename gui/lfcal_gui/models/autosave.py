@@ -78,7 +78,7 @@ class UnsavedCopy:
         if self.project:
             lines.append(f"Project file: {self.project}")
         if self.disk_time is not None:
-            order = "older than the copy" if self.newer else "newer than the copy: something was saved since"
+            order = "older than the copy" if self.newer else "newer than the copy: the project was saved later"
             lines.append(f"saved {_moment(self.disk_time)}, {order}")
         return (*lines, *_contents(self.state))
 
@@ -123,7 +123,7 @@ def read_kept(file: Path) -> UnsavedCopy:
     try:
         saved: ProjectState | None = read_project(own)
     except LfcalError:
-        saved = None  # damaged: the copy is all there is
+        saved = None  # the project file is damaged; only the copy is left
     return UnsavedCopy(file, state, kept.project, kept.time, saved, own.stat().st_mtime if saved is not None else None)
 
 

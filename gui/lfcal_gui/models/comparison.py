@@ -50,11 +50,11 @@ COMPARED_MODES = (("side", "side by side"), ("blink", "blink"), ("difference", "
 COMPARED_COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Left (%)")
 COMPARED_TIPS = (
     "Number and depth of the plane, both numbers where they differ; pixels behind the lenslets of one type",
-    "|A − B| / |B|, as they are",
-    "The number g for which |A − g B| is least",
-    "|A − g B| / |A|: 0 where they are alike, 1 where they have nothing in common",
-    "Shift of A against B: rows, columns",
-    "What is left of A with the scale and the shift that fit best",
+    "|A − B| / |B|, without scaling",
+    "The factor g that minimizes |A − g B|",
+    "|A − g B| / |A|: 0 if both are equal up to scale, 1 if they have nothing in common",
+    "Shift of A relative to B: rows, columns",
+    "Residual of A after the best scale and shift",
 )
 """Of the table of numbers: titles, and what they mean."""
 
@@ -223,7 +223,7 @@ def both_at(pair: Pair, place: Place) -> Both:
     if light > 0 and other > 0:
         second = second * (light / other)
     apart = first - second
-    # noise below zero would take the dark end of a logarithmic scale
+    # negative noise would take up the dark end of a logarithmic scale
     high = max(levels_of(first)[1], levels_of(second)[1])
     return Both(place, first, second, apart, (0.0, high), levels_of(apart, signed=True))
 

@@ -106,11 +106,11 @@ def _subject(project: ProjectState, kind: str, stack: ExitStack) -> Subject:
     from lfcal.psf import open_psf
 
     if kind == "psf":
-        # opened again: other pages read other planes of theirs
+        # open it again: other pages read other planes of their file
         matrix = open_psf(project.psf, mat_order=stated_order(project, project.psf))
         return Subject.of_matrix(stack.enter_context(matrix), Path(project.psf).name)
     if project.plan is None:
-        raise InputError.expected("accuracy", "a scan plan", "none", "make one on the Plan page")
+        raise InputError.expected("accuracy", "a scan plan", "none", "make one in Set up")
     return Subject(project.plan.camera.name, project.plan)
 
 

@@ -107,7 +107,7 @@ def parse(field: Field, text: str) -> Any:
         return text
     check_commas(field.label, text, whole=field.kind == "int", several=field.kind == "floats")
     try:
-        if "_" in text:  # to Python 1_00 is a hundred
+        if "_" in text:  # Python reads 1_00 as a hundred
             raise ValueError
         if field.kind == "float":
             return _number(field, text)
@@ -166,7 +166,7 @@ def fields_of(record: type, *, without: Iterable[str] = (), more: bool | None = 
 
 def _field(row: FieldRow) -> Field:
     opt = row.opt
-    # of several names a text is typed
+    # several names are typed as a text
     names = () if opt.read is read_names else row.choices
     choices: tuple[tuple[Any, str], ...] = tuple((name, name) for name in names)
     if row.kind is bool and row.optional:
@@ -177,7 +177,7 @@ def _field(row: FieldRow) -> Field:
     kind = "choice" if choices else "text" if opt.read or row.many else KINDS.get(row.kind, "text")
     share = opt.read is read_share
     notes = [part for part in ("0.03 or 3 %" if share else opt.unit, opt.range_words) if part]
-    # of what is on by default, the help says what turning it off does
+    # if a value is on by default, its help describes turning it off
     tip = ("Off: " if row.turns_off else "") + opt.help + (f" ({'; '.join(notes)})" if notes else "")
     empty = opt.empty or ("" if row.default is MISSING else text_in_form(row, row.default))
     return Field(

@@ -128,7 +128,7 @@ class JobLog:
         begun = datetime.fromtimestamp(self._begun)
         head = [f"{self.title}, begun {begun:%Y-%m-%d %H:%M:%S}"]
         if self._dropped:
-            head.append(f"({self._dropped} lines said by the way are left out)")
+            head.append(f"({self._dropped} notes are left out)")
         latest, under_way = self._latest, self._stage is not None and not self._over
         now = [f"now: {_far(latest)}"] if under_way and latest is not None else []
         return "\n".join((*head, *(line.line() for line in self.lines()), *now)) + "\n"

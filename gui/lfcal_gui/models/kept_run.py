@@ -46,12 +46,12 @@ class KeptRun:
     out: str
 
     def look(self) -> str:
-        """Return how many units are done; where none is, their folder goes."""
+        """Return the number of finished units as text; remove their folder if there is none."""
         try:
             state = read_run(parts_folder(self.out))
-        except InputError:  # it ended before it began
+        except InputError:  # it ended before the first unit
             return ""
-        if state.running:  # another window's, or a command's
+        if state.running:  # run by another window, or by a command
             return ""
         which = state.title.rpartition(", ")[2]  # "simulate H.h5, pass 2 of 4"
         of_which = f" of {which}" if which.startswith(f"{PASS} ") else ""

@@ -164,6 +164,6 @@ def page_states(
 def file_state(path: str, *, ready: bool) -> PageState:
     """Return the state of a page that makes the file ``path``; ``ready``: it could be made now."""
     if path:
-        # a file that the project names and that is gone is worth a look
+        # the file of the project is gone
         return PageState.DONE if Path(path).exists() else PageState.ATTENTION
     return PageState.READY if ready else PageState.NOTHING

@@ -241,7 +241,7 @@ class Project:
         new = replace(self._state, **changes)
         if new == self._state or self._refused(new):
             return
-        if new == self._past[-1][1]:  # taken back by hand: nothing is left to undo
+        if new == self._past[-1][1]:  # the user reverted the change: nothing is left to undo
             self._past.pop()
         self._set(new)
 

@@ -56,7 +56,7 @@ class PageSettings:
         taken = list(given)
         if reason(taken):
             taken = []
-            # twice: a value may need one that comes after it
+            # twice, since a value may depend on a later one
             for name in (*given, *given):
                 if name not in taken and not reason([*taken, name]):
                     taken.append(name)
@@ -85,7 +85,7 @@ def _tupled(value: Any) -> Any:
 def _check_type(name: str, default: Any, value: Any) -> None:
     """Raise where ``value`` is of another type than the default; a default of None says nothing."""
     kind = type(default)
-    # bool is an int to Python, and 1 is as good as 1.0 in JSON
+    # bool is an int in Python, and JSON may write 1.0 as 1
     allowed = {float: (float, int), int: (int,)}.get(kind, (kind,))
     wrong = not isinstance(value, allowed) or (isinstance(value, bool) and kind is not bool)
     if default is not None and wrong:

@@ -41,7 +41,7 @@ def turned(turn: NDArray[np.float64], across: float, down: float) -> NDArray[np.
     c, d = math.cos(down), math.sin(down)
     about_y = np.array([[a, 0, -b], [0, 1, 0], [b, 0, a]])
     about_x = np.array([[1, 0, 0], [0, c, -d], [0, d, c]])
-    # rounding adds up over thousands of steps of the mouse: the nearest rotation is taken
+    # use the nearest rotation, since rounding adds up over thousands of mouse steps
     u, _, v = np.linalg.svd(about_x @ about_y @ turn)
     made: NDArray[np.float64] = u @ v
     return made
@@ -336,7 +336,7 @@ def _effort(solid: Solid, scene: Viewpoint, most: float) -> _Effort:
     ahead = np.abs(scene.turn[2]) / solid.steps
     voxel = solid.sides[1 - across] * _shown(scene, across)
     columns = min(FINEST, max(1, math.ceil(2 * voxel / scene.pixel)))
-    # along the axis of the array there is nothing to see between two voxels
+    # along an axis of the array, values between two voxels change nothing
     along = 1 + round(2 * float(np.delete(ahead, main).max() / ahead[main]))
     half = (columns + 1) // 2
     tried = [
@@ -353,7 +353,7 @@ def _cost(solid: Solid, scene: Viewpoint, effort: _Effort) -> float:
     """Return how many values are looked at where all of it is seen."""
     main, down, across = _axes(solid, scene.turn)
     rows = 2 * solid.half[down] * _shown(scene, down) / (effort.rows * scene.pixel)
-    # between two planes values are of eight voxels rather than of four
+    # between two planes a value takes eight voxels instead of four
     planes = len(solid.places[main]) * (2 * effort.along - 1)
     return float(rows * planes * len(solid.places[across]) * effort.columns)
 
@@ -378,9 +378,9 @@ def _rays(solid: Solid, scene: Viewpoint, effort: _Effort) -> tuple[_Rays, tuple
     ahead = scene.turn[2] / scene.turn[2, main]
     voxel = solid.sides[1 - both[1]]
     step = effort.rows * scene.pixel / _shown(scene, both[0]), voxel
-    # the corners of the picture, and how far planes are shifted
+    # the corners of the picture, and the shift of the planes
     corners = np.linalg.solve(scene.turn[:2][:, both], _corners(scene))
-    # where nothing is turned its rows lie on those of the screen, its columns on those of the volume
+    # without rotation, its rows match those of the screen, its columns those of the volume
     across = float(solid.places[both[1]][0])
     anchor = float(corners[0, 0]), across
     first, shape = [], []
@@ -496,7 +496,7 @@ def _take(
             a, b = c0 + whole, c1 + whole + 1
             weights = low, np.float32(column - whole)
             _brighter(upper[a:b], lower[a:b], weights, plane, values[p, c0:c1], planes[p, c0:c1])
-        for q, j in ((c0 - 1, 0), (c1, last)):  # half a voxel beyond the middles of the outermost ones
+        for q, j in ((c0 - 1, 0), (c1, last)):  # the outermost voxels end half a voxel beyond their middles
             if 0 <= q < width and abs(left + q * voxel) <= rays.reach[1]:
                 value = (np.float32(1) - low) * upper[j] + low * lower[j]
                 if value > values[p, q]:

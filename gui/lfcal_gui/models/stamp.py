@@ -14,6 +14,6 @@ def stamp_of(path: str) -> Stamp | None:
     """Return a file as it is now, None where there is none."""
     try:
         found = Path(path).stat() if path else None
-    except (OSError, ValueError):  # no such file, or none can have such a name
+    except (OSError, ValueError):  # no such file, or an invalid name
         found = None
     return None if found is None else (path, found.st_mtime_ns, found.st_size)

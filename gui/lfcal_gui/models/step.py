@@ -83,13 +83,13 @@ def step_of(spec: PageSpec, project: ProjectState, out: str = "", part: str = ""
 
 
 def options_of(pairs: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
-    """Return options of the command line, without those whose value is None, False or empty; True stands alone."""
+    """Return command-line options. None, False and empty values are left out; True gives the option alone."""
     found: list[str] = []
     for name, value in pairs:
         if value is True:
             found.append(name)
         elif value is not None and value is not False and value != "":
-            found.append(f"{name}={value}")  # a value may begin with a minus
+            found.append(f"{name}={value}")  # a value may start with a minus sign
     return tuple(found)
 
 

@@ -40,7 +40,7 @@ class PixelAxis(pg.AxisItem):
         room = ROOM
         if self.orientation in ("bottom", "top"):
             room = max(ROOM, DIGIT * max(len(f"{end:.0f}") for end in (low, high)) + BETWEEN)
-        # pyqtgraph reckons with numbers along the whole axis, not with many in a small part of it
+        # pyqtgraph spaces numbers for the whole axis, not for many in a small part of it
         wide = [pair for pair in found if pair[0] >= 1 and pair[0] * apart >= room]
         kept = [(step, [v for v in values if low <= v <= high]) for step, values in wide]
         if any(values for _, values in kept):

@@ -28,7 +28,7 @@ class AxisArrows(QWidget):
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self.setProperty("overlay", True)  # lies over the picture on purpose
+        self.setProperty("overlay", True)  # overlaps the picture on purpose
         self.setFixedSize(WIDTH, HEIGHT)
         parent.installEventFilter(self)
         self.arrows: tuple[tuple[str, float, float], ...] = ()
@@ -89,5 +89,5 @@ def _arrow(painter: QPainter, start: QPointF, direction: tuple[float, float], co
     painter.setPen(colour)
     wide, high = painter.fontMetrics().horizontalAdvance(words), painter.fontMetrics().ascent()
     at = end + along * (6 + (wide if right else high) / 2)
-    # words of an arrow at the edge stay inside
+    # keep the label of an arrow at the edge inside
     painter.drawText(QPointF(max(3.0, at.x() - wide / 2), at.y() + high / 2 - 1), words)

@@ -179,11 +179,11 @@ def split(*parts: QWidget | QLayout, sizes: Sequence[int], vertical: bool = Fals
     made = QSplitter(Qt.Orientation.Vertical if vertical else Qt.Orientation.Horizontal)
     made.setChildrenCollapsible(False)
     made.setHandleWidth(8)
-    made.setStyleSheet("QSplitter::handle { background: transparent; }")  # the cards' frames show where it is
+    made.setStyleSheet("QSplitter::handle { background: transparent; }")  # the cards' frames show the handle
     for k, part in enumerate(parts):
         made.addWidget(_widget(part))
         made.setStretchFactor(k, 0 if k < fixed else sizes[k])
-    # more than any screen has: what is too much is taken from each by its share
+    # larger than any screen, so that Qt shrinks each part in proportion
     made.setSizes([size if k < fixed else size * MUCH // max(sizes) for k, size in enumerate(sizes)])
     return made
 

@@ -78,18 +78,18 @@ class ComparedNumbers(QWidget):
         self.second = ElidedLabel("Second H: none")
         self.second.setProperty("role", "value")
         self.choose_button = _button("Choose …", "The H that this one is compared with", self.choose_asked)
-        self.pairing = choice_box(PAIRING, "Planes belong together that show the same depth, or have the same number")
+        self.pairing = choice_box(PAIRING, "Compare planes of the same depth, or of the same number")
         self.pairing.setAccessibleName("planes belong together")
         self.pairing.currentIndexChanged.connect(
             lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
         )
-        tip = "A page with the pictures side by side, and all numbers for programs"
+        tip = "Write a page with the pictures side by side, and files with all numbers"
         self.report_button = _button("Write report …", tip, self.report_asked)
         self.compare_button = _button("Compare", "Compare all positions of both (F5)", self.compare_asked)
         self.verdict, self.notes = WrappedLabel(), WrappedLabel()
         self.verdict.setProperty("role", "value")
         self.notes.setProperty("role", "hint")
-        self.worst = choice_box([], "Look first at the positions (z, y, x) that differ most")
+        self.worst = choice_box([], "Show one of the positions (z, y, x) that differ most")
         self.worst.setAccessibleName("positions that differ most")
         self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))
         self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS, spare=SPARE)
@@ -221,12 +221,12 @@ class ComparePanel(ComparedNumbers):
     def _pictures(self) -> QFrame:
         frame, column = card()
         self.mode = choice_box(
-            COMPARED_MODES, "Blinking shows shifts, the difference shows what is missing, side by side the rest"
+            COMPARED_MODES, "Use blinking to see shifts, the difference to see missing light, or look side by side"
         )
         self.mode.setAccessibleName("how both are shown")
         self.mode.currentIndexChanged.connect(lambda: self._show_mode())
         self.scaling = choice_box(
-            [(scale, scale) for scale in SCALES], "Gamma and log bring out faint light; both patterns keep one scale"
+            [(scale, scale) for scale in SCALES], "Gamma and log show faint light. Both patterns have the same scale"
         )
         self.scaling.setAccessibleName("scaling")
         self.scaling.currentIndexChanged.connect(lambda: self._show_scaling())
@@ -280,7 +280,7 @@ class ComparePanel(ComparedNumbers):
         """Show a comparison's numbers; ``words`` are its verdict and what was left out."""
         self._names, self._both = names, None
         self._timer.stop()
-        for view in (*self.views, self.map):  # until the new ones are read
+        for view in (*self.views, self.map):  # empty until the new ones are read
             view.set_shot(None)
         self.map.blank.words = NOTHING
         for title in (*self.titles, self.map_title):

@@ -111,7 +111,7 @@ class Contrast(QWidget):
         found = sampled(values)
         if found.size:
             low, high = (float(v) for v in np.quantile(found, (TAIL, 1 - TAIL)))
-            # of a picture that is dark but for a few points nothing would be left
+            # else a picture with only a few bright points would be black
             self.set_levels((low, high if high > low else levels_of(values)[1]))
 
     def clipped(self) -> tuple[float, float]:

@@ -29,7 +29,7 @@ LEAST, MOST = -2.0, 2.0
 STEP = 0.05
 """Decades that the line moves by a key."""
 
-NOT_MEASURED = "Measure to see what each setting costs, and what it is worth."
+NOT_MEASURED = "Measure to see error and cost of each setting."
 
 ANCHORS = ((0.0, 1.0), (1.0, 0.0), (0.0, 0.0), (1.0, 1.0))
 """Corner of a name that lies at its point, best first: right above, left below, right below, left above."""
@@ -67,7 +67,7 @@ class CostCurve(LinePlot):
         self._points: tuple[CostPoint, ...] = ()
         self._reached: int | None = None
         self.front = pg.PlotDataItem(antialias=True)
-        words = {"position": 0.02, "anchors": [(0.0, 1.0), (0.0, 1.0)]}  # left of all points as a rule
+        words = {"position": 0.02, "anchors": [(0.0, 1.0), (0.0, 1.0)]}  # usually left of all points
         self.limit = pg.InfiniteLine(angle=0, movable=True, bounds=(LEAST, MOST), label="", labelOpts=words)
         self.limit.sigDragged.connect(lambda line: self._move(line.value()))
         self.ring = pg.ScatterPlotItem(symbol="o", size=RING, brush=None)
@@ -125,7 +125,7 @@ class CostCurve(LinePlot):
 
     def _draw(self) -> None:
         theme, points = current_theme(), self._points
-        # what matters is drawn last: points of the same numbers hide each other
+        # draw important points last, since equal points hide each other
         order = sorted(range(len(points)), key=lambda k: (points[k].picked, points[k].efficient))
         self.scatter.setData(
             [

@@ -62,7 +62,7 @@ class Enlarged(QFrame):
         _exchange(part, self._kept)
         part.setMaximumSize(UNLIMITED, UNLIMITED)
         self.back = QPushButton("Back (Esc)")
-        self.back.setToolTip("Put the picture back to its place on the page")
+        self.back.setToolTip("Put the picture back in its place on the page")
         self.back.clicked.connect(lambda _=False: self.put_back())
         row = QHBoxLayout()
         row.addStretch()
@@ -123,7 +123,7 @@ def _exchange(old: QWidget, new: QWidget) -> None:
         return
     layout = None if parent is None else parent.layout()
     if layout is not None:
-        layout.replaceWidget(old, new)  # also in the layouts inside it
+        layout.replaceWidget(old, new)  # also finds it in nested layouts
     old.setParent(None)
 
 

@@ -415,7 +415,7 @@ class FoldedForm(QFrame):
         self.edited.emit(key, value)
 
     def _reset_folded(self) -> None:
-        for _ in range(2):  # one value may allow the next
+        for _ in range(2):  # one value may depend on another
             for key in self.changed:
                 if self._rows[key].rare:
                     self.reset(key)
@@ -456,7 +456,7 @@ class FoldedForm(QFrame):
 
     def _reset_one(self, key: str) -> None:
         self.reset(key)
-        self._rows[key].editor.setFocus()  # the button is gone
+        self._rows[key].editor.setFocus()  # the button was hidden and lost the focus
 
     # -- values ----------------------------------------------------------------------------------------
     def editor(self, key: str) -> QWidget:
@@ -499,13 +499,13 @@ class FoldedForm(QFrame):
 
     def _set_text(self, key: str, editor: QLineEdit, value: Any) -> None:
         unchanged = self._stands_for(key, value)
-        if not unchanged and key != self._reported:  # changed elsewhere: what was typed before is over
+        if not unchanged and key != self._reported:  # changed elsewhere: forget the value before typing
             self._untouched.pop(key, None)
         if unchanged and (editor.property("reason") or (self.fields[key].late and editor.isModified())):
-            return  # the text that was refused can still be corrected, or typed to its end
+            return  # the user can still correct or complete the refused text
         if not editor.text() or not means(self.fields[key], editor.text(), value):
             editor.setText(text_of(self.fields[key], value))
-            editor.setCursorPosition(0)  # of a long number the beginning counts
+            editor.setCursorPosition(0)  # show the start of a long number
         self._mark(editor, "")
 
     def set_enabled(self, key: str, enabled: bool, why: str = "") -> None:

@@ -55,7 +55,7 @@ def controls(root: QWidget) -> list[QWidget]:
     found: list[QWidget] = []
     for kind in CONTROLS:
         found += root.findChildren(kind)
-    # parts of other controls speak through these
+    # a screen reader reads their parts through them
     inner = (QAbstractSpinBox, QComboBox, QAbstractItemView, QTabBar)
     return [widget for widget in found if not _within(widget, inner) and not widget.objectName().startswith("qt_")]
 

@@ -666,7 +666,7 @@ class _Canvas(pg.GraphicsView):
 
 def _display_of(shot: Shot, display: DisplaySettings) -> DisplaySettings:
     if shot.tint is not None and not current_theme().red:
-        return replace(display, colour_map="gray")  # the value of a pixel is its brightness
+        return replace(display, colour_map="gray")  # the values give the brightness of the tint
     return replace(display, scale="linear", colour_map=DIVERGING) if shot.signed else display
 
 

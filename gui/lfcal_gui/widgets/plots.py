@@ -47,13 +47,13 @@ def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
     """Label both axes of ``plot``; SI prefixes are never made up, and the room for numbers only grows."""
     for side, text in (("bottom", xlabel), ("left", ylabel)):
         axis = plot.getAxis(side)
-        # switched off alone, the prefix for the range on screen would stay: ticks 1000 times too large or small
+        # disabling alone keeps the prefix of the present range: ticks 1000 times too large or small
         axis.setSIPrefixEnableRanges(())
         axis.enableAutoSIPrefix(False)
         # an axis that also shrinks would resize the picture, which changes its numbers, and so on without end
         axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
         axis.setLabel(text)
-        axis.resizeEvent()  # else the name stays where the middle of the one before was
+        axis.resizeEvent()  # else the new label stays where the old one was centred
     for side in ("right", "top"):
         # these axes are hidden, but would still update their labels at each change of the range
         plot.getAxis(side).unlinkFromView()
@@ -75,7 +75,7 @@ def theme_plot(graphics: pg.GraphicsView, *plots: pg.PlotItem) -> None:
         legend = plot.legend
         if legend is not None:
             legend.setLabelTextColor(theme.text)
-            for _, label in legend.items:  # text that is there already keeps its colour otherwise
+            for _, label in legend.items:  # existing texts would keep their colour
                 label.setText(label.text, color=theme.text)
 
 
@@ -128,7 +128,7 @@ class UprightAxis(pg.AxisItem):
         if len(places) < 2:
             return found
         scale = size / max(abs(maxVal - minVal), 1e-300)
-        half = NUMBER_PX / 2 / scale  # a number that reaches out is not drawn at all
+        half = NUMBER_PX / 2 / scale  # pyqtgraph omits a number that does not fit
         low, high = min(minVal, maxVal) + half, max(minVal, maxVal) - half
 
         def legible(chosen: list[float]) -> bool:
@@ -197,7 +197,7 @@ class LinePlot(QWidget):
         """Draw or replace a curve, of what is known of it; without ``line`` only its symbols."""
         values = np.asarray(x, float), np.asarray(y, float)
         known = bool((np.isfinite(values[0]) & np.isfinite(values[1])).any())
-        if not known:  # pyqtgraph looks for the largest of none
+        if not known:  # pyqtgraph fails on data without finite values
             values = np.zeros(0), np.zeros(0)
         (self._known.add if known else self._known.discard)(name)
         self.blank.show_blank(not self._known)
@@ -293,7 +293,7 @@ class LinePlot(QWidget):
         """Yield every curve as lines of x and y, with what stands ``between`` columns."""
         for name, curve in self._curves.items():
             yield f"# {name}: {self._labels[0]}, {self._labels[1]}\n"
-            # not their logarithms, where an axis shows these
+            # the values, not their logarithms on a logarithmic axis
             x, y = curve.getOriginalDataset()
             if x is not None:
                 yield from (f"{a:.9g}{between}{b:.9g}\n" for a, b in zip(x, y, strict=True))

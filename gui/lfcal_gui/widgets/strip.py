@@ -65,7 +65,7 @@ class PlaneTile:
         """Return colour, pen and points (row, column) of what is drawn over the sum."""
         fitted, expected = outline_tones()
         pens = ((fitted, Qt.PenStyle.SolidLine, self.fitted), (expected, Qt.PenStyle.DashLine, self.expected))
-        # of a sum that is too dim or too small nothing is known
+        # an outline is unknown if the sum is too dim or too small
         return tuple((colour, pen, one.outline()) for colour, pen, one in pens if one is not None and one.seen)
 
     def picture(self, side: int, ratio: float = 1.0) -> QPixmap:
@@ -192,7 +192,7 @@ class Strip(QListWidget):
         """Show more of plane ``z``: fields of `PlaneTile`."""
         if z < len(self.tiles):
             tile = replace(self.tiles[z], **known)
-            # drawing a tile is slow, and most of the time nothing changed
+            # drawing a tile is slow, and usually nothing changed
             if any(not _same(value, getattr(self.tiles[z], key)) for key, value in known.items()):
                 self.tiles[z] = tile
                 self._show(z, count=len(self.tiles))
@@ -201,7 +201,7 @@ class Strip(QListWidget):
         tile, item = self.tiles[z], self.item(z)
         picture = tile.picture(self._side, self.devicePixelRatioF())
         icon = QIcon(picture)
-        icon.addPixmap(picture, QIcon.Mode.Selected)  # else the one that is chosen is tinted
+        icon.addPixmap(picture, QIcon.Mode.Selected)  # else Qt tints the selected one
         item.setIcon(icon)
         item.setText("\n".join(filter(None, (format_plane(tile.depth_um, z), tile.word))))
         item.setToolTip(self._tip(z, tile, count))
