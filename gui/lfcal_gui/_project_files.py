@@ -174,7 +174,7 @@ class ProjectFiles(QObject):
             self._refuse(
                 "Open project",
                 f"ignored in the project file: {named}{others}; a path on a network share makes this computer "
-                "log on to that server. Choose the file again if you trust it, or give the share a drive letter",
+                "log on to that server. Choose the file again if you know it, or give the share a drive letter",
             )
 
     # -- locks -----------------------------------------------------------------------------------------

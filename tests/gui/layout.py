@@ -164,7 +164,7 @@ def _cells(table: QTableView) -> Iterator[str]:
                 continue
             text = str(model.data(index) or "")
             if column in getattr(table, "brief", ()) and model.data(index, Qt.ItemDataRole.ToolTipRole) == text:
-                continue  # told in full beside the table
+                continue  # the full text is next to the table
             needs = max(QFontMetrics(table.font()).horizontalAdvance(line) for line in text.split("\n")) + 6
             if not table.wordWrap() and less(table.columnWidth(column), needs):
                 yield f"cell {text!r} needs {needs} px, has {table.columnWidth(column)}"

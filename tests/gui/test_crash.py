@@ -108,7 +108,7 @@ def test_an_error_of_a_thread_is_told_by_the_windows_thread(guard: CrashGuard, q
 
 
 def test_a_slot_of_qt_ends_in_the_dialog_too(guard: CrashGuard, qtbot: QtBot) -> None:
-    with qtbot.capture_exceptions() as caught:  # pytest-qt stands in for the hook here
+    with qtbot.capture_exceptions() as caught:  # pytest-qt replaces the hook here
         QTimer.singleShot(0, lambda: {}["missing"])
         qtbot.waitUntil(lambda: bool(caught), timeout=GUARD_MS)
     assert caught[0][0] is KeyError

@@ -157,9 +157,7 @@ def test_closing_names_what_runs_and_what_waits_and_begins_nothing(
     monkeypatch.setattr(QMessageBox, "question", lambda *said: (asked.append(said[2]), buttons.Yes)[1])
     assert window.files.may_leave()
     idle(window.jobs, qtbot)
-    assert (
-        "At work:\nAssemble H.h5\n\nWaiting, will not start:\nSimulate S.h5\nInspect H.h5\n\nStop them?" in asked[0]
-    )
+    assert "At work:\nAssemble H.h5\n\nWaiting, will not start:\nSimulate S.h5\nInspect H.h5\n\nStop them?" in asked[0]
     assert begun == ["Assemble H.h5"]
 
 

@@ -150,7 +150,7 @@ def test_menu_key_and_menu_bar(psf: Any, window: MainWindow, qtbot: QtBot) -> No
     action.trigger()
     QApplication.processEvents()
     assert psf.findChildren(Enlarged) == []
-    # the page is laid out anew, and the largest of its pictures is known then
+    # the largest picture is known after the page is laid out again
     qtbot.waitUntil(lambda: area(psf.panel.main_view) > area(psf.panel.sum_view), timeout=GUARD_MS)
     action.trigger()
     largest = psf.findChild(Enlarged)

@@ -101,7 +101,7 @@ def test_live_view_moves_and_numbers(page: Page, qtbot: QtBot, context: Context)
     assert "No camera connected" in panel.view.blank.text()
     connect(page, qtbot)
     panel.exposure.setValue(1.0)
-    qtbot.waitUntil(lambda: "median" in panel.numbers.text(), timeout=GUARD_MS)  # the live view starts by itself
+    qtbot.waitUntil(lambda: "median" in panel.numbers.text(), timeout=GUARD_MS)  # the live view starts automatically
     qtbot.waitUntil(lambda: "frames/s   1 ms" in panel.view.shot.readout, timeout=GUARD_MS)
     assert "% of range   0 saturated" in panel.view.shot.readout and "centroid" in panel.spot.text()
     assert "Waiting" not in panel.predicted.blank.text(), "a frame is there, with a pattern to expect or without"
@@ -345,7 +345,7 @@ def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: Q
     page.record.start()
     qtbot.waitUntil(lambda: "fault" in page.panel.record.status.text(), timeout=GUARD_MS)
     qtbot.waitUntil(lambda: page.record.folder.there is not None, timeout=GUARD_MS)
-    # still there once the folder was looked into, and what can be done next was written beside it
+    # still shown after the folder was read, together with the next action
     assert "resume" in page.panel.record.detail.text()
     there = page.record.folder.there
     assert there is not None and 0 < there.sum() < 24

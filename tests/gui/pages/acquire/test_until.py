@@ -140,7 +140,7 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
     press(page, "pause", qtbot)
     assert recorder.control.pausing and panel.buttons["pause"].text() == "Resume"
     press(page, "pause", qtbot)
-    # stopped in the midst: every frame stays, and it goes on
+    # stopped before the end: every frame is kept, and the run can continue
     qtbot.waitUntil(lambda: len(recorder.steps) == 1, timeout=GUARD_MS)
     press(page, "stop", qtbot)
     ended(page, qtbot)

@@ -255,7 +255,7 @@ def test_how_a_run_ends_is_a_setting_that_is_checked() -> None:
         ReconstructSettings(gain=0.0)
     # a gain that is left over from another choice is no reason to refuse this one
     assert not ReconstructSettings(gain=2.0).choice().auto
-    # of projects that knew one way to end by itself
+    # settings of older projects, with one automatic way to stop
     assert ReconstructSettings.from_dict({"auto": True, "iterations": 7}).stop == "left-out"
     assert ReconstructSettings.from_dict({"auto": False}).stop == ""
 

@@ -53,14 +53,14 @@ def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None
     assert found.plan == plan_target(SCAN, parse_target(ARRAY), Wishes(most_frames=12))
     assert (plane.few, plane.many) == found.plan.points_a_frame(0)
     assert plane.coverage == found.plan.coverage(0) < 1
-    for frame in (0, 11):  # as the plan tells them for a frame by itself
+    for frame in (0, 11):  # as the plan returns them for a single frame
         rows = plane.points[plane.points[:, 0] == frame, 1:]
         np.testing.assert_allclose(rows, found.plan.points(0, frame).pixels)
     ((depth, frames, least, *_, covered, _),), _ = table_rows(found)
     assert depth.endswith("m") and frames == "12" and least == str(found.plan.least_frames(0)) and "%" in covered
     summary = {name: (ours, single) for name, ours, single in found.summary()}
     assert summary["Frames"] == ("12", "252")
-    # what noise leaves, beside a single point
+    # the noise compared with a single point
     assert all(summary["Noise, in all"]) and "For 3 regions" not in summary
     assert found.coding.startswith("Showing 7 frames together, coded: does not pay at 16000 electrons")
     assert found.coding_briefly == "Showing 7 frames together, coded: does not pay."

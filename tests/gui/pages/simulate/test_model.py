@@ -69,7 +69,7 @@ def test_what_is_left_out_uses_its_part_of_the_tolerance(tmp_path: Path) -> None
     with drain(matrix_task(settings, str(tmp_path / "H.h5")).work_on(plan, RunSettings())).matrix as matrix:
         stated = matrix.facts.known()["error"]
     alone = simulate_psf(plan, verdict.found.effects, "geometric", tolerance=0.3)
-    # what is left out is stated beside what the computation reached
+    # the stated error includes effects that are left out
     assert (stated > alone.facts.known()["error"] + 0.9 * left_out).all()
 
 

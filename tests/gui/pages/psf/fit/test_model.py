@@ -312,7 +312,7 @@ def test_simulate_then_computes_the_h_of_the_fit(found: FoundFit) -> None:
     model = np.asarray(found.fit.model(workers=1))
     scale = float((H * model).sum() / (H * H).sum())
     assert np.abs(scale * H - model).sum() < 0.015 * model.sum()
-    # the camera as described is told from it
+    # the described camera differs from it
     before = np.asarray(simulate_psf(state.plan, effects, tolerance=0.01, workers=1))  # type: ignore[union-attr]
     scale = float((before * model).sum() / (before * before).sum())
     assert np.abs(scale * before - model).sum() > 0.03 * model.sum()
