@@ -385,7 +385,7 @@ def test_closing_does_not_hold_the_window_while_a_job_stops(
     waits: list[float] = []
     monkeypatch.setattr("lfcal_gui.jobs.wait_for", lambda threads, seconds: waits.append(seconds))
     assert not window.close() and window.isVisible() and not waits
-    assert "closes when that is done" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
+    assert "the window closes afterwards" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
     assert not window.close(), "asked once is enough"
     monkeypatch.undo()
     go_on.set()
