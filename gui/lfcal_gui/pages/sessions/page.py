@@ -189,7 +189,7 @@ class Page(BasePage):
         found = shown(self.results, self.settings, self.panel.words.text(), self.verdicts)
         self.panel.tiles.show_results(found, self.verdicts)
         total = len(self.results)
-        self.panel.count.setText(str(total) if len(found) == total else f"{len(found)} of {total}")
+        self.panel.counted.setText(str(total) if len(found) == total else f"{len(found)} of {total}")
         if found:
             words = ""
         elif not self.folders:

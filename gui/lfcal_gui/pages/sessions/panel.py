@@ -89,10 +89,10 @@ class SessionsPanel(QTabWidget):
         self.kind.setAccessibleName("kind")
         self.order = choice_box(ORDERS, "Order of the tiles")
         self.order.setAccessibleName("order")
-        self.count = QLabel(" ")
-        self.count.setProperty("role", "hint")
+        self.counted = QLabel(" ")
+        self.counted.setProperty("role", "hint")
         column = QVBoxLayout()
-        column.addLayout(line(self.words, self.kind, self.order, self.count, stretch=0))
+        column.addLayout(line(self.words, self.kind, self.order, self.counted, stretch=0))
         return column
 
     def _facts(self) -> QWidget:
