@@ -76,6 +76,12 @@ def test_damaged_files_give_one_line(tmp_path: Path) -> None:
             FileFormatError,
             "got no data, a compressed table; export it uncompressed",
         ),
+        fits(None, NAXIS=10**9): (FileFormatError, "got 999 axes; export it"),
+        fits(None, NAXIS=1, NAXIS1=5, BITPIX="1E300"): (FileFormatError, "an image of 2, 3 or 5 axes"),
+        fits(None) + fits(STACK[0].astype("u1"), "XTENSION= 'BINTABLE'", PCOUNT=-(10**9)): (
+            FileFormatError,
+            "got no data, a table",
+        ),
         fits(None, NAXIS=2, NAXIS1=60_000, NAXIS2=60_000, BITPIX=64): (UnsafeFileError, "declared in a file of"),
     }
     for data, (error, words) in bad.items():

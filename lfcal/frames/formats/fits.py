@@ -20,6 +20,9 @@ BLOCK = 2880
 MAX_BLOCKS = 1000
 """Longest header that is read (blocks)."""
 
+MAX_AXES = 999
+"""Most axes of an array."""
+
 MAX_ARRAYS = 100
 """Arrays that are looked at for the first image."""
 
@@ -50,16 +53,21 @@ class FitsImage(ImageFile):
         for _ in range(MAX_ARRAYS):
             if (header := self._header(file)) is None:
                 break
-            lengths = [_whole(header, f"NAXIS{k + 1}") for k in range(_whole(header, "NAXIS"))][::-1]
+            # the standard allows 999 axes; a damaged header may state any number
+            axes = min(_whole(header, "NAXIS"), MAX_AXES)
+            lengths = [_whole(header, f"NAXIS{k + 1}") for k in range(axes)][::-1]
             bits = _whole(header, "BITPIX")
             table = header.get("XTENSION", "IMAGE") != "IMAGE"
             if bits in _TYPES and len(lengths) in (2, 3, 5) and 0 not in lengths and not table:
                 self._describe(header, file.tell(), tuple(lengths), np.dtype(_TYPES[bits]))
                 return
             compressed = " compressed" if header.get("ZIMAGE") == "T" else ""
-            seen.append(f"{'a' + compressed + ' table' if table else lengths or 'no data'}")
+            shape = lengths if len(lengths) <= len("zyxts") else f"{len(lengths)} axes"
+            seen.append(f"{'a' + compressed + ' table' if table else shape or 'no data'}")
             count = int(np.prod(lengths, dtype=object)) if lengths else 0
-            size = (count + _whole(header, "PCOUNT")) * abs(bits) // 8
+            size = (count + max(0, _whole(header, "PCOUNT"))) * abs(bits) // 8
+            if size > self._bytes:  # nothing can follow it
+                break
             file.seek(-(-size // BLOCK) * BLOCK, 1)
         raise FileFormatError.expected(
             str(self.path), "an image of 2, 3 or 5 axes", ", ".join(map(str, seen)) or "none", "export it uncompressed"
@@ -135,7 +143,8 @@ class FitsImage(ImageFile):
             # the offset is the sign bit: exact for all sizes, where floats are not
             bits = np.ascontiguousarray(part, self._stored.newbyteorder("=")).view(self.dtype)
             return check_samples(self.path, bits ^ self.dtype.type(1 << (8 * self.dtype.itemsize - 1)))
-        values = self._zero + self._scale * part.astype(np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite samples are refused or masked like any other
+            values = self._zero + self._scale * part.astype(np.float64)
         if self._blank is not None:
             values[part == self._blank] = np.nan
         return check_samples(self.path, np.ascontiguousarray(values, self.dtype))

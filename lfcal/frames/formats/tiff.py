@@ -150,7 +150,8 @@ class TiffImage(ImageFile):
             known["scan_axes"] = axes
         if self._line is not None:
             offset, slope = self._line
-            self.dtype = np.dtype(np.int32 if slope == 1 and offset == int(offset) else np.float32)
+            whole = slope == 1 and offset == int(offset) and abs(offset) <= 1 << 30 and self._stored.itemsize <= 2
+            self.dtype = np.dtype(np.int32 if whole else np.float64 if self._stored.itemsize > 2 else np.float32)
             known["format_notes"] = (f"ImageJ's calibration is applied: {offset:g} + {slope:g} x the stored value",)
         # Micro-Manager stores metadata with every page
         own = page.tags.get(51123)
@@ -206,7 +207,8 @@ class TiffImage(ImageFile):
     def _calibrated(self, image: NDArray[Any]) -> NDArray[Any]:
         """Return samples as ImageJ shows them, contiguous."""
         if self._line is not None:
-            image = self._line[0] + self._line[1] * image.astype(np.float64)
+            with np.errstate(over="ignore"):  # infinite samples are refused or masked like any other
+                image = (self._line[0] + self._line[1] * image.astype(np.float64)).astype(self.dtype)
         return check_samples(self.path, np.ascontiguousarray(image, self.dtype))
 
     def _plain(self, page: Any) -> bool:
