@@ -224,7 +224,7 @@ def computed(hand: Hand) -> None:
 def fitted(hand: Hand) -> None:
     """Fit the optics of H."""
     _opened(hand)
-    page = hand.window.page("psf")
+    page = hand.window.page("h")
     page.fitting._edited("positions", 12)
     hand.click(page.panel.rows["fit"], "Fit of the optics")
     hand.stage.settle()
@@ -241,7 +241,7 @@ def reconstructed(hand: Hand) -> None:
     page.make_light_field("points", str(hand.folder / "points.tif"))
     hand.stage.settle()
     hand.window.project.update("none", light_field="")
-    hand.window.go("psf")
+    hand.window.go("h")
     hand.press("Use")
     with hand.named(hand.folder / "points.tif"):
         hand.press("Open …")
@@ -265,7 +265,7 @@ def repaired(hand: Hand) -> None:
     hand.until(lambda: page.panel.setup.devices.backend.count() > 0, "the list of devices")
     page.setup.connect_devices()
     hand.until(lambda: page.setup.station is not None, "the simulator")
-    window.go("psf")
+    window.go("h")
     hand.next(f"Record {len(BAD)} positions")
     _compared(hand, first)
 
@@ -382,13 +382,13 @@ def _deceived(hand: Hand) -> Path:
     made.close()
     state = {"plan": plan, "camera": plan.camera, "recording": str(place), "psf": str(place / "H.h5")}
     hand.window.project.update("a session", **state)
-    hand.window.go("psf")
+    hand.window.go("h")
     hand.until(lambda: hand.window.leading.sitting.bad == len(BAD), "a verdict with bad positions")
     return place / "H.h5"
 
 
 def _compared(hand: Hand, first: Path) -> None:
-    project, page = hand.window.project, hand.window.page("psf")
+    project, page = hand.window.project, hand.window.page("h")
     hand.until(lambda: project.state.psf == str(first.with_name("H-2.h5")), "the new H")
     hand.until(lambda: page.plane is not None and page.reference is not None, "both H")
     assert hand.window.shown is page and page.intent.view == "difference"

@@ -61,9 +61,9 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
         held = LongestTurn(app, lambda: window.jobs.busy)
         held.do("start", lambda: None)
         window.context.matrices.put("plane", PSFMatrix(np.broadcast_to(row, (1, ny, nx, nt, ns)).copy()))
-        window.go("psf")
+        window.go("h")
         held.do("H is opened", lambda: window.project.update("open", psf="plane"))
-        page: Any = window.page("psf")
+        page: Any = window.page("h")
         for k in range(20):
             held.do("another position", page.panel.map.chosen.emit, 7 * k % ny, 3 * k % nx)
         for _ in range(4):

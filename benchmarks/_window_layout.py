@@ -80,12 +80,12 @@ def layout() -> dict[str, Any]:
                     "least": [least.width() + window.rail.width(), least.height() + window.header.height()],
                 }
         found = {"header": len(controls(window.header)), "rail": len(controls(window.rail)), "views": views}
-        stage.page("psf")
+        stage.page("h")
         shares = {}
         for size in SIZES:
             window.resize(*size)
             stage.turn()
-            panel = window.page("psf").panel
+            panel = window.page("h").panel
             pictures = [view.graphics for view in (panel.main_view, panel.linked_view)]
             got = window.width() * window.height()
             shares[f"{size[0]}x{size[1]}"] = {
@@ -101,7 +101,7 @@ def hovering(count: int = 200) -> dict[str, float]:
     """Return how long it takes from the pointer on a pixel of H until its HT is drawn, and from a plane to H (ms)."""
     with TemporaryDirectory() as folder:
         stage = _sample(folder)
-        page = stage.page("psf")
+        page = stage.page("h")
         stage.window.resize(*SIZES[0])
         page.set_intent(view="both")
         stage.settle()

@@ -208,7 +208,7 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
     matrix = PSFMatrix(np.broadcast_to(row, (1, ny, nx, side, side)).copy())
     context = Context(Project(), jobs := Jobs())
     context.matrices.put("plane", matrix)
-    spec = PAGES.get("psf")
+    spec = PAGES.get("h")
     page: Any = page_class(spec)(spec, context)
     page.resize(1100, 760)
     page.show()

@@ -50,7 +50,7 @@ SESSION, PACES = "session counts", "paces"
 
 def _iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[Any]:
     """Judge H as the page that judges does; what it needs is imported in the job's thread."""
-    judging = import_module(f"{PAGES.get('psf').package}.model_judge")
+    judging = import_module(f"{PAGES.get('h').package}.model_judge")
     return (yield from judging.iter_judged(project, fitted))
 
 
@@ -209,7 +209,7 @@ class Leading(QObject):
 
         self._judging = self.context.jobs.start(
             f"Inspect {Path(state.psf).name}",
-            "psf",
+            "h",
             lambda: _iter_judged(state, self.context.fitted),
             done,
             kind="judge",

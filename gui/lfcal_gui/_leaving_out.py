@@ -42,7 +42,7 @@ class LeavingOut:
         title = f"Fit {psf.name}"
         self.context.jobs.start(
             title,
-            "psf",
+            "h",
             lambda: fit.work(),
             lambda _: self._assemble(how, psf, places) if self.context.project.begun == begun else None,
             kind="fit",
@@ -71,4 +71,4 @@ class LeavingOut:
         path = str(report.matrix.path)
         report.matrix.close()
         self.context.project.update("positions left out of H", psf=path, reference=str(psf))
-        self.context.made.emit("psf", {"place": shown_first(places), "view": "difference"})
+        self.context.made.emit("h", {"place": shown_first(places), "view": "difference"})

@@ -90,4 +90,4 @@ class Tools(QObject):
         # the user may have changed the project meanwhile
         if self._window.files.may_leave():
             self._window.files.start_with(state)
-            self._window.go("psf")
+            self._window.go("h")

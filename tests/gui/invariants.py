@@ -14,8 +14,8 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.form import parse, text_of
 from lfcal_gui.models.next_step import next_step, rail_words
-from lfcal_gui.pages.psf.model import shown_unit
-from lfcal_gui.pages.psf.model_checks import checks_of
+from lfcal_gui.pages.h.model import shown_unit
+from lfcal_gui.pages.h.model_checks import checks_of
 from lfcal_gui.pages.setup.model import values_of as values_of_camera
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
@@ -27,7 +27,7 @@ __all__ = ["check_window"]
 VIEWS = {"both": "Both", "sum": "Sum", "difference": "Difference", "fit": "Fit"}
 """Segments of the place H by the view that they show."""
 
-STOPPED_BY = ("psf", "accuracy")
+STOPPED_BY = ("h", "accuracy")
 """Pages whose button Stop can be pressed while, and only while, they have a job."""
 
 
@@ -88,7 +88,7 @@ def _body(page: BasePage) -> bool:
     return page.empty is None
 
 
-def _psf(window: MainWindow, page: Any) -> None:
+def _h(window: MainWindow, page: Any) -> None:
     """Hold H against the project's, and the header against its name."""
     path = window.context.state.psf
     assert page.matrix is (window.context.matrix(path) if path else None), "another H than the project's is shown"
@@ -103,12 +103,12 @@ def _psf(window: MainWindow, page: Any) -> None:
     assert 0 <= intent.z < planes and 0 <= intent.y < ny and 0 <= intent.x < nx
     assert page.panel.strip.count() == planes
     if page.plane is not None:
-        _psf_pictures(page)
+        _h_pictures(page)
     _checks(window, page)
     _fit(page)
 
 
-def _psf_pictures(page: Any) -> None:
+def _h_pictures(page: Any) -> None:
     """Hold controls, titles, unit and values against the position that is asked for."""
     panel, intent, matrix = page.panel, page.intent, page.matrix
     assert page.plane.z == intent.z == panel.strip.currentRow()
@@ -169,7 +169,7 @@ def _setup(window: MainWindow, page: Any) -> None:
 def _checks(window: MainWindow, page: Any) -> None:
     """Hold what can be done, and what is told, against the H of the project."""
     there, checking = bool(window.context.state.psf), page.checking
-    busy = {job.title.split()[0] for job in window.jobs.jobs() if job.active and job.page == "psf"}
+    busy = {job.title.split()[0] for job in window.jobs.jobs() if job.active and job.page == "h"}
     if not there:
         assert checking.inspection is None, "an inspection is shown, and there is no H"
     view = checking.view
@@ -232,7 +232,7 @@ def _simulate(window: MainWindow, page: Any) -> None:
 CHECKS = {
     "setup": _setup,
     "simulate": _simulate,
-    "psf": _psf,
+    "h": _h,
     "frames": _frames,
     "acquire": _acquire,
     "reconstruct": _reconstruct,

@@ -51,8 +51,8 @@ class Held:
 def test_a_file_of_h_that_is_still_opening(
     window: MainWindow, good: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    window.go("psf")
-    page: Any = window.page("psf")
+    window.go("h")
+    page: Any = window.page("h")
     for choose in (page.open_file, page.comparing.choose):
         held = Held(lfcal.psf.open_psf)
         monkeypatch.setattr(lfcal.psf, "open_psf", held)
@@ -66,9 +66,9 @@ def test_a_second_h_that_is_still_opening(
     window: MainWindow, good: Path, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window.project.update("open", psf=str(good))
-    window.go("psf")
+    window.go("h")
     idle(window.jobs, qtbot)
-    page: Any = window.page("psf")
+    page: Any = window.page("h")
     held = Held(lfcal.psf.open_psf)
     monkeypatch.setattr(lfcal.psf, "open_psf", held)
     page.comparing.choose(str(good))

@@ -189,6 +189,6 @@ def test_a_failing_callback_does_not_leave_its_job_at_work(window: MainWindow, q
     ended: list[Any] = []
     window.jobs.finished.connect(ended.append)
     with qtbot.capture_exceptions() as caught:
-        window.jobs.start("Work", "psf", work, lambda _: {}["missing"])
+        window.jobs.start("Work", "h", work, lambda _: {}["missing"])
         qtbot.waitUntil(lambda: bool(ended), timeout=GUARD_MS)
     assert caught[0][0] is KeyError and not window.jobs.busy

@@ -13,7 +13,7 @@ from pytestqt.qtbot import QtBot
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire._pictures import ErrorView, RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
-from lfcal_gui.pages.psf.panel import LevelRow, PSFPanel
+from lfcal_gui.pages.h.panel import HPanel, LevelRow
 from lfcal_gui.widgets.picture import Picture
 
 LOADED = """
@@ -42,7 +42,7 @@ def test_no_page_loads_what_only_its_work_needs(tmp_path: Path) -> None:
 
 
 def test_pictures_of_a_fit_and_levels_of_the_inspector_are_made_when_they_are_wanted(qtbot: QtBot) -> None:
-    panel = PSFPanel()
+    panel = HPanel()
     qtbot.addWidget(panel)
     panel.show_fit(None)
     panel.apply_theme()

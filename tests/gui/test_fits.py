@@ -69,8 +69,8 @@ def test_the_column_of_the_frames_is_whole(window: MainWindow, qtbot: QtBot) -> 
 def test_the_unknowns_of_a_fit_are_whole(window: MainWindow, qtbot: QtBot) -> None:
     window.files.start_with(ProjectState())
     window.resize(1920, 1080)
-    window.go("psf", "fit")
-    page: Any = window.page("psf")
+    window.go("h", "fit")
+    page: Any = window.page("h")
     page.show_body()
     choices = page.fitting.view.choices
     choices.unknowns.open()

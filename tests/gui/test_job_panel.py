@@ -90,7 +90,7 @@ def test_a_job_of_several_clocks_took_as_long_as_all_of_them(jobs: Jobs, qtbot: 
 
     panel = JobPanel(jobs)
     qtbot.addWidget(panel)
-    number = jobs.start("Inspect H.h5", "psf", parts)
+    number = jobs.start("Inspect H.h5", "h", parts)
     qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
     assert panel.row(number).status.text() == "done in 2.5 s"
 
@@ -122,7 +122,7 @@ def test_a_log_grows_while_it_is_read_and_tells_of_stopping(jobs: Jobs, qtbot: Q
 def test_the_trace_of_a_failure_is_in_its_log(jobs: Jobs, qtbot: QtBot) -> None:
     panel = JobPanel(jobs)
     qtbot.addWidget(panel)
-    number = jobs.start("Failing", "psf", failing)
+    number = jobs.start("Failing", "h", failing)
     qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
     row = panel.row(number)
     assert row.error.text() == "frames: expected light, got none; switch the lamp on"

@@ -42,7 +42,7 @@ def test_a_job_reports_in_the_windows_thread(jobs: Jobs, qtbot: QtBot) -> None:
     jobs.changed.connect(lambda job: seen.append((job, threading.current_thread())))
     cleaned: list[str] = []
     with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS):
-        jobs.start("Counting", "psf", lambda: counting(50, cleaned), results.append)
+        jobs.start("Counting", "h", lambda: counting(50, cleaned), results.append)
     assert results == ["result"] and cleaned == ["cleaned"]
     assert {thread for _, thread in seen} == {threading.current_thread()}
     states = [job.state for job, _ in seen]
@@ -59,7 +59,7 @@ def test_a_job_shorter_than_a_look_at_the_queue_says_how_long_it_took(jobs: Jobs
         ended.set()
 
     with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS) as end:
-        jobs.start("Short", "psf", work)
+        jobs.start("Short", "h", work)
         ended.wait(GUARD_MS / 1e3)  # the window's thread looks only afterwards
     assert end.args[0].progress.seconds == 0.25
 
@@ -67,8 +67,8 @@ def test_a_job_shorter_than_a_look_at_the_queue_says_how_long_it_took(jobs: Jobs
 def test_cancelling_closes_the_work(jobs: Jobs, qtbot: QtBot) -> None:
     cleaned: list[str] = []
     with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS) as end:
-        number = jobs.start("Counting", "psf", lambda: counting(100_000, cleaned))
-        assert jobs.running_pages() == {"psf"}
+        number = jobs.start("Counting", "h", lambda: counting(100_000, cleaned))
+        assert jobs.running_pages() == {"h"}
         qtbot.waitUntil(lambda: jobs.jobs()[0].state is JobState.RUNNING, timeout=GUARD_MS)
         jobs.cancel(number)
     assert end.args[0].state is JobState.CANCELLED and cleaned == ["cleaned"]
@@ -82,7 +82,7 @@ def failing() -> Generator[Progress, None, None]:
 def test_errors_come_in_words_with_details(jobs: Jobs, qtbot: QtBot) -> None:
     failed: list[WindowJob] = []
     with qtbot.waitSignal(jobs.finished, timeout=GUARD_MS):
-        jobs.start("Failing", "psf", failing, on_failed=failed.append)
+        jobs.start("Failing", "h", failing, on_failed=failed.append)
     job = failed[0]
     assert job.state is JobState.FAILED
     assert job.error == "sensor: expected light, got none; switch the lamp on"
@@ -137,7 +137,7 @@ def test_closing_stops_everything(qapp: Any) -> None:
     jobs = Jobs()
     cleaned: list[str] = []
     late: list[Any] = []
-    jobs.start("Long", "psf", lambda: counting(100_000, cleaned), late.append)
+    jobs.start("Long", "h", lambda: counting(100_000, cleaned), late.append)
     jobs.compute("slow", lambda: time.sleep(0.05), late.append)
     jobs.close()
     assert cleaned == ["cleaned"] and late == []
@@ -216,7 +216,7 @@ def test_what_a_job_made_is_told_and_not_remembered(jobs: Jobs, qtbot: QtBot) ->
     made: list[Any] = []
     ends: list[WindowJob] = []
     jobs.finished.connect(ends.append)
-    jobs.start("Short", "psf", lambda: counting(2, []), made.append)
+    jobs.start("Short", "h", lambda: counting(2, []), made.append)
     qtbot.waitUntil(lambda: bool(ends), timeout=GUARD_MS)
     assert made and ends[0].result == made[0], "whoever hears of the end gets it"
     assert jobs.jobs()[0].state is JobState.DONE and jobs.jobs()[0].result is None
@@ -295,7 +295,7 @@ def test_a_record_before_a_long_step_is_told(jobs: Jobs, qtbot: QtBot) -> None:
             yield Progress(k, 9, f"step {k}")
         go_on.wait(GUARD_MS / 1e3)
 
-    jobs.start("Steps", "psf", work)
+    jobs.start("Steps", "h", work)
     qtbot.waitUntil(lambda: getattr(jobs.jobs()[0].progress, "stage", "") == "step 4", timeout=GUARD_MS)
     go_on.set()
     qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)

@@ -36,8 +36,8 @@ def psf(window: MainWindow, qtbot: QtBot) -> Any:
     for name in ("H", "before"):
         window.context.matrices.put(name, PSFMatrix(values + (name == "H")))
     window.project.update("open", psf="H", reference="before")
-    window.go("psf")
-    page: Any = window.page("psf")
+    window.go("h")
+    page: Any = window.page("h")
     qtbot.waitUntil(lambda: page.plane is not None and page.reference_plane is not None, timeout=GUARD_MS)
     return page
 
@@ -90,7 +90,7 @@ def test_a_makes_the_contrast_automatic(psf: Any, qtbot: QtBot) -> None:
     assert contrast.levels[1] > low + 0.6 * (high - low)
 
 
-@pytest.mark.parametrize("page", ["setup", "frames", "simulate", "psf", "reconstruct", "acquire"])
+@pytest.mark.parametrize("page", ["setup", "frames", "simulate", "h", "reconstruct", "acquire"])
 def test_ctrl_i_hides_the_inspector(window: MainWindow, page: str) -> None:
     window.go(page)
     shown = window.page(page)

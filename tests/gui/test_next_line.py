@@ -125,7 +125,7 @@ def test_the_sample_by_the_next_button_alone(
     window.tools.sample()
     leads_to(window, qtbot, "Stop")
     leads_to(window, qtbot, "Export H")
-    assert window.shown.spec.key == "psf" and only_primary(window)
+    assert window.shown.spec.key == "h" and only_primary(window)
     assert window.leading.sitting.verdict is not None, "H was judged without being asked for"
     assert window.rail.word("h") == "✓ good" and "H is good" in window.next_line.words.text()
     answers(str(tmp_path / "sample.mat"))
@@ -142,7 +142,7 @@ def test_a_folder_of_frames_by_the_next_button_alone(window: MainWindow, qtbot: 
     qtbot.waitUntil(lambda: "about" in window.next_line.words.text(), timeout=GUARD_MS)
     assert window.next_line.words.text().startswith("make H of 1,254 frames, about ")
     follow(window, "Assemble H", qtbot)
-    qtbot.waitUntil(lambda: window.shown.spec.key == "psf", timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: window.shown.spec.key == "h", timeout=GUARD_MS)
     assert (tmp_path / "theirs" / "H.h5").exists(), "named without a question"
     leads_to(window, qtbot, "Export H")
     idle(window.jobs, qtbot)
@@ -180,7 +180,7 @@ def test_h_is_shown_when_it_is_made_unless_one_works_elsewhere(window: MainWindo
         return None
 
     window.go("setup")
-    window.jobs.start("Assemble", "frames", work, lambda _: window.context.made.emit("psf", None))
+    window.jobs.start("Assemble", "frames", work, lambda _: window.context.made.emit("h", None))
     qtbot.waitUntil(begun.is_set, timeout=GUARD_MS)
     if clicked:
         QTest.mouseClick(window.shown, Qt.MouseButton.LeftButton)

@@ -49,8 +49,8 @@ def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, threading.Eve
 
 
 def open_good(window: MainWindow, good: Path, qtbot: QtBot) -> Any:
-    window.go("psf")
-    page: Any = window.page("psf")
+    window.go("h")
+    page: Any = window.page("h")
     page.open_file(str(good))
     idle(window.jobs, qtbot)
     assert window.project.state.psf == str(good) and page.matrix is not None
@@ -78,14 +78,14 @@ def test_a_project_whose_h_hangs_can_be_left(
 ) -> None:
     (tmp_path / "hang.h5").write_text("")
     window.project.update("open", psf=str(tmp_path / "hang.h5"))
-    for key in ("psf", "reconstruct"):
+    for key in ("h", "reconstruct"):
         window.go(key)
         page: Any = window.page(key)
         assert "Opening hang.h5" in page.empty.label.text()
     assert hanging["begun"].wait(GUARD_MS / 1e3)
     window.context.matrices.cancel(str(tmp_path / "hang.h5"))
     idle(window.jobs, qtbot)
-    for key in ("psf", "reconstruct"):
+    for key in ("h", "reconstruct"):
         assert "stopped" in window.page(key).empty.label.text()  # type: ignore[union-attr]
 
 
@@ -94,8 +94,8 @@ def test_measuring_a_file_that_hangs_can_be_stopped(
 ) -> None:
     (tmp_path / "hang.h5").write_text("")
     window.project.update("open", psf=str(tmp_path / "hang.h5"))
-    window.go("psf")
-    page: Any = window.page("psf")
+    window.go("h")
+    page: Any = window.page("h")
     page.look_into("checks")
     assert hanging["begun"].wait(GUARD_MS / 1e3)
     window.jobs.cancel(window.jobs.jobs()[0].number)
@@ -191,7 +191,7 @@ def test_assembling_into_the_open_file_shows_the_new_one(window: MainWindow, goo
         save(PSFMatrix(np.ones((1, 3, 4, 5, 5), np.float32)), good)
         yield from ()
 
-    window.context.start_writing("Write", "psf", str(good), work)
+    window.context.start_writing("Write", "h", str(good), work)
     assert "being written" in page.empty.label.text()
     idle(window.jobs, qtbot)
     assert page.matrix is not old and page.matrix.shape == (1, 3, 4, 5, 5)
@@ -236,7 +236,7 @@ def test_no_page_replaces_a_file_unasked(
     for suffix in (".mat", ".tif"):
         window.project.update("kind", settings=ExportSettings(suffix=suffix).into(window.project.state))
         use.exporting.ask()
-    window.page("psf").checking.write_report()  # type: ignore[attr-defined]
+    window.page("h").checking.write_report()  # type: ignore[attr-defined]
     choose("view")
     page.panel.main_view.save_picture()
     page.panel.main_view.save_data()
@@ -279,8 +279,8 @@ def test_a_refusal_goes_when_what_it_was_said_beside_goes(window: MainWindow, qt
         save(PSFMatrix(np.ones((1, 2, 2, 5, 5), np.float32)), tmp_path / name)
     (tmp_path / "bad.h5").write_bytes(b"no file of HDF5")
     window.project.update("open", psf=str(tmp_path / "H.h5"))
-    window.go("psf")
-    page: Any = window.page("psf")
+    window.go("h")
+    page: Any = window.page("h")
     idle(window.jobs, qtbot)
     page.open_file(str(tmp_path / "bad.h5"))
     idle(window.jobs, qtbot)

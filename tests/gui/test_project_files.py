@@ -496,6 +496,6 @@ def test_what_never_ends_does_not_keep_the_window_open(
 
 def test_a_new_project_begins_with_its_camera(window: MainWindow) -> None:
     """It stayed on the page in view, which was empty then."""
-    window.go("psf")
+    window.go("h")
     window.files.new()
     assert window.shown.spec.key == "setup"

@@ -72,7 +72,7 @@ def test_from_the_camera_to_the_volume(
     acquire.record.after.assemble(str(session / "H.h5"))
     done(window, qtbot)
     assert state.state.psf == str(session / "H.h5")
-    assert window.shown.spec.key == "psf"
+    assert window.shown.spec.key == "h"
     judge(window, qtbot)
 
     # two positions again
@@ -89,8 +89,8 @@ def test_from_the_camera_to_the_volume(
     judge(window, qtbot)
 
     # the camera retrieved from it, an H simulated, both compared
-    psf: Any = window.page("psf")
-    window.go("psf", "fit")
+    psf: Any = window.page("h")
+    window.go("h", "fit")
     done(window, qtbot)
     psf.fitting._edited("positions", 12)
     psf.fitting.begin()
@@ -102,7 +102,7 @@ def test_from_the_camera_to_the_volume(
     simulate.simulate(str(tmp_path / "simulated.h5"))
     done(window, qtbot)
     assert state.state.reference == str(tmp_path / "simulated.h5")
-    window.go("psf", "compare")
+    window.go("h", "compare")
     psf.comparing.compare()
     done(window, qtbot)
     assert psf.comparing.found is not None
@@ -127,8 +127,8 @@ def test_from_the_camera_to_the_volume(
 
 def judge(window: MainWindow, qtbot: QtBot) -> None:
     """Inspect H, which must be usable."""
-    window.go("psf", "checks")
-    checking = window.page("psf").checking  # type: ignore[attr-defined]
+    window.go("h", "checks")
+    checking = window.page("h").checking  # type: ignore[attr-defined]
     done(window, qtbot)
     found = checking.inspection
     assert found is not None and not found.bad, found.verdict

@@ -33,10 +33,10 @@ from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.step import assembled
 from lfcal_gui.pages.acquire.step import step as recording_step
 from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.h.model_checks import QualitySettings
+from lfcal_gui.pages.h.model_fit import FitSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_scene import iter_reconstruct
-from lfcal_gui.pages.psf.model_checks import QualitySettings
-from lfcal_gui.pages.psf.model_fit import FitSettings
 from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.simulate.model import SimulateSettings
@@ -93,7 +93,7 @@ def do(step: CommandStep) -> dict[str, Any]:
     return names
 
 
-@pytest.mark.parametrize("key", [*SPECS, "psf checks", "psf fit"])
+@pytest.mark.parametrize("key", [*SPECS, "h checks", "h fit"])
 def test_every_page_is_a_command_that_is_understood_and_a_script(key: str, project: ProjectState) -> None:
     page, _, part = key.partition(" ")
     step = step_of(SPECS[page], project, part=part)
@@ -109,7 +109,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     def of(key: str, part: str = "") -> dict[str, Any]:
         return parsed(step_of(SPECS[key], project, part=part).arguments)
 
-    fit = of("psf", "fit")
+    fit = of("h", "fit")
     assert (fit["positions"], fit["noise"], fit["unknowns"]) == ("9", "2.0,0.5", "geometry,focal_lengths,iris")
     frames = of("frames")
     assert (frames["background"], frames["interpolation"], frames["orientation"]) == ("border", "linear", "as-is")
@@ -121,7 +121,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert acquire["option"] == ["optics=pattern"] and (acquire["darks"], acquire["reference_every"]) == ("2", "0")
 
 
-@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "psf", "psf checks", "psf fit", "reconstruct"])
+@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "h", "h checks", "h fit", "reconstruct"])
 def test_a_page_says_what_its_command_lacks(key: str) -> None:
     page, _, part = key.partition(" ")
     with pytest.raises(InputError, match="expected"):
@@ -129,7 +129,7 @@ def test_a_page_says_what_its_command_lacks(key: str) -> None:
 
 
 def test_a_page_without_a_command_says_so() -> None:
-    own = replace(SPECS["psf"], title="Mine", package="lfcal_gui.widgets")
+    own = replace(SPECS["h"], title="Mine", package="lfcal_gui.widgets")
     with pytest.raises(InputError, match="Mine: this page has no command"):
         step_of(own, ProjectState())
 
@@ -175,7 +175,7 @@ def test_recording_assembly_and_export_run(project: ProjectState) -> None:
     run(step_of(SPECS["frames"], project))
     with open_psf("H.h5") as H:
         np.testing.assert_array_equal(np.asarray(H), found)
-    do(step_of(SPECS["psf"], project))
+    do(step_of(SPECS["h"], project))
     assert Path("H.mat").is_file()
 
 
@@ -238,7 +238,7 @@ def test_the_window_copies_what_a_page_does(window: MainWindow) -> None:
     assert clipboard.text().endswith("lfcal camera show lfcal-camera.json\n")
     window.scripts.copy_step(python=True)
     assert "Camera.from_json" in clipboard.text()
-    window.go("psf", "checks")
+    window.go("h", "checks")
     window.scripts.copy_step()
     assert "H: expected one, got none" in window.log_view.toPlainText() and "Camera" in clipboard.text()
 
@@ -334,8 +334,8 @@ def test_history_is_a_script_that_runs(
 def test_the_script_of_a_history_is_read_by_a_shell(project: ProjectState) -> None:
     history = History()
     history.add(Taken("setup", "Save\ncamera", step_of(SPECS["setup"], project)))
-    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["psf"], project, part="fit"), draft=True))
-    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["psf"], project, "my fit", "fit"), "my fit"))
+    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["h"], project, part="fit"), draft=True))
+    history.add(Taken("fit", "Fit H.h5", step_of(SPECS["h"], project, "my fit", "fit"), "my fit"))
     history.add(Taken("simulate", "Frames", None, why="it has none"))
     assert history.latest("fit") == "my fit" and len(history.taken) == 3
     found = subprocess.run(["sh", "-n"], input=history.shell(), capture_output=True, text=True)

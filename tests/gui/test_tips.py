@@ -32,7 +32,7 @@ from lfcal_gui.models.job_log import JobLog
 from lfcal_gui.models.page import PAGES
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
-from lfcal_gui.pages.psf.panel import LEVELS
+from lfcal_gui.pages.h.panel import LEVELS
 from lfcal_gui.palette import Palette
 from lfcal_gui.preferences import Preferences
 from lfcal_gui.restore_dialog import RestoreDialog
@@ -88,8 +88,8 @@ def all_pages(window: MainWindow, qtbot: QtBot) -> dict[str, Any]:
         idle(window.jobs, qtbot)
         pages[spec.key] = window.page(spec.key)
     for level in LEVELS:  # made when they are looked at
-        pages["psf"].look_into(level)
-    assert pages["psf"].fitting.view.rounds and pages["psf"].panel.fitted
+        pages["h"].look_into(level)
+    assert pages["h"].fitting.view.rounds and pages["h"].panel.fitted
     return pages
 
 

@@ -157,6 +157,6 @@ def test_the_sample_session_opens_with_h(
     assert any(job.title == "Open the sample session" for job in window.jobs.jobs())
     idle(window.jobs, qtbot)
     assert window.project.state.name == "sample" and Path(window.project.state.psf).is_relative_to(place)
-    assert window.shown.spec.key == "psf"
+    assert window.shown.spec.key == "h"
     qtbot.waitUntil(lambda: window.context.matrix(window.project.state.psf) is not None, timeout=GUARD_MS)
     assert list(iter_demo(place / "demo")) == [], "the second time it is there"

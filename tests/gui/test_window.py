@@ -69,8 +69,8 @@ def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_p
         frames.assemble(str(target))
     assert end.args[0].state is JobState.DONE, end.args[0].error
     assert window.project.state.psf == str(target)
-    window.go("psf", (1, 2, 3))
-    psf: Any = window.page("psf")
+    window.go("h", (1, 2, 3))
+    psf: Any = window.page("h")
     idle(window.jobs, qtbot)
     np.testing.assert_allclose(psf.panel.main_view.values.max(), 20000, rtol=0.01)
     qtbot.keyClick(psf, Qt.Key.Key_T)
@@ -87,7 +87,7 @@ def test_a_whole_sitting(window: MainWindow, qtbot: QtBot, recorded: Path, tmp_p
 
 def test_only_existing_pages_and_their_states(window: MainWindow) -> None:
     keys = [spec.key for spec in window.specs]
-    assert keys[:2] == ["setup", "acquire"] and "psf" in keys
+    assert keys[:2] == ["setup", "acquire"] and "h" in keys
     for place in PLACES:
         assert window.views(place.key)
     assert [window.rail.word(place.key) for place in PLACES] == ["▲ start here", "needs a plan", "none yet", "needs H"]
@@ -199,7 +199,7 @@ def test_a_file_that_no_page_takes_makes_no_page(window: MainWindow, tmp_path: P
     assert set(window._pages) == {window.specs[0].key}
     np.save(tmp_path / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
     window.take_files([str(tmp_path / "H.npy")])
-    assert set(window._pages) == {window.specs[0].key, "psf"}
+    assert set(window._pages) == {window.specs[0].key, "h"}
 
 
 def test_a_failing_job_speaks_in_words(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
@@ -369,7 +369,7 @@ def test_places_are_left_and_found_again(window: MainWindow, qtbot: QtBot) -> No
     assert window.shown.spec.key == "simulate" and not segment.isChecked(), "it is the button of another page"
     rail = {b.title.text(): b for b in window.rail.findChildren(QPushButton)}
     qtbot.mouseClick(rail["H"], Qt.MouseButton.LeftButton)
-    assert window.shown.spec.key == "psf" and rail["H"].isChecked() and not rail["Record"].isChecked()
+    assert window.shown.spec.key == "h" and rail["H"].isChecked() and not rail["Record"].isChecked()
     qtbot.mouseClick(rail["Record"], Qt.MouseButton.LeftButton)
     assert window.shown.spec.key == "simulate", "a place is as it was left"
     qtbot.keyClick(window, Qt.Key.Key_3, keys.AltModifier)
@@ -393,19 +393,19 @@ def test_a_page_in_a_window_of_its_own(window: MainWindow, qtbot: QtBot) -> None
     qtbot.waitUntil(lambda: window.shown.spec.key == "setup", timeout=GUARD_MS)
     window.go("multiplex")
     assert page.window() is own and own.isVisible() and (own.width(), own.height()) == (1100, 720)
-    window.go("psf")
-    assert window.shown is window.page("psf")
+    window.go("h")
+    assert window.shown is window.page("h")
 
 
 def test_a_notice_moves_nothing(window: MainWindow) -> None:
     window.go("frames")
-    page, other = window.page("frames"), window.page("psf")
+    page, other = window.page("frames"), window.page("h")
     before = page.body.geometry(), page.mapTo(window, page.body.pos())
     page.refuse("the folder is empty: choose another" * 9)
     QApplication.processEvents()
     assert page.notice.isVisible() and (page.body.geometry(), page.mapTo(window, page.body.pos())) == before
     assert page.notice.label.toolTip() == page.notice.label.text(), "what has no room stands in the tip"
-    window.go("psf")
+    window.go("h")
     assert not page.notice.isVisible() and not other.notice.isVisible()
     window.go("frames")
     assert page.notice.isVisible()
@@ -417,10 +417,10 @@ def test_borders_are_kept_for_the_next_start(qapp: QApplication, place: Path) ->
     def sizes(made: MainWindow) -> list[int]:
         made.resize(1280, 800)
         made.show()
-        made.go("psf")
-        made.page("psf").show_body()
+        made.go("h")
+        made.page("h").show_body()
         QApplication.processEvents()
-        return list(made.page("psf").panel.split.sizes())  # type: ignore[attr-defined]
+        return list(made.page("h").panel.split.sizes())  # type: ignore[attr-defined]
 
     def closed(made: MainWindow) -> None:
         made.shut_down()
@@ -429,7 +429,7 @@ def test_borders_are_kept_for_the_next_start(qapp: QApplication, place: Path) ->
 
     first = make_window(qapp, parse([]), folder=place)
     before = sizes(first)
-    first.page("psf").panel.split.setSizes([300, sum(before) - 300])  # type: ignore[attr-defined]
+    first.page("h").panel.split.setSizes([300, sum(before) - 300])  # type: ignore[attr-defined]
     closed(first)
     second = make_window(qapp, parse([]), folder=place)
     kept = sizes(second)

@@ -356,7 +356,7 @@ def _record(s: Sitting) -> Step | None:
 def _judge(s: Sitting) -> Step | None:
     if s.verdict is not None:
         return None
-    return Step("Next", "judge H.", "Judge H", "psf.judge", "h", optional=True)
+    return Step("Next", "judge H.", "Judge H", "h.judge", "h", optional=True)
 
 
 def _few_bad(s: Sitting) -> Step | None:
@@ -374,7 +374,7 @@ def _few_bad(s: Sitting) -> Step | None:
         button = "Leave it out" if s.bad == 1 else "Leave them out"
         return Step("Next", words, button, "h.leave_out", "h", optional=v.usable)
     words = f"look at {bad}; the rest of H is {rest}."
-    return Step("Next", words, "Show them", "psf.worst", "h", optional=True)
+    return Step("Next", words, "Show them", "h.worst", "h", optional=True)
 
 
 def _remedy(s: Sitting) -> Step | None:
@@ -393,7 +393,7 @@ def _why(s: Sitting) -> Step | None:
         words = "see why H is not fully judged."
     else:
         words = f"see why H is bad: {v.failed} of {_count(v.checks, 'check')} {'fails' if v.failed == 1 else 'fail'}."
-    return Step("Next", words, "Why", "psf.why", "h", optional=True)
+    return Step("Next", words, "Why", "h.why", "h", optional=True)
 
 
 def _reconstruct(s: Sitting) -> Step | None:

@@ -58,7 +58,7 @@ def _multiplexing(stage: Stage) -> Iterator[Capture]:
 
 
 def _pictures(stage: Stage) -> Iterator[Capture]:
-    page = stage.page("psf")
+    page = stage.page("h")
     measuring = page.panel.main_view.measure()
     stage.turn(40)
     yield Capture("dialog_measuring", measuring)
@@ -67,7 +67,7 @@ def _pictures(stage: Stage) -> Iterator[Capture]:
     stage.turn()
     yield Capture("dialog_apertures", apertures)
     apertures.close()
-    for key in ("psf", "frames"):
+    for key in ("h", "frames"):
         page = stage.page(key)
         toggle_in(page)
         stage.settle()
@@ -106,9 +106,9 @@ def large(stage: Stage) -> Iterator[Capture]:
     yield Capture("setup_r29")
     window.context.matrices.put(f"/data/psf/{NAME}.h5", _matrix())
     window.project.update("open", psf=f"/data/psf/{NAME}.h5")
-    stage.page("psf")
+    stage.page("h")
     stage.tidy()
-    yield Capture("psf_r29")
+    yield Capture("h_r29")
     page = stage.page("frames")
     page.open_folder(str(_frames(stage.folder / NAME)))
     stage.settle()

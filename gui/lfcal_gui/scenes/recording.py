@@ -108,7 +108,7 @@ def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     tab.after.assemble(str(stage.folder / "session" / "H.h5"))
     settle_live(stage, page)
     stage.tidy()
-    yield Capture("psf_recorded")
+    yield Capture("h_recorded")
 
 
 def _dark_lab(stage: Stage, page: Any) -> Iterator[Capture]:

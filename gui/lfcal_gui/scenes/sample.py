@@ -8,13 +8,13 @@ from lfcal.accuracy import PLACES
 from lfcal.base import sample_session
 from lfcal_gui.scenes.stage import Capture, Stage
 
-__all__ = ["frames", "open_sample", "psf", "sample", "setup"]
+__all__ = ["frames", "h", "open_sample", "sample", "setup"]
 
 
 def sample(stage: Stage) -> Iterator[Capture]:
     """Go through all pages with the sample session."""
     open_sample(stage)
-    for scene in (setup, frames, psf, simulate, checks, fit, reconstruct, multiplex, accuracy, sessions):
+    for scene in (setup, frames, h, simulate, checks, fit, reconstruct, multiplex, accuracy, sessions):
         yield from scene(stage)
 
 
@@ -64,16 +64,16 @@ def frames(stage: Stage) -> Iterator[Capture]:
     page.panel.view.show_all()
 
 
-def psf(stage: Stage) -> Iterator[Capture]:
+def h(stage: Stage) -> Iterator[Capture]:
     """Show H, HT, and a logarithmic scale."""
-    page = stage.page("psf")
+    page = stage.page("h")
     stage.settle()
     stage.tidy()
-    yield Capture("psf")
+    yield Capture("h")
     page.set_intent(transposed=True, pixel=(20, 20))
     page.panel.toggle_scale("log")
     stage.settle()
-    yield Capture("psf_transposed")
+    yield Capture("h_transposed")
     page.set_intent(transposed=False)
     page.panel.toggle_scale("log")
 
@@ -97,37 +97,37 @@ def simulate(stage: Stage) -> Iterator[Capture]:
     else:
         page.simulate(str(simulated))
     stage.done()
-    judge = stage.page("psf")
+    judge = stage.page("h")
     judge.set_intent(view="difference")
     stage.settle()
     stage.tidy()
-    yield Capture("psf_difference")
+    yield Capture("h_difference")
     judge.set_intent(view="both")
 
 
 def checks(stage: Stage) -> Iterator[Capture]:
     """Show the checks of H, and the comparison with another H."""
-    page = stage.page("psf")
+    page = stage.page("h")
     page.look_into("checks")
     stage.done()
     stage.tidy()
-    yield Capture("psf_checks")
+    yield Capture("h_checks")
     page.checking.view.table.choose(4)
     stage.settle()
-    yield Capture("psf_checks_metric")
+    yield Capture("h_checks_metric")
     page.look_into("compare")
     page.comparing.compare()
     page.set_intent(view="difference")
     stage.done()
     stage.tidy()
-    yield Capture("psf_compare")
+    yield Capture("h_compare")
     page.set_intent(view="both")
     page.look_into("")
 
 
 def sessions(stage: Stage) -> Iterator[Capture]:
     """Show the gallery of what was made, two H compared, and three reports over time."""
-    reports, judged = stage.folder / "reports", stage.window.page("psf")
+    reports, judged = stage.folder / "reports", stage.window.page("h")
     for day in ("2026-03-02", "2026-03-09", "2026-03-16"):
         if not (reports / day).is_dir():
             judged.checking.write_report(str(reports / day))  # type: ignore[attr-defined]
@@ -147,15 +147,15 @@ def sessions(stage: Stage) -> Iterator[Capture]:
 
 def fit(stage: Stage) -> Iterator[Capture]:
     """Show the choices of a fit, and what it found."""
-    page = stage.page("psf")
+    page = stage.page("h")
     page.look_into("fit")
     stage.tidy()
-    yield Capture("psf_fit_ready")
+    yield Capture("h_fit_ready")
     page.fitting._edited("positions", 12)
     page.fitting.begin()
     stage.done()
     stage.tidy()
-    yield Capture("psf_fit")
+    yield Capture("h_fit")
     page.set_intent(view="both")
     page.look_into("")
 

@@ -130,7 +130,7 @@ TABLE = (
     ),
     (replace(RIG, rig_measured=False), "Next: measure scale and axes of the stage.", "acquire.adjust", {}),
     (RIG, "Next: record 5,643 positions in 9 planes, about 11 min 17 s.", "acquire.record", {"record": "ready"}),
-    (replace(H, verdict=None), "Next: judge H.", "psf.judge", {"h": "not judged"}),
+    (replace(H, verdict=None), "Next: judge H.", "h.judge", {"h": "not judged"}),
     (
         replace(H, verdict=FEW, rig=True),
         "Next: record 5 positions again; the rest of H is good.",
@@ -140,7 +140,7 @@ TABLE = (
     (
         replace(H, verdict=FEW),
         "Next: look at 5 bad positions; the rest of H is good.",
-        "psf.worst",
+        "h.worst",
         {"h": "5 to redo"},
     ),
     (
@@ -178,13 +178,13 @@ TABLE = (
     (
         replace(H, verdict=Verdict("bad", rest="bad", failed=3, checks=39)),
         "Next: see why H is bad: 3 of 39 checks fail.",
-        "psf.why",
+        "h.why",
         {"h": "bad"},
     ),
     (
         replace(H, verdict=Verdict("unknown", rest="unknown")),
         "Next: see why H is not fully judged.",
-        "psf.why",
+        "h.why",
         {"h": "in doubt"},
     ),
     (
@@ -222,9 +222,9 @@ OPTIONAL = {
     "setup.assumed",
     "setup.white",
     "acquire.adjust",
-    "psf.judge",
-    "psf.why",
-    "psf.worst",
+    "h.judge",
+    "h.why",
+    "h.worst",
     "acquire.redo",
     "h.leave_out",
 }
@@ -239,7 +239,7 @@ def test_an_optional_step_can_be_left_out() -> None:
 
 
 def test_what_was_declared_unnecessary_changes_no_word_on_what_h_is_worth() -> None:
-    bad = replace(H, verdict=Verdict("bad", rest="bad"), declined=frozenset({"psf.why"}))
+    bad = replace(H, verdict=Verdict("bad", rest="bad"), declined=frozenset({"h.why"}))
     assert next_step(bad).words == "export H and HT, 179.0 MB: H is bad."
     assert rail_words(bad)["h"].words == "bad"
 
@@ -307,4 +307,4 @@ def test_rail_and_line_never_contradict_each_other(sitting: Sitting) -> None:
     if rail["h"].words == "bad" and not sitting.job:
         assert "H is good" not in step.words
     if rail["use"].words == "needs H":
-        assert step.action not in ("reconstruct.export", "reconstruct.folder", "reconstruct.start", "psf.judge")
+        assert step.action not in ("reconstruct.export", "reconstruct.folder", "reconstruct.start", "h.judge")

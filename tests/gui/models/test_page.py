@@ -25,7 +25,7 @@ OWN = (
     "setup",
     "acquire",
     "frames",
-    "psf",
+    "h",
     "simulate",
     "reconstruct",
     "multiplex",
@@ -94,7 +94,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
         "setup": PageState.READY,
         "acquire": PageState.NOTHING,
         "frames": PageState.READY,
-        "psf": PageState.NOTHING,
+        "h": PageState.NOTHING,
         "simulate": PageState.READY,
         "reconstruct": PageState.NOTHING,
         "multiplex": PageState.READY,
@@ -104,7 +104,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     plan = default_plan(preset("bench"))
     full = ProjectState(plan=plan, psf=str(file), frames=str(tmp_path), reference="R.h5", redo=((0, 0, 0),))
     states = page_states(full, running={"simulate"}, attention={"frames", "not installed"})
-    assert states["setup"] is states["psf"] is PageState.DONE
+    assert states["setup"] is states["h"] is PageState.DONE
     assert states["reconstruct"] is states["accuracy"] is PageState.READY
     assert states["simulate"] is PageState.RUNNING
     assert states["frames"] is PageState.ATTENTION
@@ -112,7 +112,7 @@ def test_states_follow_from_the_project(tmp_path: Path) -> None:
     assert set(states) == set(OWN)
     lost = str(tmp_path / "gone.h5")
     gone = page_states(ProjectState(psf=lost, reference=lost))
-    assert gone["psf"] is gone["simulate"] is PageState.ATTENTION
+    assert gone["h"] is gone["simulate"] is PageState.ATTENTION
 
 
 def test_a_folder_for_the_next_session_is_no_matter_of_concern(tmp_path: Path) -> None:

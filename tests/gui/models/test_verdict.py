@@ -19,7 +19,7 @@ def test_a_verdict_is_kept_as_long_as_the_file_is_the_same(tmp_path: Path) -> No
     file = tmp_path / "H.h5"
     file.write_text("H")
     project = ProjectState(psf=str(file))
-    assert kept_verdict(project) is None and page_states(project)["psf"] is PageState.DONE
+    assert kept_verdict(project) is None and page_states(project)["h"] is PageState.DONE
     stamp = stamp_of(str(file))
     assert stamp is not None
     for verdict, state in (
@@ -28,7 +28,7 @@ def test_a_verdict_is_kept_as_long_as_the_file_is_the_same(tmp_path: Path) -> No
     ):
         project = replace(project, settings=with_verdict(project, stamp, verdict))
         again = ProjectState.from_json(project.to_json())
-        assert kept_verdict(again) == verdict and page_states(again)["psf"] is state
+        assert kept_verdict(again) == verdict and page_states(again)["h"] is state
     (kept,) = project.settings["verdicts"]
     for damaged in (None, [], 3, [3], [{**kept, "bad": "many"}], [{"stamp": list(stamp[1:])}]):
         assert kept_verdict(replace(project, settings={"verdicts": damaged})) is None

@@ -10,7 +10,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
 from lfcal_gui.pages.acquire._pictures import ErrorView
-from lfcal_gui.pages.psf.fit_view import DecadePlot
+from lfcal_gui.pages.h.fit_view import DecadePlot
 from lfcal_gui.widgets._blank import NOTHING
 from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.picture import Picture

@@ -106,9 +106,9 @@ def psf(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Any:
     rng = np.random.default_rng(5)
     save(PSFMatrix(rng.random((2, 3, 4, 9, 11), np.float32), depths=[0.0, 10.0]), tmp_path / "H.h5")
     window.project.update("open", psf=str(tmp_path / "H.h5"))
-    window.go("psf")
+    window.go("h")
     idle(window.jobs, qtbot)
-    return window.page("psf")
+    return window.page("h")
 
 
 def test_what_is_enlarged_goes_on(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
@@ -127,7 +127,7 @@ def test_escape_is_not_the_pages_own(window: MainWindow, qtbot: QtBot, psf: Any,
     page = psf
     stopped: list[int] = []
     monkeypatch.setattr(window.jobs, "cancel", stopped.append)
-    going = window.jobs.start("Report", "psf", lambda: iter(()))
+    going = window.jobs.start("Report", "h", lambda: iter(()))
     assert going and toggle_in(page)
     holder = page.findChild(Enlarged)
     QTest.keyClick(holder, Qt.Key.Key_Escape)
@@ -170,8 +170,8 @@ def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, wind
 
 def test_borders_are_the_users(window: MainWindow) -> None:
     window.resize(1600, 1000)
-    window.go("psf")
-    page: Any = window.page("psf")
+    window.go("h")
+    page: Any = window.page("h")
     page.show_body()
     QApplication.processEvents()
     before = page.panel.split.sizes()

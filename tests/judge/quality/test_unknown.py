@@ -91,7 +91,7 @@ def test_unknown_is_unknown_in_json(report: QualityReport) -> None:
 def test_unknown_is_unknown_for_people(
     report: QualityReport, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from lfcal_gui.pages.psf.model_checks import checks_of
+    from lfcal_gui.pages.h.model_checks import checks_of
 
     undrawn(monkeypatch)
     found = Inspection(report, (), 0, 0.0, "no camera is known", 0.0)

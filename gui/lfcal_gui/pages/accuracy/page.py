@@ -86,7 +86,7 @@ class Page(BasePage):
                 "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
                 {
                     "Plan": self.lead("setup", "Choose the source positions and depth planes of the scan"),
-                    "PSF": self.lead("psf", "Open an H that was assembled, simulated or fitted before"),
+                    "PSF": self.lead("h", "Open an H that was assembled, simulated or fitted before"),
                 },
             )
             return

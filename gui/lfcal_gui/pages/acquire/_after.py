@@ -94,7 +94,7 @@ class Afterwards:
     def _remade(self, report: Any, before: Path, places: Sequence[Place]) -> None:
         path = self._told(report)
         self.context.project.update("assembly of positions recorded again", psf=path, reference=str(before))
-        self.context.go.emit("psf", {"place": shown_first(places), "view": "difference"})
+        self.context.go.emit("h", {"place": shown_first(places), "view": "difference"})
 
     def _assemble(self, out: Path, planes: list[int] | None = None, *, sent: Any = None) -> None:
         folder = Path(self.context.state.recording)
@@ -112,7 +112,7 @@ class Afterwards:
 
     def _assembled(self, report: Any, sent: Any) -> None:
         self.context.project.update("assembly", psf=self._told(report))
-        self.context.made.emit("psf", sent)
+        self.context.made.emit("h", sent)
 
     def _told(self, report: Any) -> str:
         """Close H and return its file; report the verdict and notes of assembling as messages."""

@@ -466,4 +466,4 @@ class Page(BasePage):
         self.context.project.update("assembly", psf=path)
         self._fresh = False
         self._tell()
-        self.context.made.emit("psf", None)
+        self.context.made.emit("h", None)

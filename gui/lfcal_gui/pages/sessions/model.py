@@ -164,7 +164,7 @@ def how_opened(result: StoredResult) -> str:
     if result.kind == "export" and not _opens(result.path):
         return "A TIFF export is for other programs; open the H that it was made of."
     return {"recording": "acquire", "volume": "reconstruct", "fit": "browser", "report": "browser"}.get(
-        result.kind, "psf"
+        result.kind, "h"
     )
 
 

@@ -147,7 +147,7 @@ def test_positions_are_recorded_again_and_h_is_made_anew_as_before(
     idle(context.jobs, qtbot)
     assert context.state.reference == str(folder / "own.h5") and context.state.redo == ()
     assert (folder / "own.h5").read_bytes() == before
-    assert went == [("psf", {"place": (1, 0, 0), "view": "difference"})]
+    assert went == [("h", {"place": (1, 0, 0), "view": "difference"})]
     with open_psf(folder / "own.h5") as old, open_psf(folder / "own-2.h5") as new:
         assert new.cutout == (15, 15)
         changed = np.argwhere((np.asarray(old) != np.asarray(new)).any(axis=(3, 4)))

@@ -122,7 +122,7 @@ def test_a_sitting_by_the_large_buttons_and_their_keys(
         idle(page, qtbot)
         qtbot.waitUntil(lambda: page.setup.free, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: shown(page, "next") == "Next: Assemble H …\nF9", timeout=GUARD_MS)
-    window.context.made.emit("psf", None)
+    window.context.made.emit("h", None)
     assert window.shown is page, "the large buttons stay under the hand when H is made"
     qtbot.keyClick(page, Qt.Key.Key_F11)
     assert panel.bar.isHidden() and current_theme() is DARK

@@ -320,7 +320,7 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
     qtbot.waitUntil(lambda: context.state.psf.endswith("plane-01.h5"), timeout=GUARD_MS)
     page.record.after.assemble(str(folder / "H.h5"))
     qtbot.waitUntil(lambda: context.state.psf.endswith("H.h5"), timeout=GUARD_MS)
-    assert went == ["psf", "psf"]
+    assert went == ["h", "h"]
     with open_psf(folder / "H.h5") as H:
         assert H.shape == PLAN.shape and H.recorded.all()
         with open_psf(folder / "plane-01.h5") as one:

@@ -168,7 +168,7 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
     context.go.connect(lambda key, payload: sent.append((key, payload)))
     press(page, "fit", qtbot)
     qtbot.waitUntil(lambda: bool(sent), timeout=GUARD_MS)
-    assert sent[0][0] == "psf" and isinstance(sent[0][1], Fit) and context.state.psf == str(folder / "H.h5")
+    assert sent[0][0] == "h" and isinstance(sent[0][1], Fit) and context.state.psf == str(folder / "H.h5")
     with open_psf(folder / "H.h5") as H:
         assert set(map(tuple, np.argwhere(H.recorded > 0).tolist())) == set(sent[0][1].residuals)
 

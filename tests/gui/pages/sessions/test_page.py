@@ -238,7 +238,7 @@ def test_a_result_opens_on_its_page(window: MainWindow, folder: Path, qtbot: QtB
     QTest.keyClick(page.panel.tiles, Qt.Key.Key_Return)
     idle(window.jobs, qtbot)
     assert window.project.state.psf == str(folder / "may" / "may.h5")
-    assert window.stack.currentWidget() is window.page("psf")
+    assert window.stack.currentWidget() is window.page("h")
     window.go("sessions")
     click(page, "recorded_may")
     QTest.mouseClick(page.open_button, LEFT)

@@ -1,0 +1,213 @@
+"""The checks of H in the inspector: failed ones first, what the chosen one means, and the picture that shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QPushButton,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal_gui.models import Shot
+from lfcal_gui.pages.h.model_checks import FIELDS, CheckPicture, CheckRow, QualitySettings, camera_choices
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets import (
+    LINES,
+    FittedBrowser,
+    FoldedForm,
+    LinePlot,
+    Picture,
+    RowsTable,
+    WrappedLabel,
+    line,
+    told_or_shown,
+)
+
+__all__ = ["ChecksView"]
+
+COLUMNS = ("", "Check", "Value", "Good", "Bad", "Merit", "Cost")
+COST = "Estimated error of a reconstruction (NRMSE) that a fault of this size causes"
+MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
+"""What precedes a check; it repeats what its colour says."""
+
+MARK, VALUE = 24, 112
+"""Widths of the columns of marks and values (px)."""
+
+ROW, LEAST_ROWS, PICTURE = 24, 5, 118
+"""Height of a row, rows that are seen at least, and height of the picture (px)."""
+
+
+class ChecksView(QWidget):
+    """List of the checks of H, with meaning and remedy of the selected check.
+
+    Signals
+    -------
+    edited(key, value)
+        A setting was changed.
+    folder_asked()
+        The camera of a saved fit is wanted.
+    fault_asked(name)
+        The section of the atlas about a fault is wanted.
+    every_toggled(on)
+        List all metrics, or those that apply.
+    chosen(row)
+        Another check is looked at: its number in the rows that were given.
+    """
+
+    edited = Signal(str, object)
+    folder_asked = Signal()
+    fault_asked = Signal(str)
+    every_toggled = Signal(bool)
+    chosen = Signal(int)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.message, self.stack = told_or_shown("", self._content())
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.stack, 1)
+        column.addLayout(self._buttons())
+        column.addWidget(self._settings())
+        column.addWidget(self.summary)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _content(self) -> QWidget:
+        content = QWidget()
+        column = QVBoxLayout(content)
+        column.setContentsMargins(0, 0, 0, 0)
+        self.counts, self.redo = WrappedLabel(), QPushButton()
+        self.counts.setProperty("role", "hint")
+        self.redo.setAccessibleName("record bad positions again")
+        self.redo.setToolTip(
+            "Record the bad positions again, then make and judge a new H; the previous H becomes the other H"
+        )
+        self.redo.hide()
+        self.table = RowsTable(COLUMNS, 1, brief=(1, 2), spare=(3, 4, 5, 6))
+        self.table.setAccessibleName("checks")
+        self.table.setShowGrid(False)
+        top = self.table.horizontalHeader()
+        top.setMinimumSectionSize(20)
+        for number, width in ((0, MARK), (2, VALUE)):
+            top.setSectionResizeMode(number, QHeaderView.ResizeMode.Fixed)
+            top.resizeSection(number, width)
+        title = self.table.horizontalHeaderItem(6)
+        if title is not None:
+            title.setToolTip(COST)
+        self.table.verticalHeader().setDefaultSectionSize(ROW)
+        self.table.setMinimumHeight(ROW * (LEAST_ROWS + 1))
+        self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
+        self.table.itemSelectionChanged.connect(self._chosen)
+        self.words = FittedBrowser(64, 112)
+        self.words.setOpenLinks(False)
+        self.words.anchorClicked.connect(lambda link: self.fault_asked.emit(link.path()))
+        self.words.setAccessibleName("meaning and remedy of the check")
+        for part in (self.counts, self.redo):
+            column.addWidget(part)
+        column.addWidget(self.table, 1)
+        column.addWidget(self.words)
+        column.addWidget(self._pictures())
+        return content
+
+    def _pictures(self) -> QStackedWidget:
+        self.curve, self.none = LinePlot("depth z (mm)", "value"), QLabel()
+        # rows and columns of it need not be pixels of one size
+        self.image = Picture("value", axes=("column", "row"), square=False, colour_map="cividis")
+        self.none.setProperty("role", "hint")
+        self.none.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.none.setWordWrap(True)
+        self.pictures = QStackedWidget()
+        self.pictures.setFixedHeight(PICTURE)
+        for content in (self.none, self.curve, self.image):
+            self.pictures.addWidget(content)
+        return self.pictures
+
+    def _buttons(self) -> QHBoxLayout:
+        self.measure_button, self.report_button = QPushButton("Inspect again"), QPushButton("Write report …")
+        self.measure_button.setToolTip("Measure H again, and compare it with its camera (F5)")
+        self.report_button.setToolTip("Save the results: an HTML page with all figures, and JSON for programs")
+        return line(self.measure_button, self.report_button)
+
+    def _settings(self) -> QWidget:
+        self.summary = WrappedLabel()
+        self.summary.setProperty("role", "hint")
+        self.every = QCheckBox("List all metrics")
+        self.every.setToolTip("List metrics that do not apply to this H, too")
+        self.every.toggled.connect(self.every_toggled.emit)
+        tip = "Camera, session, number of patterns and time of the inspection"
+        self.form = FoldedForm(more=FIELDS, title="What H is compared with", tip=tip, framed=True)
+        self.form.edited.connect(self.edited.emit)
+        folder = QPushButton("Fit folder …")
+        folder.setToolTip("Compare with the camera of a fit that was saved")
+        folder.clicked.connect(lambda: self.folder_asked.emit())
+        for part in (folder, self.every):
+            self.form.fold_line(part)
+        return self.form
+
+    def _chosen(self) -> None:
+        number = self.table.chosen()
+        if number >= 0:
+            self.chosen.emit(number)
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_settings(self, settings: QualitySettings) -> None:
+        """Show what the user chose."""
+        self.form.set_choices("camera", camera_choices(settings))
+        self.form.set_values({key: getattr(settings, key) for key in self.form.fields})
+
+    def show_message(self, words: str) -> None:
+        """Show words in place of the checks: how far an inspection is, or why there is none."""
+        self.message.setText(words)
+        self.stack.setCurrentIndex(0)
+
+    def show_checks(self, counts: str, checks: Sequence[CheckRow], chosen: int = 0) -> None:
+        """Show the checks in their order, and look at one of them."""
+        colours = _colours()
+        self.counts.setText(counts)
+        blocker = QSignalBlocker(self.table)
+        self.table.show_rows(
+            [(MARKS[one.merit], one.title, one.value, one.good, one.bad, one.rating, one.cost) for one in checks],
+            colour=lambda row, column: colours[checks[row].merit] if column in (0, 5) else "",
+        )
+        self.table.clearSelection()
+        blocker.unblock()
+        self.stack.setCurrentIndex(1)
+        self.table.choose(min(chosen, len(checks) - 1))
+
+    def show_check(self, words: str, picture: CheckPicture) -> None:
+        """Show meaning and remedy of a check as rich text, and its picture."""
+        self.words.setHtml(words)
+        if picture.values is None:
+            self.none.setText(picture.title)
+            self.pictures.setCurrentWidget(self.none)
+        elif picture.across is not None:
+            self.curve.clear()
+            self.curve.set_labels(picture.axes[0], picture.unit)
+            symbol = "o" if len(picture.across) < 60 else None
+            self.curve.set_curve(picture.unit, picture.across, picture.values, symbol=symbol, colour=LINES[0])
+            self.curve.plot.autoRange()
+            self.pictures.setCurrentWidget(self.curve)
+        else:
+            self.image.set_axes(picture.axes[1], picture.axes[0])
+            values = np.asarray(picture.values, np.float64)
+            shot = Shot(values, "", picture.unit, picture.title, origin=picture.origin)
+            self.image.set_shot(shot, keep_view=False)
+            self.pictures.setCurrentWidget(self.image)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for plot in (self.image, self.curve):
+            plot.apply_theme()
+
+
+def _colours() -> dict[str, str]:
+    theme = current_theme()
+    return {"good": theme.good, "fair": theme.fair, "bad": theme.bad, "unknown": theme.muted}

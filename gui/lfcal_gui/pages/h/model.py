@@ -1,0 +1,449 @@
+"""What the place H shows: intent in, frozen picture out. No Qt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError, centre, format_length
+from lfcal.camera import Camera
+from lfcal.psf import PSFMatrix, light_shares
+from lfcal_gui.models import DisplaySettings, Levels, plane_words
+
+if TYPE_CHECKING:
+    from lfcal.judge import Pair
+    from lfcal.psf.aperture import Aperture
+
+__all__ = [
+    "HIntent",
+    "HPicture",
+    "LoadedPlane",
+    "Pixel",
+    "PlaneData",
+    "PositionMap",
+    "aperture_tip",
+    "aperture_words",
+    "expected_in",
+    "light_map",
+    "linked_pixel",
+    "pixel_words",
+    "place_words",
+    "read_plane",
+    "resolve",
+    "shown_unit",
+    "turn_pixel",
+    "unit_of",
+]
+
+Pixel = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class HIntent:
+    """Request for a picture of H.
+
+    Attributes
+    ----------
+    z, y, x
+        Depth plane and source position.
+    transposed
+        Whether HT is the main picture.
+    show
+        ``"measured"``, or ``"reference"``: the H that it is compared with.
+    pixel
+        Pixel (t, s) the pointer is on in the main picture, None: none.
+    display
+        Scaling and colour map.
+    view
+        ``"both"``: H and HT; ``"one"`` of them; ``"sum"``: depth-plane sum; ``"difference"``: H, and H minus the
+        reference at equal energy; ``"fit"``: measured, model and residual of a fitted pattern.
+    """
+
+    z: int = 0
+    y: int = 0
+    x: int = 0
+    transposed: bool = False
+    show: str = "measured"
+    pixel: Pixel | None = None
+    display: DisplaySettings = field(default_factory=DisplaySettings)
+    view: str = "both"
+
+    def clamped(self, shape: tuple[int, int, int, int, int], *, reference: bool = True) -> HIntent:
+        """Return the intent with every index inside a matrix of ``shape``; without a ``reference`` H alone is shown."""
+        nz, ny, nx, nt, ns = shape
+        z, y, x = (min(max(v, 0), n - 1) for v, n in zip((self.z, self.y, self.x), (nz, ny, nx), strict=True))
+        pixel = self.pixel
+        if pixel is not None and not (0 <= pixel[0] < nt and 0 <= pixel[1] < ns):
+            pixel = None
+        show, view = self.show if reference else "measured", self.view
+        return replace(
+            self, z=z, y=y, x=x, pixel=pixel, show=show, view="both" if view == "difference" and not reference else view
+        )
+
+    def next_view(self) -> dict[str, Any]:
+        """Return the entries of the next view: of H and HT to HT, to H, and back to both."""
+        if self.view == "both":
+            return {"view": "one", "transposed": True}
+        return {"view": "one" if self.view == "one" and self.transposed else "both", "transposed": False}
+
+    def moved(self, dy: int, dx: int, period: tuple[int, int]) -> HIntent:
+        """Return the intent one or more positions further; the period wraps around."""
+        return replace(self, y=(self.y + dy) % period[0], x=(self.x + dx) % period[1])
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedPlane:
+    """One plane of H in memory.
+
+    Attributes
+    ----------
+    z
+        Its number.
+    values
+        ``(ny, nx, nt, ns)``; not-a-number where a reference of another cutout has none.
+    scale
+        Of a reference the factor that brings it to the energy of H.
+    """
+
+    z: int
+    values: NDArray[Any]
+    scale: float = 1.0
+
+    def pattern(self, y: int, x: int) -> NDArray[Any]:
+        """Return H[z, y, x] as ``(nt, ns)``."""
+        pattern: NDArray[Any] = self.values[y, x]
+        return pattern
+
+    def transposed_pattern(self, y: int, x: int) -> NDArray[Any]:
+        """Return HT[z, y, x] as ``(nt, ns)``, computed directly from H."""
+        from lfcal.psf import ht_slice
+
+        return ht_slice(self.values, y, x)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneData:
+    """What is known of a plane once it is read.
+
+    Attributes
+    ----------
+    plane, reference
+        The plane of H, and of the reference where there is one.
+    energy
+        ``(ny, nx)`` sum of each pattern.
+    depth_sum
+        ``(nt, ns)`` sum of all patterns.
+    levels
+        For what is shown of `HIntent` lowest and highest value in the plane: one scale for all its positions. The
+        lowest is at most 0; of a difference both are as far from it.
+    """
+
+    plane: LoadedPlane
+    reference: LoadedPlane | None
+    energy: NDArray[np.float64]
+    depth_sum: NDArray[np.float64]
+    levels: Mapping[str, tuple[float, float]]
+
+
+def read_plane(matrix: PSFMatrix, both: Pair | None, z: int) -> PlaneData:
+    """Read plane ``z`` of H, and the plane of the reference that ``both`` pairs with it."""
+    plane = LoadedPlane(z, matrix.plane(z))
+    energy = plane.values.sum((2, 3), dtype=np.float64)
+    levels = {"measured": _levels_of(plane.values)}
+    other = None if both is None else _partner(both, plane)
+    if other is not None:
+        levels |= {"reference": _levels_of(other.values), "difference": _difference_levels(plane, other)}
+    return PlaneData(plane, other, energy, matrix.depth_sum(z), levels)
+
+
+def _partner(both: Pair, plane: LoadedPlane) -> LoadedPlane | None:
+    """Return the plane of the reference that shows the depth of ``plane``, its positions and cutout as those of H."""
+    z = next((other for own, other in both.planes if own == plane.z), None)
+    if z is None:
+        return None
+    values = both.b.plane(z)
+    if any(both.moved):
+        values = np.roll(values, (-both.moved[0], -both.moved[1]), (0, 1))
+    if both.b.cutout != both.a.cutout:
+        whole = np.full(plane.values.shape, np.nan, np.float32)
+        put, take = (_middle(one.cutout, both.cutout) for one in (both.a, both.b))
+        whole[:, :, *put] = values[:, :, *take]
+        values = whole
+    return LoadedPlane(plane.z, values, plane_scale(plane.values, values))
+
+
+def _middle(cutout: tuple[int, int], part: tuple[int, int]) -> tuple[slice, ...]:
+    """Return where the ``part`` ``(nt, ns)`` about the source lies in a cutout."""
+    firsts = [centre(n) - centre(m) for n, m in zip(cutout, part, strict=True)]
+    return tuple(slice(first, first + m) for first, m in zip(firsts, part, strict=True))
+
+
+def _levels_of(values: NDArray[Any]) -> tuple[float, float]:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return min(low, 0.0), high if high > low else low + 1
+
+
+def _difference_levels(plane: LoadedPlane, reference: LoadedPlane) -> tuple[float, float]:
+    """Return the ends of the scale of all differences of a plane, found row by row of positions."""
+    rows = zip(plane.values, reference.values, strict=True)
+    top = max(float(np.nanmax(np.abs(_apart(own, other, reference.scale)))) for own, other in rows)
+    return -(top or 1.0), top or 1.0
+
+
+def _apart(own: NDArray[Any], other: NDArray[Any], scale: float) -> NDArray[np.float32]:
+    apart: NDArray[np.float32] = own.astype(np.float32) - np.float32(scale) * other.astype(np.float32)
+    return apart
+
+
+@dataclass(frozen=True, eq=False)
+class PositionMap:
+    """What the map of positions shows.
+
+    Attributes
+    ----------
+    title, values, unit
+        Quantity, its value at each position ``(ny, nx)``, and its unit.
+    missing, ringed, aside
+        Positions (y, x) ``(n, 2)`` that are crossed out, ringed, or in a square.
+    name
+        What files of it are called.
+    levels
+        Values at the ends of the colours, None: those of the values.
+    note
+        Words next to the title; empty: least and greatest value.
+    lines
+        Yields the lines of a table that is copied and saved in place of the values.
+    """
+
+    title: str
+    values: NDArray[Any]
+    unit: str = ""
+    missing: NDArray[Any] = field(default_factory=lambda: np.empty((0, 2)))
+    ringed: NDArray[Any] = field(default_factory=lambda: np.empty((0, 2)))
+    aside: NDArray[Any] = field(default_factory=lambda: np.empty((0, 2)))
+    name: str = "period"
+    levels: Levels | None = None
+    note: str = ""
+    lines: Callable[[str], Iterable[str]] | None = None
+
+    @property
+    def range_words(self) -> str:
+        """Words next to the title."""
+        known = self.values[np.isfinite(self.values)]
+        ends = (known.min(), known.max()) if known.size else ()
+        between = " to ".join(f"{v:.3g}" if abs(v) < 1000 else f"{v:,.0f}" for v in ends)
+        return self.note or f"{between} {self.unit}".strip()
+
+
+def light_map(data: PlaneData, recorded: NDArray[Any], worst: Iterable[tuple[int, ...]], unit: str) -> PositionMap:
+    """Return the light of each pattern; positions that were not recorded are crossed out, the ``worst`` ringed."""
+    ringed = np.array([place[1:] for place in worst if place[0] == data.plane.z], float).reshape(-1, 2)
+    missing = np.argwhere(np.asarray(recorded) == 0)
+    return PositionMap("Light by position", data.energy, unit, missing, ringed)
+
+
+@dataclass(frozen=True, eq=False)
+class HPicture:
+    """What is drawn: the main picture, the linked one, their titles and cursors; ``signed``: the linked one is."""
+
+    main: NDArray[Any]
+    linked: NDArray[Any]
+    main_title: str
+    linked_title: str
+    main_cursor: Pixel | None
+    linked_cursor: Pixel | None
+    signed: bool
+    linked_position: tuple[int, int]
+
+
+def turn_pixel(pixel: Pixel, cutout: tuple[int, int]) -> Pixel:
+    """Return the pixel turned by 180 degrees about the cutout's centre."""
+    return cutout[0] - 1 - pixel[0], cutout[1] - 1 - pixel[1]
+
+
+def linked_pixel(
+    position: tuple[int, int], pixel: Pixel, period: tuple[int, int], cutout: tuple[int, int]
+) -> tuple[tuple[int, int], Pixel]:
+    """Return the position and pixel in HT of the entry of H at ``position`` and ``pixel``.
+
+    HT[z, y', x', t', s'] = H[z, y, x, t, s] with y' = (y + t - ct) mod ny, t' = nt-1-t, and so for x and s. The
+    relation is its own inverse, so it leads from HT to H as well.
+    """
+    y = (position[0] + pixel[0] - centre(cutout[0])) % period[0]
+    x = (position[1] + pixel[1] - centre(cutout[1])) % period[1]
+    return (y, x), turn_pixel(pixel, cutout)
+
+
+def resolve(intent: HIntent, plane: LoadedPlane, reference: LoadedPlane | None = None) -> HPicture:
+    """Return what to draw for ``intent`` from the loaded plane (and that of the reference).
+
+    Without a pixel under the pointer, the linked picture is the other matrix at the same position. With a pixel, it is
+    the pattern that contains this pixel in the other matrix, with the entry marked.
+    """
+    ny, nx, nt, ns = plane.values.shape
+    here, pixel = (intent.y, intent.x), intent.pixel
+    names = ("HT", "H") if intent.transposed else ("H", "HT")
+    if intent.view == "difference" and reference is not None:
+        own, other = (_pattern(one, here, intent.transposed) for one in (plane, reference))
+        at = f"position y {here[0]}, x {here[1]}"
+        apart = _apart(own, other, reference.scale)
+        return HPicture(own, apart, f"{names[0]}, {at}", f"{names[0]} minus the other H", pixel, pixel, True, here)
+    shown, what = (reference, "Other H: ") if intent.show == "reference" and reference is not None else (plane, "")
+    there, mark = (here, None) if pixel is None else linked_pixel(here, pixel, (ny, nx), (nt, ns))
+    return HPicture(
+        _pattern(shown, here, intent.transposed),
+        _pattern(shown, there, not intent.transposed),
+        f"{what}{names[0]}, position y {here[0]}, x {here[1]}",
+        f"{what}{names[1]}, position y {there[0]}, x {there[1]}",
+        pixel,
+        mark,
+        False,
+        there,
+    )
+
+
+def _pattern(plane: LoadedPlane, at: tuple[int, int], transposed: bool) -> NDArray[Any]:
+    return plane.transposed_pattern(*at) if transposed else plane.pattern(*at)
+
+
+def plane_scale(own: NDArray[Any], other: NDArray[Any]) -> float:
+    """Return the factor that brings values ``(ny, nx, nt, ns)`` to the energy of ``own`` (from some positions)."""
+    step = max(1, own.shape[1] // 8)
+    sample = other[::step, ::step]
+    known = np.isfinite(sample)
+    light = float(own[::step, ::step].sum(where=known, dtype=np.float64))
+    there = float(sample.sum(where=known, dtype=np.float64))
+    return light / there if there else 0.0
+
+
+# -- words -------------------------------------------------------------------------------------------------
+def unit_of(matrix: PSFMatrix) -> str:
+    """Return what the values of H are: a simulated one has no counts."""
+    return "share of the light" if light_shares(matrix.provenance) else "intensity (counts)"
+
+
+def shown_unit(intent: HIntent, matrix: PSFMatrix, reference: PSFMatrix | None) -> str:
+    """Return what the values shown are; a difference is taken at the light of H."""
+    other = intent.show == "reference" and intent.view != "difference"
+    return unit_of(reference if other and reference is not None else matrix)
+
+
+def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> str:
+    """Return the pixel (t, s) of the main picture in words, its value in ``unit``."""
+    t, s = pixel
+    apart = f", {picture.linked[t, s]:+.4g} against the other H" if picture.signed else ""
+    return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}{apart}"
+
+
+def _virtual_words(camera: Camera | None, depth_um: float) -> str:
+    if camera is None:
+        return ""
+    try:
+        return f", v = {camera.virtual_depth(depth_um):.2f}"
+    except InputError:  # the H of others may bring another camera
+        return ", where its camera sees nothing"
+
+
+def place_words(matrix: PSFMatrix, intent: HIntent) -> tuple[str, str]:
+    """Return plane and position in words."""
+    depth = float(matrix.known_depths[intent.z])
+    known = f"z = {format_length(depth)}{_virtual_words(matrix.camera, depth)}"
+    at = known if matrix.knows_depths else "depth not stated"
+    at = at.replace(" ", "\u00a0").replace(",\u00a0", ", ")  # no line breaks within it
+    ny, nx = matrix.period
+    return (
+        f"{plane_words(intent.z, len(matrix))}: {at}",
+        f"Position y {intent.y}, x {intent.x} of {ny} × {nx} px",
+    )
+
+
+# -- the aperture in words -------------------------------------------------------------------------------
+UNKNOWN = "—"
+SMALL = "style='font-size:9pt'"
+GAP = "style='padding-right:6px'"
+
+
+def expected_in(matrix: PSFMatrix, z: int) -> Aperture | None:
+    """Return the aperture expected from the camera in plane ``z``; None if no camera is known."""
+    from lfcal.psf.aperture import expected_aperture
+
+    if matrix.camera is None:
+        return None
+    return expected_aperture(matrix.camera, float(matrix.depths[z]), matrix.cutout, matrix.pixel_scale)
+
+
+MAIN = ("Shape", "Blades", "Rotation", "Apothem", "Confidence")
+"""Numbers that matter most."""
+
+
+def aperture_words(aperture: Aperture, expected: Aperture | None = None, names: Collection[str] = MAIN) -> str:
+    """Return numbers of a fitted aperture as rich text, next to those that are expected; all for no ``names``.
+
+    What the fit refuses to say comes first.
+    """
+    from lfcal.psf.aperture import REFUSALS
+
+    refused = f"<p><b>{aperture.refusal}</b>: {REFUSALS[aperture.refusal]}</p>" if aperture.refusal else ""
+    if aperture.confident and aperture.fault:
+        refused = f"<p><b>{aperture.fault}</b></p>"
+    found = {name: value for name, value in _numbers(aperture).items() if not names or name in names}
+    if expected is None:
+        cells = "".join(f"<tr><td {GAP}>{name}</td>{_value(value)}</tr>" for name, value in found.items())
+        return f"{refused}<table cellspacing='0' cellpadding='0' {SMALL}>{cells}</table>"
+    there = {name: _bare(text) for name, text in _numbers(expected).items()}
+    there |= dict.fromkeys(("Edge blur", "Ellipticity", "Confidence"), UNKNOWN)
+    head = f"<tr><td></td><td {GAP}>fitted</td><td>expected</td></tr>"
+    rows = "".join(
+        f"<tr><td {GAP}>{name}</td>{_value(value)}<td>{there[name]}</td></tr>" for name, value in found.items()
+    )
+    return f"{refused}<table cellspacing='0' cellpadding='0' {SMALL}>{head}{rows}</table>"
+
+
+def _bare(text: str) -> str:
+    """Return a number without the unit that its neighbour has as well."""
+    return text.removesuffix(" px").removesuffix(" px²")
+
+
+def _value(text: str) -> str:
+    # numbers do not wrap, words may
+    wrap = "normal" if text[0].isalpha() else "nowrap"
+    return f"<td style='white-space:{wrap}; padding-right:6px'><b>{text}</b></td>"
+
+
+def _numbers(aperture: Aperture) -> dict[str, str]:
+    from lfcal.psf.aperture import KINDS, with_error
+
+    row, column = aperture.centre
+    # do not name a number of blades that the fit rejects
+    told = aperture.confident and aperture.blades > 0
+    sigma = aperture.curvature_sigma
+    error = f" ± {sigma:.2f}" if np.isfinite(sigma) and sigma > 0 else ""
+
+    def seen(text: str) -> str:  # without a visible outline nothing was measured
+        return text if aperture.seen else UNKNOWN
+
+    return {
+        "Shape": KINDS[aperture.kind],
+        "Blades": f"{aperture.blades}" if told else UNKNOWN,
+        "Rotation": f"{np.degrees(aperture.rotation_rad):.1f}°" if told else UNKNOWN,
+        "Centre t": seen(f"{row:.2f} px"),
+        "Centre s": seen(f"{column:.2f} px"),
+        "Apothem": seen(f"{with_error(aperture.apothem_px, aperture.apothem_sigma_px, 2)} px"),
+        "Area": seen(f"{with_error(aperture.area_px2, aperture.area_sigma_px2, 0)} px²"),
+        "Curvature": f"{aperture.curvature:.2f}{error}" if told else UNKNOWN,
+        "Edge blur": seen(f"{aperture.blur_px:.2f} px"),
+        "Ellipticity": seen(f"{100 * aperture.ellipticity:.1f} %"),
+        "Confidence": f"{100 * aperture.confidence:.0f} %" if aperture.confident else UNKNOWN,
+    }
+
+
+def aperture_tip(z: int, depth_um: float, count: int, fitted: Aperture | None, expected: Aperture | None) -> str:
+    """Return what is known of the aperture of plane ``z`` of ``count`` planes, in lines."""
+    told = [plane_words(z, count) + (f": z = {format_length(depth_um)}" if math.isfinite(depth_um) else "")]
+    told += [f"{what}: {one.describe()}" for what, one in (("fitted", fitted), ("expected", expected)) if one]
+    return "\n".join(told)

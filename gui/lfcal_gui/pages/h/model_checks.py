@@ -1,0 +1,345 @@
+"""The checks of H: settings, rows, words, and what shows each of them. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.records import rows
+from lfcal.tasks import Inspect
+from lfcal_gui.models import Field, PageSettings, Verdict, capital, fields_of, verdict_of
+from lfcal_gui.pages.h.model import PositionMap
+
+if TYPE_CHECKING:
+    from lfcal.judge import FoundFault, Inspection
+    from lfcal.judge.quality import Metric
+
+__all__ = [
+    "CAMERAS",
+    "FIELDS",
+    "HELD",
+    "CheckPicture",
+    "CheckRow",
+    "QualitySettings",
+    "camera_choices",
+    "checks_of",
+    "count_words",
+    "kept_of",
+    "map_of",
+    "picture_of",
+    "summary_of",
+    "worst_positions",
+]
+
+SECONDS_0_1 = 10.0
+"""Default limit of version 0.1 (s)."""
+
+CAMERAS = (("fitted", "fitted, else described"), ("own", "as H describes it"))
+"""Which camera patterns are compared with; the folder of a saved fit is a third choice."""
+
+HELD = frozenset({"source", "mat_order", "report", "reference", "fit", "every", "strict"})
+"""Fields of `lfcal.tasks.Inspect` that other widgets show, or that have no meaning in a window."""
+
+ROWS = {row.name: row for row in rows(Inspect) if row.name not in HELD}
+
+FIELDS = (
+    *fields_of(Inspect, without=HELD),
+    Field(
+        "camera",
+        "Camera",
+        kind="choice",
+        choices=CAMERAS,
+        default="fitted",
+        tip="The camera that patterns are compared with: as the fit of this H found it, or as H describes it.",
+    ),
+)
+
+MARKED = 2000
+"""Positions of a plane up to which each is marked."""
+
+RANK = {"bad": 0, "fair": 1, "unknown": 2, "good": 3}
+"""Order of the checks: what failed comes first."""
+
+NO_CURVE = "One value for the whole of H: no curve over depth."
+NO_PICTURE = "There is no picture of this fault."
+
+
+@dataclass(frozen=True)
+class QualitySettings(PageSettings):
+    """What the user chose.
+
+    Attributes
+    ----------
+    seconds, patterns, session
+        As of `lfcal.tasks.Inspect`; an empty session: none.
+    camera
+        One of `CAMERAS`, or ``"saved"``: that of ``fit``.
+    fit
+        Folder of a fit that was saved.
+    by_number
+        Whether planes of two H belong together by their numbers, not by their depths.
+    """
+
+    page: ClassVar[str] = "quality"
+
+    seconds: float = ROWS["seconds"].default
+    patterns: int = ROWS["patterns"].default
+    session: str = ""
+    camera: str = "fitted"
+    fit: str = ""
+    by_number: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain JSON types; the limit has another name than in 0.1."""
+        stored = super().to_dict()
+        return {**stored, "most_s": stored.pop("seconds")}
+
+    @classmethod
+    def from_dict(cls, data: object) -> Self:
+        """Return the settings in ``data``, of 0.1 too."""
+        if isinstance(data, Mapping):
+            # 10 s was the default of 0.1, for a part of H; now it ends before H is fully judged
+            old = {} if data.get("seconds") == SECONDS_0_1 else {key: data[key] for key in ("seconds",) if key in data}
+            new = {"seconds": data["most_s"]} if "most_s" in data else old
+            data = {**{key: value for key, value in data.items() if key != "seconds"}, **new}
+        return super().from_dict(data)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for name, row in ROWS.items():
+            row.value(getattr(self, name), row.label)
+        if self.camera not in (*dict(CAMERAS), "saved"):
+            raise InputError.expected("camera", " or ".join(dict(CAMERAS)), self.camera, "choose one of these")
+
+
+@dataclass(frozen=True, eq=False)
+class CheckRow:
+    """A fault of the camera's model, or a metric that needs no model, as a row.
+
+    Attributes
+    ----------
+    found
+        The fault or metric.
+    title, value
+        Name and value; of a fault the value is its weight: error of a reconstruction, or share of the light.
+    good, bad
+        Limits of the value, empty for a fault.
+    merit
+        Merit of H that follows from it.
+    rating, cost
+        The merit in a word, or how sure a fault is; and the error of a reconstruction that it makes.
+    words
+        Meaning and remedy, as rich text.
+    """
+
+    found: FoundFault | Metric
+    title: str
+    value: str
+    good: str
+    bad: str
+    merit: str
+    rating: str
+    cost: str
+    words: str
+
+    @property
+    def positions(self) -> NDArray[np.intp]:
+        """Positions (z, y, x) that it concerns ``(n, 3)``."""
+        found: NDArray[np.intp] = np.asarray(self.found.positions, np.intp).reshape(-1, 3)
+        return found
+
+    @property
+    def plane(self) -> int | None:
+        """The plane that has most of these positions, None where there are none."""
+        return int(np.bincount(self.positions[:, 0]).argmax()) if len(self.positions) else None
+
+
+def checks_of(inspection: Inspection, *, every: bool = False) -> tuple[CheckRow, ...]:
+    """Return faults and metrics, failed ones first; with ``every`` also metrics that do not apply."""
+    metrics = (m for m in inspection.quality.metrics if every or m.applies)
+    found = [
+        *(_of_fault(inspection, one) for one in inspection.faults),
+        *(_of_metric(inspection, one) for one in metrics),
+    ]
+    return tuple(sorted(found, key=lambda check: RANK[check.merit]))
+
+
+# -- faults ------------------------------------------------------------------------------------------------
+def _of_fault(inspection: Inspection, one: FoundFault) -> CheckRow:
+    from lfcal.base import format_share
+    from lfcal.judge import cost_words, is_bad, is_fair
+
+    share = format_share(min(one.share, 1.0))
+    cost = "–" if one.cost is None else cost_words(inspection, one)
+    sure = f"{100 * one.confidence:.1f} %" if 100 * one.confidence <= 99.9 else "> 99.9 %"  # never 100 %
+    parts = [f"<b>{capital(one.title)}</b>: {one.detail}"]
+    where = place_words(one)
+    parts.append(f"It changes {share} of the light, {min(one.sigmas, 999):.0f} sigma above the noise. {where}")
+    if one.cost is not None:
+        parts.append(f"Error of a reconstruction (NRMSE), noise alone → with the fault: {cost}.")
+    parts.append(f"<b>What to do:</b> {one.fault.advice} {_atlas_link(one.name)}")
+    merit = "bad" if is_bad(one) else "fair" if is_fair(one) else "unknown"
+    value = f"{share} of light" if one.cost is None else cost
+    return CheckRow(one, one.title, value, "", "", merit, sure, cost, "<br>".join(parts))
+
+
+def _atlas_link(name: str) -> str:
+    """Return a link to the fault's section of the atlas: its path is the fault's name."""
+    return f"<a href='fault:{name}'>See it in the fault atlas</a>"
+
+
+def place_words(one: FoundFault) -> str:
+    """Return how many positions and pixels a fault concerns."""
+    many, pixels = len(one.positions), len(one.pixels)
+    where = f"{many} position{'s' * (many != 1)} concerned" if many else "All positions are concerned"
+    more = f", {pixels} pixel{'s' * (pixels != 1)} of the sensor" if pixels else ""
+    again = "; record again" if one.redo and many else ""
+    return f"{where}{more}{again}."
+
+
+# -- metrics -----------------------------------------------------------------------------------------------
+def count_words(inspection: Inspection) -> str:
+    """Return how many metrics are good, and how many do not apply."""
+    from lfcal.judge.quality import counted_words
+
+    return capital(counted_words(inspection.quality.metrics))
+
+
+def _of_metric(inspection: Inspection, m: Metric) -> CheckRow:
+    from lfcal.judge.report import limits
+
+    merit, told = _told_of(inspection, m)
+    cost = m.cost_text if m.cost > 0 else "–"
+    return CheckRow(m, m.spec.title, m.text, *limits(m), merit, told, cost, _metric_words(inspection, m))
+
+
+def _told_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
+    """Return the merit of a metric and the word for it; a fault may cause it, or the camera may refute it."""
+    from lfcal.judge.quality import merit_of, merit_word
+
+    if metric.merit in ("bad", "fair"):
+        if inspection.settled(metric) is not None:
+            return "unknown", "see fault"
+        if inspection.withdrawn(metric):
+            return "unknown", "not confirmed"
+    return merit_of(metric), merit_word(metric)
+
+
+def _metric_words(inspection: Inspection, metric: Metric) -> str:
+    parts = [f"<b>{metric.spec.title}: {metric.text}</b> ({metric.merit}; {metric.limits})", metric.spec.meaning]
+    if metric.detail:
+        parts.append(metric.detail)
+    if metric.merit in ("fair", "bad"):
+        cause = inspection.settled(metric)
+        if cause is not None:
+            parts.append(f"<b>See the fault “{cause.title}”</b>, which causes it. {_atlas_link(cause.name)}")
+        elif inspection.withdrawn(metric):
+            parts.append("<b>Not confirmed</b>: the comparison with the camera measured it and did not find it.")
+        else:
+            parts.append(f"<b>What to do:</b> {metric.spec.advice}")
+    return "<br>".join(parts)
+
+
+# -- what shows a check ------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class CheckPicture:
+    """The picture of a check.
+
+    Attributes
+    ----------
+    title
+        What it shows; where there are no ``values``, why not.
+    axes, unit
+        Names of the axes (down and across for a map), and what the values are.
+    values
+        A curve ``(n,)`` at ``across``, a map ``(rows, columns)`` numbered from ``origin``; None: neither.
+    """
+
+    title: str
+    axes: tuple[str, ...] = ()
+    unit: str = ""
+    values: NDArray[np.float64] | None = None
+    across: NDArray[np.float64] | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
+
+
+def picture_of(inspection: Inspection, check: CheckRow) -> CheckPicture:
+    """Return the picture of a fault, or the curve of a metric over depth."""
+    from lfcal.judge.quality import Metric
+
+    one = check.found
+    if isinstance(one, Metric):
+        depths, values = inspection.quality.depths, np.asarray(one.per_plane, float)
+        if values.size < 2 or values.size != len(depths):
+            return CheckPicture(NO_CURVE)
+        axis, places = "plane", np.arange(values.size, dtype=float)
+        if inspection.quality.extent:
+            axis, places = "depth z (mm)", depths / 1e3
+        return CheckPicture("Over depth", (axis,), _title_of(one), values, places)
+    if one.picture is None:
+        return CheckPicture(NO_PICTURE)
+    values = np.asarray(one.picture.values, float)
+    across = None
+    if values.ndim == 1:
+        across = np.asarray(np.arange(len(values)) if one.picture.across is None else one.picture.across, float)
+    named = capital(one.picture.title), one.picture.axes, one.picture.unit or "value"
+    return CheckPicture(*named, values, across, one.picture.origin)
+
+
+def _title_of(metric: Metric) -> str:
+    """Return the title for an axis, with the unit."""
+    return f"{metric.spec.title} ({metric.spec.unit})" if metric.spec.unit else metric.spec.title
+
+
+def map_of(inspection: Inspection, check: CheckRow, z: int) -> PositionMap | None:
+    """Return the map of a check over the positions of plane ``z``; None if it has no values per position."""
+    from lfcal.judge.quality import Metric
+
+    one, positions = check.found, check.positions
+    here = positions[positions[:, 0] == z, 1:]
+    marked = here if len(here) <= MARKED else here[:0]  # more would hide the map
+    if isinstance(one, Metric):
+        values = None if one.map is None or not 0 <= z < len(one.map) else one.map[z]
+        if values is None or not np.isfinite(values).any():
+            return None
+        return PositionMap(one.spec.title, values, one.spec.unit, ringed=marked, name=one.key)
+    if not len(positions):
+        return None
+    values = np.zeros(inspection.quality.shape[1:3])
+    values[here[:, 0], here[:, 1]] = 1.0
+    note = f"{len(here)} in this plane"
+    return PositionMap(capital(one.title), values, ringed=marked, name=one.name, levels=(0.0, 1.0), note=note)
+
+
+# -- the whole ---------------------------------------------------------------------------------------------
+def summary_of(inspection: Inspection, source: str) -> str:
+    """Return how much was compared, with which camera, or why nothing was."""
+    from lfcal.judge import compared_words
+
+    words = capital(compared_words(inspection))
+    return f"{words}. {source}." if inspection.compared and source else f"{words}."
+
+
+def worst_positions(inspection: Inspection) -> tuple[tuple[int, int, int], ...]:
+    """Return the positions that should be recorded again, each once, in the order of the scan."""
+    return tuple(place for place, _ in inspection.redo())
+
+
+def kept_of(inspection: Inspection) -> Verdict:
+    """Return the verdict that the project keeps."""
+    from lfcal.judge import judgement_of
+
+    _, ny, nx = inspection.shape[:3]
+    checks = sum(metric.applies for metric in inspection.quality.metrics)
+    return verdict_of(judgement_of(inspection), worst_positions(inspection), ny * nx, checks)
+
+
+def camera_choices(settings: QualitySettings) -> tuple[tuple[str, str], ...]:
+    """Return the cameras to compare with: also that of a fit whose folder was chosen."""
+    return (*CAMERAS, ("saved", f"of the fit {Path(settings.fit).name}")) if settings.fit else CAMERAS

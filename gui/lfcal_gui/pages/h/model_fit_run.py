@@ -1,0 +1,283 @@
+"""A fit as work for the window: its request, its progress and its results. No Qt."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError, Progress, Work
+from lfcal.fit import (
+    Fineness,
+    Fit,
+    FitProgress,
+    Measured,
+    iter_write_fit,
+    iter_write_model,
+    kept_aside,
+    leftover_of,
+    measured_of,
+    predict,
+)
+from lfcal.psf import light_shares, open_psf
+from lfcal.tasks import FitMatrix, FittedPatterns
+from lfcal_gui.models import ProjectState
+from lfcal_gui.pages.h.model_fit import FitSettings, Offer, Stamp, offer_of, stamp_of, task_files, task_of
+
+__all__ = ["FitRequest", "FitRun", "FoundFit", "Place", "asked_of", "iter_fit", "iter_taken"]
+
+F4 = NDArray[np.float32]
+Place = tuple[int, int, int]
+"""A position (z, y, x)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FitRequest:
+    """Request for a fit: H, settings, camera and plan.
+
+    Attributes
+    ----------
+    project, stamp
+        The project, and the file of its H as it was when the fit was asked for.
+    settings
+        What the user chose.
+    offer
+        What H offers, once it is read.
+    """
+
+    project: ProjectState
+    stamp: Stamp
+    settings: FitSettings
+    offer: Offer | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return Path(self.project.psf).name
+
+    def task_in(self, folder: Path) -> FitMatrix:
+        """Return the task that fits this and writes into a folder, which then has the files that it reads."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in task_files(self.settings, self.project, self.offer):
+            (folder / name).write_text(text, encoding="utf-8")
+        return task_of(self.settings, self.project, self.offer, folder, folder)
+
+    def check(self) -> None:
+        """Raise `InputError` where H lacks what a fit needs, in words of the page."""
+        assert self.offer is not None
+        project = self.project
+        for words, role in (
+            self.offer.camera_words(self.settings, project.camera, project.plan),
+            self.offer.noise_words(self.settings),
+        ):
+            if role == "error":
+                raise InputError(f"{self.name}: {words}")
+
+
+@dataclass(frozen=True, eq=False)
+class FoundFit:
+    """Result of a fit, with pictures of every pattern that it used.
+
+    Attributes
+    ----------
+    question
+        The request.
+    fit, measured
+        As of `lfcal.fit`.
+    known
+        Provenance of H, and numbers on the fit.
+    unit
+        Unit of the values of H.
+    places
+        Positions of all patterns, including outliers, plane by plane and row by row.
+    aside
+        Held-out positions, which were never fitted.
+    patterns, valid
+        For each position: the measured pattern ``(nt, ns)``, and the pixels that hold a measurement.
+    model, residual
+        For each position: the prediction with gain and background, and measured minus predicted in sigmas
+        ``(nt, ns)``.
+    chi2
+        For each position: the mean square of the residuals, weighted by the light.
+    by_plane, by_type
+        chi² of each plane, and of the pixels behind each lens type; NaN where nothing was measured.
+    """
+
+    question: FitRequest
+    fit: Fit
+    measured: Measured
+    known: Mapping[str, Any]
+    unit: str
+    places: tuple[Place, ...]
+    aside: frozenset[Place]
+    patterns: dict[Place, F4] = field(repr=False)
+    valid: dict[Place, NDArray[np.bool_]] = field(repr=False)
+    model: dict[Place, F4] = field(repr=False)
+    residual: dict[Place, F4] = field(repr=False)
+    chi2: dict[Place, float] = field(repr=False)
+    by_plane: NDArray[np.float64]
+    by_type: NDArray[np.float64]
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether the fit was made elsewhere, and not by the task of the page."""
+        return self.question.offer is None
+
+    def iter_saved(self, folder: Path) -> Work[list[Path]]:
+        """Write everything that the fit makes into a folder, as the task does."""
+        if self.is_taken:
+            files, _ = yield from iter_write_fit(self.fit, self.measured, folder, self.known)
+            return files
+        made = FittedPatterns(self.measured, self.known, self.fit)
+        outcome = yield from self.question.task_in(folder).iter_write(made)
+        return list(outcome.files)
+
+    def iter_model(self, path: Path) -> Work[Path]:
+        """Write H of the fitted camera, which keeps the task that fitted it."""
+        told = {} if self.is_taken else self.question.task_in(path.parent).told
+        return (yield from iter_write_model(self.fit, path, provenance={**self.known, **told}))
+
+    def fate(self, place: Place) -> str:
+        """Return whether a pattern was fitted, kept aside, or left out as unlike the others."""
+        if place not in self.fit.residuals:
+            return "left out"
+        return "kept aside" if place in self.aside else "fitted"
+
+    def worst(self) -> Place:
+        """Return the pattern that is explained worst."""
+        return max(self.places, key=lambda place: self.chi2[place])
+
+
+@dataclass
+class FitRun:
+    """Progress of a fit that runs in a thread, and its result when it has ended.
+
+    The window may read it at any time, because rounds are only appended.
+    """
+
+    rounds: list[FitProgress] = field(default_factory=list)
+    found: FoundFit | None = None
+
+
+def asked_of(project: ProjectState, settings: FitSettings) -> FitRequest:
+    """Return the request for the fit of a project's H.
+
+    Raises
+    ------
+    InputError
+        Where something is missing that is known without reading H.
+    """
+    stamp = stamp_of(project)
+    if stamp is None:
+        raise InputError.expected("fit", "an H file", "none", "open one")
+    task_of(settings, project, None)
+    return FitRequest(project, stamp, settings)
+
+
+def iter_fit(asked: FitRequest, kept: FitRun) -> Work[None]:
+    """Fit the recorded positions of H as the task does; what comes out is in ``kept``, as jobs are remembered long."""
+    start = time.perf_counter()
+    # H is closed again: others may want to replace it
+    with open_psf(asked.project.psf) as matrix:
+        asked, unit = replace(asked, offer=offer_of(matrix)), _unit(matrix.provenance)
+    asked.check()
+    with tempfile.TemporaryDirectory(prefix="lfcal-fit-") as scratch:
+        work = asked.task_in(Path(scratch)).iter_fit()
+        try:
+            while True:
+                try:
+                    record: Progress = next(work)
+                except StopIteration as end:
+                    made: FittedPatterns = end.value
+                    break
+                if isinstance(record, FitProgress):
+                    kept.rounds.append(record)
+                yield record
+        finally:
+            work.close()
+    yield Progress(0, 1, "what is left of each pattern", time.perf_counter() - start)
+    kept.found = _found(asked, made, unit)
+    yield Progress(1, 1, "what is left of each pattern", time.perf_counter() - start)
+
+
+def iter_taken(asked: FitRequest, fit: Fit, kept: FitRun) -> Work[None]:
+    """Take over a ``fit`` of these patterns that was made elsewhere: they are read and compared with it."""
+    start = time.perf_counter()
+    yield Progress(0, 1, "patterns of the fit", 0.0)
+    places = sorted({*fit.residuals, *((one.z, one.y, one.x) for one in fit.outliers)})
+    with open_psf(asked.project.psf) as opened:
+        matrix = opened.T if opened.is_transposed else opened
+        aside = [at for at in kept_aside(matrix) if tuple(at) in places]
+        measured = measured_of(matrix, positions=places, held_out=aside)
+        unit = _unit(matrix.provenance)
+    if measured.plan.shape != fit.planned.shape:
+        got, want = measured.plan.shape, fit.planned.shape
+        raise InputError.expected(f"{asked.name}, patterns", f"those of the fit, {want}", got, "press Fit")
+    kept.found = _found(asked, FittedPatterns(measured, {"source": asked.name}, fit), unit)
+    yield Progress(1, 1, "patterns of the fit", time.perf_counter() - start)
+
+
+def _unit(provenance: Mapping[str, Any]) -> str:
+    return "share of the light" if light_shares(provenance) else "counts"
+
+
+def _found(asked: FitRequest, made: FittedPatterns, unit: str) -> FoundFit:
+    measured, known, fit = made
+    left = leftover_of(fit, measured)
+    model, residual, chi2 = _outliers(fit, measured)
+    fitted = [_place(at) for at in left.index]
+    model |= dict(zip(fitted, left.model, strict=True))
+    residual |= dict(zip(fitted, left.residual, strict=True))
+    chi2 |= dict(zip(fitted, left.chi2.tolist(), strict=True))
+    patterns = {_place(at): pattern for at, pattern in zip(measured.index, measured.patterns, strict=True)}
+    return FoundFit(
+        asked,
+        fit,
+        measured,
+        known,
+        unit,
+        tuple(sorted(patterns)),
+        frozenset(_place(at) for at in measured.index[measured.held_out]),
+        patterns,
+        {_place(at): good for at, good in zip(measured.index, measured.valid, strict=True)},
+        model,
+        residual,
+        chi2,
+        left.by_plane,
+        left.by_type,
+    )
+
+
+def _place(at: NDArray[np.intp]) -> Place:
+    z, y, x = (int(v) for v in at)
+    return z, y, x
+
+
+def _outliers(fit: Fit, measured: Measured) -> tuple[dict[Place, F4], dict[Place, F4], dict[Place, float]]:
+    """Return the predictions for patterns that were left out as outliers, and their deviation from them."""
+    rows = [k for k, at in enumerate(measured.index) if _place(at) not in fit.residuals]
+    if not rows:
+        return {}, {}, {}
+    index = measured.index[rows]
+    places = [_place(at) for at in index]
+    gains, backgrounds = (values[index[:, 0]][:, None, None] for values in (fit.levels.gains, fit.levels.backgrounds))
+    light = predict(fit.setup, measured.plan, index, measured.places_px[rows], Fineness.finest) * gains
+    constant, slope = (measured.noise[rows, k][:, None, None] for k in (0, 1))
+    bright = slope * np.maximum(light, 0)
+    model = (light + backgrounds).astype(np.float32)
+    off = (measured.patterns[rows] - model) / np.sqrt(constant + bright)
+    residual = np.where(measured.valid[rows], off, 0.0).astype(np.float32)
+    weight = np.where(measured.valid[rows], bright / (constant + bright), 0.0)
+    total = np.maximum(weight.sum((1, 2)), 1e-300)
+    chi2 = (weight * np.square(residual, dtype=np.float64)).sum((1, 2)) / total
+    return (
+        dict(zip(places, model, strict=True)),
+        dict(zip(places, residual, strict=True)),
+        dict(zip(places, chi2.tolist(), strict=True)),
+    )

@@ -1,0 +1,583 @@
+"""H and HT with their contrast and the strip of planes; on the right the inspector: verdict, aperture and levels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QDialog,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QScrollArea,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal_gui.models import DisplaySettings, Outline, Shot
+from lfcal_gui.pages.h.model import (
+    HIntent,
+    HPicture,
+    PlaneData,
+    PositionMap,
+    aperture_tip,
+    aperture_words,
+    pixel_words,
+)
+from lfcal_gui.theme import style_sheet
+from lfcal_gui.widgets import (
+    INSPECTOR,
+    LINES,
+    Contrast,
+    ElidedLabel,
+    Folded,
+    LinePlot,
+    PeriodMap,
+    Picture,
+    PlaneTile,
+    Strip,
+    VerdictCard,
+    card,
+    clear,
+    heading,
+    legend_words,
+    line,
+    link,
+    name_controls,
+    outline_tones,
+    scrolling,
+    share_contrast,
+    shown_tone,
+    split,
+)
+
+if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
+    from lfcal_gui.pages.h.fit_pictures import FitPictures
+    from lfcal_gui.pages.h.model_fit_run import FoundFit
+
+__all__ = ["Apertures", "HPanel", "tip_of"]
+
+LARGE = 200
+SIZE = (930, 640)
+
+
+def tip_of(z: int, tile: PlaneTile, count: int) -> str:
+    """Return what is known of the aperture of plane ``z`` of ``count`` planes."""
+    return aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected)
+
+
+class Apertures(QDialog):
+    """The apertures of all planes, large, in a separate window; it follows the strip while it is open.
+
+    Signals
+    -------
+    chosen(z)
+        A plane was clicked.
+    """
+
+    chosen = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Apertures of all planes")
+        self.resize(*SIZE)
+        self.grid = Strip(tip_of, LARGE, wrapping=True)
+        self.grid.chosen.connect(self.chosen.emit)
+        column = QVBoxLayout(self)
+        self.legend = QLabel()
+        column.addWidget(self.legend)
+        column.addWidget(self.grid, 1)
+        self.apply_theme()
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        self.setStyleSheet(style_sheet())
+        self.legend.setText(legend_words(" &nbsp; "))
+        self.grid.apply_theme()
+
+
+HOVER = "Point at a pixel of H to see its HT. Click: hold it."
+Levels = tuple[float, float] | None
+
+NO_LINE = np.empty((0, 2))
+
+VIEWS = (
+    ("H", {"view": "one", "transposed": False}, "Pattern on the sensor of one source position (T)"),
+    ("HT", {"view": "one", "transposed": True}, "Pattern in the volume seen by one pixel: the transposed matrix (T)"),
+    ("Both", {"view": "both"}, "H, and HT of the pixel under the pointer"),
+    ("Sum", {"view": "sum"}, "Depth-plane sum: the aperture as seen from this depth"),
+    ("Difference", {"view": "difference"}, "H, and its difference from the other H at equal energy (D)"),
+    ("Fit", {"view": "fit"}, "Measured, model and residual of a fitted pattern"),
+)
+
+LEVELS = {
+    "checks": ("Checks", "All checks of H, failed ones first: meaning, remedy and picture of each"),
+    "fit": ("Fit of the optics", "Find gap, focal lengths, iris and aberrations from the recorded positions"),
+    "compare": ("Compare with another H", "Another day, a simulation, or the H of a fit, position by position"),
+}
+"""Levels below the verdict: titles, and when one would open them."""
+
+NARROW, WIDE, ROOMY = 304, 368, 1380
+"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
+
+SUM, MAP, PROFILE = 120, (84, 130), 150
+"""Heights in the inspector: sum, map in a low and in a high window, profile (px)."""
+
+ROW = 30
+"""Height of a line that opens a level (px)."""
+
+LOW = 600
+"""Height of the panel below which the map is low (px)."""
+
+LINES_OF_APERTURE = 6
+"""Least height of the numbers of an aperture, in lines."""
+
+
+class HPanel(QWidget):
+    """The page's widgets.
+
+    Signals
+    -------
+    asked(changes)
+        Entries of `lfcal_gui.pages.h.model.HIntent` that are to change.
+    display_asked(changes)
+        Entries of `lfcal_gui.models.display.DisplaySettings` that are to change.
+    own_scale_toggled()
+        Each picture is to fill the scale, or all are to share one.
+    hovered(row, column, value), clicked(row, column)
+        The pointer in the main picture; row -1: outside.
+    level_asked(name)
+        A level of the inspector is wanted: one of `LEVELS`, or the verdict (empty).
+    frame_asked()
+        The recorded frame of the position is wanted.
+    """
+
+    asked = Signal(dict)
+    display_asked = Signal(dict)
+    own_scale_toggled = Signal()
+    hovered = Signal(int, int, float)
+    clicked = Signal(int, int)
+    level_asked = Signal(str)
+    frame_asked = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._unit, self._pixel_um = "", None
+        self._display = DisplaySettings()
+        self._outlines: tuple[NDArray[np.float64], NDArray[np.float64]] = (NO_LINE, NO_LINE)
+        self.apertures: Apertures | None = None
+        self._make_pictures()
+        self._make_tools()
+        left = QVBoxLayout()
+        left.setSpacing(2)
+        left.addWidget(self.pictures, 1)
+        left.addWidget(self.contrast)
+        left.addWidget(self.strip)
+        self.inspector = self._inspector()
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addLayout(left, 1)
+        row.addWidget(self.inspector)
+        self._colour()
+        self._show_view(HIntent())
+
+    # -- building --------------------------------------------------------------------------------------
+    def _make_pictures(self) -> None:
+        self.main_view, self.linked_view, self.sum_view = (Picture(legend=False) for _ in range(3))
+        link(self.main_view, self.linked_view)
+        share_contrast(self.main_view, self.linked_view)
+        self.main_view.hovered.connect(self.hovered.emit)
+        self.main_view.clicked.connect(self.clicked.emit)
+        self.split = split(self.main_view, self.linked_view, sizes=(1, 1))
+        self.pictures = QStackedWidget()
+        self.pictures.addWidget(self.split)
+        self.contrast = Contrast(self.main_view)
+        self.contrast.display_asked.connect(self.display_asked.emit)
+        self.strip = Strip(tip_of, 64)
+        self.strip.chosen.connect(lambda z: self.asked.emit({"z": z}))
+
+    @cached_property
+    def fitted(self) -> FitPictures:
+        """The patterns of a fit; made when there is one."""
+        from lfcal_gui.pages.h.fit_pictures import FitPictures
+
+        made = FitPictures()
+        made.set_display(self._display)
+        made.contrast.display_asked.connect(self.display_asked.emit)
+        self.pictures.addWidget(made)
+        return made
+
+    def _make_tools(self) -> None:
+        """Make what the header has: the views, the readout, and how the pictures are scaled."""
+        self.view_buttons: dict[str, QPushButton] = {}
+        for title, changes, tip in VIEWS:
+            button = QPushButton(title)
+            button.setProperty("role", "segment")
+            button.setCheckable(True)
+            button.setToolTip(tip)
+            button.clicked.connect(lambda _=False, changes=changes: self.asked.emit(dict(changes)))
+            self.view_buttons[title] = button
+        for title in ("Difference", "Fit"):  # until there is another H, or a fit
+            self.view_buttons[title].hide()
+        self.readout = ElidedLabel()
+        self.readout.setProperty("role", "hint")
+        self.own_scale = QCheckBox("Own scale")
+        self.own_scale.setToolTip("Each picture fills the colours; off: all positions of a plane share one scale")
+        self.own_scale.toggled.connect(lambda _: self.own_scale_toggled.emit())
+
+    def _inspector(self) -> QWidget:
+        self.verdict = VerdictCard("All checks of H: failed ones first, with meaning and remedy of each")
+        self.verdict.why_asked.connect(lambda: self.level_asked.emit("checks"))
+        self.levels = QStackedWidget()
+        self.levels.addWidget(_scrolled(self.verdict, self._aperture_card(), self._profiles()))
+        self.rows: dict[str, LevelRow] = {}
+        self.level_titles: dict[str, QLabel] = {}
+        rows = QVBoxLayout()
+        rows.setSpacing(0)
+        for name, (title, tip) in LEVELS.items():
+            row = self.rows[name] = LevelRow(title, tip)
+            row.clicked.connect(lambda _=False, name=name: self.level_asked.emit(name))
+            rows.addWidget(row)
+        self.row_holder = QWidget()
+        self.row_holder.setLayout(rows)
+        rows.setContentsMargins(0, 0, 0, 0)
+        inspector = QWidget()
+        column = QVBoxLayout(inspector)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(6)
+        column.addWidget(self.levels, 1)
+        column.addWidget(self._position())
+        column.addWidget(self.row_holder)
+        inspector.setFixedWidth(NARROW)
+        inspector.setProperty(INSPECTOR, True)
+        return inspector
+
+    def _position(self) -> QWidget:
+        self.map_title, self.map_range, self.place_label = ElidedLabel(), ElidedLabel(), QLabel()
+        self.map_range.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.map_title.setProperty("role", "heading")
+        for label in (self.map_range, self.place_label):
+            label.setProperty("role", "hint")
+        self.place_label.setWordWrap(True)
+        self.frame_button = QPushButton("Frame")
+        self.frame_button.setProperty("role", "tight")
+        self.frame_button.setToolTip("Show the recorded frame of this position")
+        self.frame_button.clicked.connect(lambda: self.frame_asked.emit())
+        self.map = PeriodMap()
+        self.map.set_axes("", "")
+        self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
+        place, column = card()
+        column.addLayout(line(self.map_title, self.map_range, stretch=1))
+        column.addWidget(self.map)
+        column.addLayout(line(self.place_label, self.frame_button, stretch=0))
+        return place
+
+    def _profiles(self) -> QWidget:
+        self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)")
+        self.profile.setFixedHeight(PROFILE)
+        self.profile_title = QLabel()
+        profiles = Folded("Profiles", "Values along the row and the column of the pixel that is pointed at")
+        profiles.column.addWidget(self.profile_title)
+        profiles.column.addWidget(self.profile)
+        return profiles
+
+    def add_level(self, name: str, view: QWidget) -> None:
+        """Make a level of the inspector from what it shows."""
+        back = QPushButton("‹ Verdict")
+        back.setProperty("role", "link")
+        back.setToolTip("Back to the verdict, the aperture and the other levels (Backspace)")
+        back.clicked.connect(lambda: self.level_asked.emit(""))
+        title = self.level_titles[name] = ElidedLabel(LEVELS[name][0])
+        title.setProperty("role", "heading")
+        title.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        level = QWidget()
+        column = QVBoxLayout(level)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addLayout(line(back, title, stretch=1))
+        column.addWidget(_scrolled(view, stretch=True), 1)
+        level.setObjectName(name)
+        name_controls(level)
+        self.levels.addWidget(level)
+
+    def say_level(self, name: str, title: str, state: str) -> None:
+        """Show what a level is called now, and how it stands."""
+        self.rows[name].say(title, state)
+        if name in self.level_titles:
+            self.level_titles[name].setText(title)
+
+    def show_level(self, name: str) -> None:
+        """Show a level of the inspector; empty: the verdict."""
+        for k in range(self.levels.count()):
+            if self.levels.widget(k).objectName() == name:
+                self.levels.setCurrentIndex(k)
+        self.row_holder.setVisible(not name)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the inspector more room in a large window."""
+        super().resizeEvent(event)
+        self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+        self.map.setFixedHeight(MAP[0] if self.height() < LOW else MAP[1])
+
+    def _aperture_card(self) -> QWidget:
+        panel, column = card()
+        self.legend, larger = QLabel(), QPushButton("Larger …")
+        self.legend.setToolTip("Outline fitted to the depth-plane sum, and the outline expected from the camera")
+        larger.setProperty("role", "tight")
+        larger.setToolTip("The apertures of all planes in a separate window, large enough to compare their blades")
+        larger.clicked.connect(lambda: self.show_apertures())
+        self.aperture_text = QLabel()
+        self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
+        self.aperture_text.setWordWrap(True)
+        self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignTop)
+        # what is below does not move when the aperture is known
+        self.aperture_text.setMinimumHeight(LINES_OF_APERTURE * self.aperture_text.fontMetrics().height())
+        self.sum_place = QWidget()
+        inside = QVBoxLayout(self.sum_place)
+        inside.setContentsMargins(0, 0, 0, 0)
+        inside.addWidget(self.sum_view)
+        self.sum_place.setFixedHeight(SUM)
+        column.addLayout(line(heading("Aperture"), self.legend, larger, stretch=1))
+        column.addWidget(self.sum_place)
+        column.addWidget(self.aperture_text)
+        return panel
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_matrix(self, depths: NDArray[np.float64], unit: str, pixel_um: float | None, *, reference: bool) -> None:
+        """Offer the planes of an H with values in ``unit``; ``reference``: there is one.
+
+        ``depths`` are in µm, not-a-number where H states none; ``pixel_um`` is that of the sensor, where it is known.
+        """
+        self._pixel_um = pixel_um
+        self._each_strip(lambda strip: strip.set_planes(depths))
+        self.view_buttons["Difference"].setVisible(reference)
+        self._show_unit(unit)
+
+    def _show_unit(self, unit: str) -> None:
+        """Name the unit of the profile, whose axes are slow to draw."""
+        if unit != self._unit:
+            self._unit = unit
+            self.profile.set_labels("pixel from the cutout's centre (px)", unit)
+
+    def show_intent(self, intent: HIntent, plane_words: str, position_words: str) -> None:
+        """Show what was asked for."""
+        self.place_label.setText(f"{plane_words}<br>{position_words}")
+        self._each_strip(lambda strip: strip.set_current(intent.z))
+        self.map.set_position(intent.y, intent.x)
+        self._show_view(intent)
+
+    def _show_view(self, intent: HIntent) -> None:
+        """Show H, HT, both, the difference, the patterns of a fit, or the depth-plane sum."""
+        for title, changes, _ in VIEWS:
+            self.view_buttons[title].setChecked(all(getattr(intent, key) == one for key, one in changes.items()))
+        large = intent.view == "sum"
+        if large is not (self.sum_view.parentWidget() is self.split):
+            if large:
+                self.split.addWidget(self.sum_view)
+            else:
+                self.sum_place.layout().addWidget(self.sum_view)
+        self.sum_place.setVisible(not large)
+        self.main_view.setVisible(not large)
+        self.linked_view.setVisible(intent.view in ("both", "difference"))
+        by_fit = intent.view == "fit"
+        self.pictures.setCurrentWidget(self.fitted if by_fit else self.split)
+        self.contrast.setVisible(not by_fit)
+
+    def show_fit(self, found: FoundFit | None) -> None:
+        """Offer the patterns of a fit; None: there is none."""
+        self.view_buttons["Fit"].setVisible(found is not None)
+        if found is None:
+            self.map.clear()  # its lines keep references to the fit
+        if found is not None or "fitted" in self.__dict__:
+            self.fitted.show_fit(found)
+
+    def show_map(self, shown: PositionMap) -> None:
+        """Show a quantity over the positions of the plane."""
+        self.map_title.setText(shown.title)
+        self.map_range.setText(shown.range_words)
+        self.map.lines = shown.lines
+        marks = {"x": shown.missing, "o": shown.ringed, "s": shown.aside}
+        self.map.set_values(shown.values, marks=marks, name=shown.name, levels=shown.levels, quantity=shown.title)
+
+    def show_plane(self, loaded: PlaneData) -> None:
+        """Show the depth-plane sum."""
+        nt, ns = loaded.depth_sum.shape
+        shown = Shot(loaded.depth_sum, name="depth_sum", quantity=self._unit, origin=(-(nt // 2), -(ns // 2)))
+        self.sum_view.set_shot(shown)
+        self._show_outlines(NO_LINE, NO_LINE)
+        self.aperture_text.setText("fitting the aperture …")
+
+    def show_reading(self, words: str) -> None:
+        """Say in the pictures that are empty what is read for them."""
+        self.readout.setText(words)
+        for view in (self.main_view, self.linked_view, self.sum_view, self.profile):
+            view.blank.wait(words)
+
+    def show_no_plane(self, words: str) -> None:
+        """Show why a plane cannot be read, in place of pictures of another plane."""
+        for view in (self.main_view, self.linked_view, self.sum_view):
+            view.blank.words = "This plane cannot be read."
+            view.set_shot(None)
+        self.map.clear()
+        self.profile.clear()
+        self._show_outlines(NO_LINE, NO_LINE)
+        self.aperture_text.setText("")
+        self.readout.setText(words)
+
+    def show_picture(self, picture: HPicture, intent: HIntent, ends: tuple[Levels, Levels], unit: str) -> None:
+        """Show the main and the linked picture with values in ``unit``.
+
+        ``ends`` are the levels of the pictures and of a difference; None: each fills the scale.
+        """
+        levels, signed = ends
+        self._show_unit(unit)
+        for view, image, title, cross in (
+            (self.main_view, picture.main, picture.main_title, picture.main_cursor),
+            (self.linked_view, picture.linked, picture.linked_title, picture.linked_cursor),
+        ):
+            apart = picture.signed and view is self.linked_view
+            shot = Shot(image, title, unit, "psf", signed if apart else levels, apart, cross=cross)
+            view.set_shot(replace(shot, pixel_um=self._pixel_um))
+        words = HOVER if intent.pixel is None else pixel_words(picture, intent.pixel, unit)
+        self.readout.setText(words)
+        self._show_profile(picture.main, intent, levels)
+
+    def _show_profile(self, image: NDArray[Any], intent: HIntent, levels: Levels) -> None:
+        ct, cs = (n // 2 for n in image.shape)
+        t, s = intent.pixel or (ct, cs)
+        if levels is not None:
+            self.profile.plot.setYRange(*levels, padding=0.02)
+        else:
+            self.profile.plot.enableAutoRange("y")
+        self.profile.set_curve("along the row", np.arange(image.shape[1]) - cs, image[t])
+        self.profile.set_curve("along the column", np.arange(image.shape[0]) - ct, image[:, s])
+
+    def show_aperture(self, aperture: Aperture, expected: Aperture | None, cutout: tuple[int, int]) -> None:
+        """Show the fitted aperture over the depth-plane sum, the expected one dashed, and the numbers of both."""
+        self._show_outlines(
+            *(
+                shown.outline() - [n // 2 for n in cutout] if shown is not None and shown.seen else NO_LINE
+                for shown in (aperture, expected)
+            )
+        )
+        self.aperture_text.setText(aperture_words(aperture, expected))
+        self.aperture_text.setToolTip(aperture_words(aperture, expected, ()))
+
+    def _show_outlines(self, fitted: NDArray[np.float64], expected: NDArray[np.float64]) -> None:
+        """Draw the outlines ``(n, 2)`` of the fitted and the expected aperture over the depth sum."""
+        self._outlines = fitted, expected
+        tones = outline_tones()
+        self.sum_view.set_overlays(Outline(fitted, tones[0], width=2), Outline(expected, tones[1], dashed=True))
+
+    def show_tile(self, z: int, **known: Any) -> None:
+        """Show more of plane ``z`` among all planes: fields of `lfcal_gui.widgets.PlaneTile`."""
+        self._each_strip(lambda strip: strip.set_tile(z, **known))
+
+    def _each_strip(self, do: Callable[[Strip], object]) -> None:
+        for strip in (self.strip, *(() if self.apertures is None else (self.apertures.grid,))):
+            do(strip)
+
+    def show_apertures(self) -> Apertures:
+        """Show the apertures of all planes large."""
+        if self.apertures is None:
+            self.apertures = Apertures(self.window())
+            self.apertures.chosen.connect(lambda z: self.asked.emit({"z": z}))
+        self.apertures.grid.show_tiles(self.strip.tiles)
+        self.apertures.grid.set_current(self.strip.currentRow())
+        self.apertures.show()
+        return self.apertures
+
+    def set_display(self, display: DisplaySettings) -> None:
+        """Use scaling and colours; a difference has its own."""
+        self._display = display
+        for view in (self.main_view, self.linked_view, self.sum_view):
+            view.set_display(display)
+        if "fitted" in self.__dict__:
+            self.fitted.set_display(display)
+        self.contrast.update()
+
+    def toggle_scale(self, scale: str) -> None:
+        """Change between ``scale`` and linear."""
+        chosen = "linear" if self._display.scale == scale else scale
+        self.display_asked.emit({"scale": chosen})
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for widget in (
+            self.main_view,
+            self.linked_view,
+            self.sum_view,
+            self.map,
+            self.profile,
+            self.strip,
+            self.contrast,
+        ):
+            widget.apply_theme()
+        for large in (self.apertures, self.__dict__.get("fitted")):
+            if large is not None:
+                large.apply_theme()
+        self._colour()
+
+    def _colour(self) -> None:
+        """Give outlines, and the words about lines, the colours of the theme in use."""
+        self._show_outlines(*self._outlines)
+        self.legend.setText(legend_words(" "))
+        self.profile_title.setText(_profile_words())
+
+
+class LevelRow(QPushButton):
+    """A line of the inspector that opens a level: what it is, how it stands, and an arrow."""
+
+    def __init__(self, title: str, tip: str) -> None:
+        super().__init__()
+        self.setProperty("role", "row")
+        self.setToolTip(tip)
+        self.name, self.state = QLabel(), ElidedLabel()
+        self.name.setProperty("role", "heading")
+        self.state.setProperty("role", "hint")
+        self.state.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(10, 0, 8, 0)
+        for part, stretch in ((self.name, 0), (self.state, 1), (QLabel("›"), 0)):
+            part.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+            row.addWidget(part, stretch)
+        self.setFixedHeight(ROW)
+        self.say(title, "")
+
+    def say(self, title: str, state: str) -> None:
+        """Show what it opens, and how that stands."""
+        self.name.setText(title)
+        self.state.setText(state)
+        self.setAccessibleName(f"{title}: {state}" if state else title)
+
+
+def _scrolled(*parts: QWidget, stretch: bool = False) -> QScrollArea:
+    """Return parts one below the other in an area that scrolls where the window is low."""
+    inner = QWidget()
+    column = QVBoxLayout(inner)
+    column.setContentsMargins(0, 0, 4, 0)
+    column.setSpacing(6)
+    for part in parts:
+        column.addWidget(part, int(stretch))
+    if not stretch:
+        column.addStretch()
+    area = scrolling(inner)
+    clear(area)
+    return area
+
+
+def _profile_words() -> str:
+    """Return the title of the card with the profiles: a legend would lie over its curves."""
+    tones = zip(LINES, ("row", "column"), strict=False)
+    named = (f"<span style='color:{shown_tone(tone)}'>━</span> {what}" for tone, what in tones)
+    return f"Profiles at the pixel: {', '.join(named)}"

@@ -1,0 +1,22 @@
+"""Inspection as a command. No Qt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from lfcal.tasks import Inspect
+from lfcal_gui.models import CommandStep, ProjectState, needed_file, stated_order
+from lfcal_gui.pages.h.model_checks import QualitySettings
+
+__all__ = ["step"]
+
+
+def step(project: ProjectState, out: str = "") -> CommandStep:
+    """Return how H is inspected; a fit that is in no folder is not known to a command."""
+    psf, chosen = needed_file(project.psf, "H", "PSF"), QualitySettings.of(project)
+    given: dict[str, Any] = {"seconds": chosen.seconds, "session": chosen.session or None}
+    given["mat_order"] = stated_order(project, psf)
+    if chosen.seconds:  # further options concern only the comparison with the camera
+        given |= {"patterns": chosen.patterns, "fit": chosen.fit if chosen.camera == "saved" else None}
+    return CommandStep.of(Inspect(source=Path(psf), report=Path(out or "report"), **given))

@@ -1,0 +1,453 @@
+"""The fit of the optics: from H to the camera, what is shown of it, and what is made of it."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QApplication, QComboBox, QMenu
+from pytestqt.qtbot import QtBot
+
+from lfcal.base.progress import Progress, Work
+from lfcal_gui.context import Context
+from lfcal_gui.jobs import JobState
+from lfcal_gui.models.page import PageState
+from lfcal_gui.models.project import ProjectState
+from lfcal_gui.pages.h import PAGE
+from lfcal_gui.pages.h.model_fit import FitSettings, group_rows
+from lfcal_gui.pages.h.model_fit_run import FitRun, FoundFit
+from lfcal_gui.pages.h.model_fit_words import chi2_map
+from lfcal_gui.pages.h.page import Page
+from lfcal_gui.theme import DARK, LIGHT, apply_theme
+from lfcal_gui.window import MainWindow
+from tests.fit.common import few_patterns
+from tests.gui.pages.h.fit.common import GEOMETRY, saved, with_outlier
+from tests.gui.pages.h.fit.conftest import told
+from tests.gui.waiting import GUARD_MS, idle
+
+
+def button_states(page: Page) -> list[bool]:
+    view = page.fitting.view
+    return [b.isEnabled() for b in (view.use_button, view.model_button, view.save_button, view.report_button)]
+
+
+# -- fitting -----------------------------------------------------------------------------------------------
+def test_from_h_to_the_camera(page: Page, qtbot: QtBot) -> None:
+    view = page.fitting.view
+    assert view.choices.source.text() == "H.h5: 6 of 8 positions recorded, 1 plane"
+    assert view.results.isHidden() and not any(button_states(page))
+    view.fit_button.click()
+    assert page.stop_button.isEnabled() and not view.fit_button.isEnabled() and not view.choices.form.isEnabled()
+    assert view.verdict.text().startswith("Fitting")
+    idle(page.context.jobs, qtbot)
+    found = page.fitting.found
+    assert found is not None and not view.results.isHidden() and all(button_states(page))
+    fit = found.fit
+    assert fit.parameters["gap_um"].value == pytest.approx(1.01 * few_patterns().camera.lattice.gap_um, rel=1e-3)  # type: ignore[union-attr]
+    assert view.parameters.rowCount() == len(fit.parameters) == 4
+    assert "explains the patterns" in view.verdict.text() and view.verdict.property("role") == "good"
+    assert page.panel.rows["fit"].state.text().endswith(("off", "noise"))
+    said = [view.findings.item(k, 0).text() for k in range(view.findings.rowCount())]
+    assert [words.partition(":")[0] for words in said] == ["held", "fitted"]
+    rounds = view.rounds.error.line.getData()
+    assert len(rounds[0]) >= 3 and rounds[1][-1] < rounds[1][0]
+    assert page.context.jobs.jobs()[0].result is None, "jobs are remembered for ever: they must not hold patterns"
+
+
+def test_pictures_of_a_position(fitted: Page) -> None:
+    found, view = fitted.fitting.found, fitted.panel.fitted
+    assert found is not None
+    assert fitted.intent.view == "fit" and fitted.panel.view_buttons["Fit"].isChecked()
+    fitted.set_intent(z=0, y=found.places[0][1], x=found.places[0][2])
+    for _ in range(2):
+        fitted._step(0, 1)
+    place = found.places[2]
+    assert view.place == place == (fitted.intent.z, fitted.intent.y, fitted.intent.x)
+    for picture, values in ((view.measured, found.patterns), (view.model, found.model)):
+        np.testing.assert_array_equal(picture.values, values[place])
+    np.testing.assert_array_equal(view.residual.values, found.fit.residual(*place))
+    assert view.residual.levels == (-5.0, 5.0)
+    assert f"χ² {found.chi2[place]:.3g}" in fitted.panel.readout.text()
+    view.model.hovered.emit(3, 4, 0.0)
+    words = view.residual.note[0]
+    assert f"t 3, s 4: measured {found.patterns[place][3, 4]:.5g}" in words and "σ" in words
+    assert all(one.shot.cross is not None and one.shot.cross[1] == 4 for one in view.views)
+    fitted.fitting.view.worst_button.click()
+    assert view.place == max(found.places, key=lambda one: found.chi2[one])
+    fitted.panel.map.chosen.emit(*found.places[4][1:])
+    assert view.place == found.places[4]
+    fitted.panel.view_buttons["Both"].click()
+    assert fitted.panel.pictures.currentWidget() is fitted.panel.split
+
+
+def test_chi_squared_of_a_plane_is_copied_as_a_table(fitted: Page) -> None:
+    view, found = fitted.panel.map, fitted.fitting.found
+    assert found is not None and fitted.panel.map_title.text().startswith("χ²")
+    view.customContextMenuRequested.emit(view.rect().center())
+    menu = next(one for one in view.findChildren(QMenu) if one.isVisible())
+    next(action for action in menu.actions() if action.text() == "Copy values").trigger()
+    menu.close()
+    head, *rows = (line.split("\t") for line in QApplication.clipboard().text().splitlines())
+    assert head == ["z", "y", "x", "chi2", "fate"]
+    assert [tuple(map(int, row[:3])) for row in rows] == list(found.places)
+    assert [float(row[3]) for row in rows] == pytest.approx([found.chi2[place] for place in found.places], rel=1e-6)
+
+
+def fewer(found: FoundFit, count: int) -> FoundFit:
+    """Return what a fit of the last patterns alone would show."""
+    kept = found.places[-count:]
+    return replace(
+        found,
+        places=kept,
+        **{
+            key: {p: getattr(found, key)[p] for p in kept} for key in ("patterns", "valid", "model", "residual", "chi2")
+        },
+    )
+
+
+def test_patterns_of_a_fit_with_fewer_of_them(fitted: Page) -> None:
+    """The map kept the places of the fit before."""
+    found, view = fitted.fitting.found, fitted.panel.fitted
+    assert found is not None
+    view.show_place(found.places[-1])
+    less = fewer(found, 3)
+    view.show_fit(less)
+    assert view.place is None and view.measured.values is None
+    view.show_place(found.places[0])
+    assert view.place in less.places
+    shown = chi2_map(less, 0)
+    assert shown is not None and np.isfinite(shown.values).sum() == 3
+
+
+def test_nothing_is_stepped_through_without_a_fit(fitted: Page) -> None:
+    view = fitted.panel.fitted
+    view.show_fit(None)
+    assert view.step(2) is None and view.step_plane(1) is None
+    view.show_place((0, 0, 0))
+    assert view.place is None and view.measured.values is None
+
+
+def test_pictures_are_zoomed_together(fitted: Page) -> None:
+    view = fitted.panel.fitted
+    QApplication.processEvents()
+    box = view.model.box
+    box.setRange(xRange=(4, 8), yRange=(5, 9), padding=0)
+    box.sigRangeChangedManually.emit([True, True])
+    for one in view.views:
+        (left, right), (top, bottom) = one.box.viewRange()
+        assert (left + right) / 2 == pytest.approx(6, abs=0.2) and (top + bottom) / 2 == pytest.approx(7, abs=0.2)
+        assert right - left < 14
+    view.residual.show_all()
+    for one in view.views:
+        (left, right), _ = one.box.viewRange()
+        assert left <= -0.5 and right >= 14.5
+
+
+def test_parameters_are_sorted_by_number_and_copied(fitted: Page, qtbot: QtBot) -> None:
+    table, found = fitted.fitting.view.parameters, fitted.fitting.found
+    assert found is not None
+    table.sortItems(3, Qt.SortOrder.DescendingOrder)
+    assert table.item(0, 0).text() == "gap" and table.number_of(0) == 0
+    table.sortItems(5, Qt.SortOrder.AscendingOrder)
+    away = [list(found.fit.parameters.values())[table.number_of(k)] for k in range(4)]
+    numbers = [(one.value - one.start) / one.sigma for one in away]
+    assert numbers == sorted(numbers)
+    table.clearSelection()
+    qtbot.keyClick(table, Qt.Key.Key_C, Qt.KeyboardModifier.ControlModifier)
+    lines = QApplication.clipboard().text().splitlines()
+    assert lines[0].split("\t")[:3] == ["Parameter", "Found", "± σ"] and len(lines) == 5
+    table.selectRow(1)
+    table.copy()
+    assert len(QApplication.clipboard().text().splitlines()) == 2
+
+
+def test_an_outlier_is_found_by_its_line(
+    page: Page, known_outlier: FitRun, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lfcal_gui.pages.h._fitting.iter_fit", told(known_outlier))
+    page.context.project.update("open", psf=str(saved(tmp_path / "outlier.h5", with_outlier())))
+    page.fitting.begin()
+    idle(page.context.jobs, qtbot)
+    found, view = page.fitting.found, page.fitting.view
+    assert found is not None and len(found.fit.outliers) == 1
+    page.set_intent(view="both")
+    view.findings.selectRow(0)
+    one = found.fit.outliers[0]
+    place = (one.z, one.y, one.x)
+    assert page.intent.view == "fit" and page.panel.fitted.place == place and "left out" in page.panel.readout.text()
+    shown = chi2_map(found, 0)
+    assert shown is not None and shown.missing.tolist() == [[one.y, one.x]], "crossed out"
+    page.set_intent(view="both")
+    view.findings.cellClicked.emit(0, 0)
+    assert page.intent.view == "fit", "a row that is selected already is clicked again"
+
+
+def test_an_incomplete_model_says_so(fitted: Page) -> None:
+    found = fitted.fitting.found
+    assert found is not None
+    worse = replace(found.fit, chi_square=replace(found.fit.chi_square, lit=2.0, sigma=0.05))
+    fitted.fitting.found = replace(found, fit=worse)
+    fitted.entered()
+    verdict = fitted.fitting.view.verdict
+    assert verdict.text().startswith("The model is incomplete") and verdict.property("role") == "bad"
+
+
+# -- what goes wrong ---------------------------------------------------------------------------------------
+def test_nothing_to_fit(window: MainWindow) -> None:
+    window.go("h", "fit")
+    page: Any = window.page("h")
+    assert "No H yet" in page.empty.label.text() and not page.fitting.view.fit_button.isEnabled()
+    assert PAGE.state(ProjectState()) is PageState.NOTHING
+
+
+def test_an_error_is_one_line_in_the_page(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    other = replace(GEOMETRY, camera="window", positions=5)
+    project = page.context.project
+    project.update("choices", settings=other.into(project.state))
+    H = few_patterns()
+    values = np.random.default_rng(1).normal(0, 8, H.shape).astype(np.float32)
+    dark = type(H)(values, depths=H.depths, camera=H.camera, anchor=H.anchor, facts=H.facts)
+    project.update("open", psf=str(saved(tmp_path / "dark.h5", dark)))
+    page.fitting.begin()
+    idle(page.context.jobs, qtbot)
+    words = page.fitting.view.verdict.text()
+    assert words.startswith("light of the patterns: expected more than their noise") and "\n" not in words
+    assert page.fitting.found is None and page.fitting.view.fit_button.isEnabled() and not any(button_states(page))
+
+
+@pytest.fixture
+def let_go(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """Let fits compute between two records until this is set."""
+    go_on = threading.Event()
+
+    def slow(*_: object) -> Work[None]:
+        yield Progress(0, 2, "slow")
+        go_on.wait(GUARD_MS / 1e3)
+        yield Progress(1, 2, "slow")
+
+    monkeypatch.setattr("lfcal_gui.pages.h._fitting.iter_fit", slow)
+    yield go_on
+    go_on.set()
+
+
+def test_a_fit_that_is_stopped_leaves_the_one_before(fitted: Page, let_go: threading.Event) -> None:
+    before = fitted.fitting.found
+    fitted.fitting.begin()
+    assert not fitted.fitting.view.fit_button.isEnabled() and not any(button_states(fitted))
+    fitted.stop_button.click()
+    assert not let_go.is_set(), "nobody waited for the computation"
+    assert fitted.fitting.found is before and all(button_states(fitted))
+    assert not fitted.fitting.view.results.isHidden()
+
+
+def test_escape_stops_a_fit_and_keeps_what_was_there(
+    fitted: Page, let_go: threading.Event, qtbot: QtBot, context: Context
+) -> None:
+    before, rounds = fitted.fitting.found, fitted.fitting._rounds
+    fitted.activateWindow()
+    qtbot.waitUntil(fitted.isActiveWindow, timeout=GUARD_MS)
+    qtbot.keyClick(fitted, Qt.Key.Key_Escape)
+    assert fitted.fitting.found is before, "without a fit there is nothing to stop"
+    qtbot.mouseClick(fitted.fitting.view.fit_button, Qt.MouseButton.LeftButton)
+    assert fitted.stop_button.isEnabled()
+    focus = QApplication.focusWidget()  # the button that was pressed is grey by now
+    assert focus is not None and fitted.isAncestorOf(focus)
+    qtbot.keyClick(focus, Qt.Key.Key_Escape)
+    assert context.jobs.jobs()[0].state is JobState.CANCELLED and not let_go.is_set()
+    assert fitted.fitting.found is before and fitted.fitting._rounds is rounds
+    assert not fitted.fitting.view.results.isHidden()
+    assert all(button_states(fitted)) and not fitted.stop_button.isEnabled()
+    let_go.set()
+    idle(context.jobs, qtbot)
+    assert fitted.fitting.found is before, "what comes of it afterwards is of no interest"
+
+
+def test_the_first_fit_is_stopped_between_two_records(page: Page, let_go: threading.Event) -> None:
+    page.fitting.begin()
+    page.stop_button.click()
+    assert page.context.jobs.jobs()[0].state is JobState.CANCELLED and not let_go.is_set()
+    assert page.fitting.view.fit_button.isEnabled() and page.fitting.view.verdict.text() == "Stopped."
+
+
+# -- a fit made elsewhere ----------------------------------------------------------------------------------
+def test_a_fit_made_while_recording_is_taken_over(page: Page, known: FitRun, qtbot: QtBot) -> None:
+    assert known.found is not None
+    fit = known.found.fit
+    page.receive(fit)
+    assert page.stop_button.isEnabled() and not page.fitting.view.fit_button.isEnabled()
+    idle(page.context.jobs, qtbot)
+    found, view = page.fitting.found, page.fitting.view
+    assert found is not None and found.fit is fit and all(button_states(page))
+    assert found.places == known.found.places and found.aside == known.found.aside
+    for place in found.places:
+        np.testing.assert_array_equal(found.patterns[place], known.found.patterns[place])
+        np.testing.assert_allclose(found.model[place], known.found.model[place], rtol=1e-6)
+    assert (
+        page.fitting.settings.positions == 0
+        and page.fitting.settings.auto
+        and "Choices changed" not in view.detail.text()
+    )
+    assert "during the recording" in view.rounds.words.text()
+    page.context.project.undo()
+    assert page.fitting.settings == GEOMETRY
+
+
+def test_a_fit_of_another_scan_is_not_taken_over(page: Page, known: FitRun, qtbot: QtBot) -> None:
+    assert known.found is not None
+    fit = known.found.fit
+    page.receive(replace(fit, planned=replace(fit.planned, cutout=(13, 13))))
+    idle(page.context.jobs, qtbot)
+    assert (
+        page.fitting.found is None and "H.h5, patterns: expected those of the fit" in page.fitting.view.verdict.text()
+    )
+
+
+# -- another H ---------------------------------------------------------------------------------------------
+def test_nothing_of_an_h_is_shown_beside_another(fitted: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    there = weakref.ref(fitted.fitting.found)
+    view = fitted.fitting.view
+    fitted.context.project.update("open", psf=str(saved(tmp_path / "other.h5")))
+    idle(fitted.context.jobs, qtbot)
+    assert view.results.isHidden() and not any(button_states(fitted))
+    assert view.parameters.rowCount() == view.findings.rowCount() == 0
+    assert fitted.panel.fitted.measured.values is None and fitted.intent.view != "fit"
+    assert not fitted.panel.view_buttons["Fit"].isVisible()
+    assert view.choices.source.text().startswith("other.h5")
+    gc.collect()
+    assert there() is None, "its patterns may be large"
+
+
+def test_a_file_that_is_written_anew_is_another_h(fitted: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    path = Path(fitted.context.state.psf)
+    saved(tmp_path / "new.h5", with_outlier()).replace(path)
+    fitted.entered()
+    assert fitted.fitting.found is None and fitted.fitting.view.results.isHidden()
+
+
+def test_a_file_that_is_being_written_is_left_alone(page: Page, qtbot: QtBot) -> None:
+    path = page.context.state.psf
+    page.context.forget(path)
+    page.entered()
+    idle(page.context.jobs, qtbot)
+    assert page.context.matrix(path) is None and page.empty is not None
+    assert "is being written" in page.empty.label.text()
+    page.context.matrices.want(path)  # as the window does when it is written
+    idle(page.context.jobs, qtbot)
+    assert page.empty is None and page.fitting.view.choices.source.text().startswith("H.h5: 6 of 8")
+
+
+def test_a_fit_of_another_h_comes_too_late(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.fitting.begin()
+    page.context.project.update("open", psf=str(saved(tmp_path / "other.h5")))
+    idle(page.context.jobs, qtbot)
+    assert page.fitting.found is None and page.fitting.view.fit_button.isEnabled()
+
+
+# -- choices -----------------------------------------------------------------------------------------------
+def test_choices_are_undone_and_kept(page: Page, qtbot: QtBot) -> None:
+    choices, project = page.fitting.view.choices, page.context.project
+    item = choices.groups.item(1)
+    item.setCheckState(Qt.CheckState.Checked)
+    name = item.data(Qt.ItemDataRole.UserRole)
+    assert page.fitting.settings.groups == ("geometry", name)
+    project.undo()
+    assert page.fitting.settings.groups == ("geometry",) and item.checkState() == Qt.CheckState.Unchecked
+    choices.way.setCurrentIndex(0)
+    assert page.fitting.settings.auto and "tried" in choices.legend.text()
+    box: Any = choices.form.editor("camera")
+    assert isinstance(box, QComboBox)
+    box.setCurrentIndex(1)
+    assert page.fitting.settings.camera == "window" and "this window" in choices.start.text()
+    for form, key, text in (
+        (choices.form, "noise", "-3,1"),
+        (choices.form, "noise", "3, 1"),
+        (choices.form, "effects", "crosstalk=0.01; more.json"),
+    ):
+        editor: Any = form.editor(key)
+        editor.setText(text)
+        editor.textEdited.emit(text)
+        if text == "-3,1":
+            assert page.fitting.settings.noise is None and "expected a number ≥ 0" in form.error
+        assert editor.text() == text, "it is not replaced while it is typed"
+    assert page.fitting.settings.noise == (3, 1) and choices.noise.text().startswith("Noise as given here")
+    assert page.fitting.settings.effects == ("crosstalk=0.01", "more.json")
+    choices.form.editor("hybrid").setChecked(True)  # type: ignore[attr-defined]
+    assert page.fitting.settings.hybrid
+    kept = FitSettings.of(ProjectState.from_json(project.state.to_json()))
+    assert kept == page.fitting.settings
+
+
+def test_groups_that_the_camera_lacks_are_grey_with_their_reason(page: Page, qtbot: QtBot) -> None:
+    choices, project = page.fitting.view.choices, page.context.project
+    rows = {
+        choices.groups.item(k).data(Qt.ItemDataRole.UserRole): choices.groups.item(k) for k in range(len(group_rows()))
+    }
+    grey = {name for name, item in rows.items() if not item.flags() & Qt.ItemFlag.ItemIsEnabled}
+    # an H is of one region of the field
+    over_the_field = {"field_curvature", "field_wavefront", "plane_tilt", "region_depths", "region_places"}
+    assert grey == {"cats_eye", "depths", "hole", "specimen", *over_the_field}
+    assert "several regions of the field" in rows["field_wavefront"].toolTip()
+    assert rows["depths"].text() == "depth of each plane\nneeds two planes or more"
+    assert rows["depths"].toolTip().endswith("needs two planes or more")
+    # one that was chosen for another camera neither shows as chosen, nor is it fitted
+    both = replace(GEOMETRY, groups=("geometry", "depths"))
+    project.update("choices", settings=both.into(project.state))
+    assert rows["depths"].checkState() == Qt.CheckState.Unchecked
+    page.fitting.begin()
+    idle(page.context.jobs, qtbot)
+    assert page.fitting.found is not None and page.fitting.found.fit.groups == ("geometry",)
+    alone = replace(GEOMETRY, groups=("depths",))
+    project.update("choices", settings=alone.into(project.state))
+    page.fitting.begin()
+    idle(page.context.jobs, qtbot)
+    assert "got depths, which needs two planes or more" in page.fitting.view.verdict.text() + page.notice.label.text()
+    # a lens without blades, in this window
+    camera = project.state.camera
+    plain = replace(camera, optics=replace(camera.optics, blades=0))
+    project.update("start", settings=replace(GEOMETRY, camera="window").into(project.state), camera=plain)
+    assert rows["blades"].text().endswith("needs an iris with blades")
+    project.undo()
+    assert rows["blades"].flags() & Qt.ItemFlag.ItemIsUserCheckable
+
+
+@pytest.mark.parametrize("auto", [True, False])
+def test_no_name_of_a_group_is_cut(page: Page, auto: bool) -> None:
+    """As wide as in a window of 1280 px: what does not go into a line goes on in the next."""
+    project, groups = page.context.project, page.fitting.view.choices.groups
+    project.update("way", settings=replace(GEOMETRY, auto=auto).into(project.state))
+    room = groups.viewport().width()
+    metrics = groups.fontMetrics()
+    tall = 0
+    for k in range(groups.count()):
+        item = groups.item(k)
+        rect = groups.visualItemRect(item)
+        beside = 20 if not auto else 0  # the box to tick
+        words = metrics.boundingRect(0, 0, rect.width() - beside, 999, Qt.TextFlag.TextWordWrap, item.text())
+        assert rect.right() <= room and rect.height() >= words.height(), item.text()
+        tall += rect.height() > 1.5 * metrics.height()
+    assert tall >= 3, "some names are longer than a line"
+
+
+def test_choices_since_a_fit_are_told(fitted: Page) -> None:
+    project = fitted.context.project
+    assert "Choices changed" not in fitted.fitting.view.detail.text()
+    project.update("more", settings=replace(GEOMETRY, positions=5).into(project.state))
+    assert "Choices changed since this fit" in fitted.fitting.view.detail.text()
+    project.undo()
+    assert "Choices changed" not in fitted.fitting.view.detail.text()
+
+
+def test_colours_of_the_theme(fitted: Page, qapp: QApplication, context: Context) -> None:
+    apply_theme(qapp, DARK)
+    context.theme_changed.emit()
+    assert fitted.fitting.view.verdict.palette().text().color() == QColor(DARK.good)
+    apply_theme(qapp, LIGHT)

@@ -1,0 +1,448 @@
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QColor, QIcon
+from PySide6.QtWidgets import QApplication
+from pytestqt.qtbot import QtBot
+
+from lfcal.camera import preset
+from lfcal.psf import PSFMatrix, export, save
+from lfcal.psf.aperture import fit_aperture
+from lfcal.psf.aperture.shape import Aperture, blade_radius
+from lfcal_gui.context import Context
+from lfcal_gui.models import COLOUR_MAPS, OpeningSettings, ProjectState, Verdict, stamp_of, with_verdict
+from lfcal_gui.widgets.plots import LINES
+from lfcal_gui.widgets.strip import EXPECTED, FITTED, PlaneTile
+from lfcal_gui.window import MainWindow
+from tests.gui.conftest import OpenPage
+from tests.gui.waiting import GUARD_MS, idle
+from tests.psf.test_mat_import import as_meant, save_v73
+
+
+def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((3, 4, 5, 9, 11)).astype(np.float32)
+    save(PSFMatrix(values, depths=[-10, 0, 10]), tmp_path / "H.h5")
+    save(PSFMatrix(values * 3, depths=[-10, 0, 10]), tmp_path / "R.h5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"), reference=str(tmp_path / "R.h5"))
+    window.go("h")
+    page: Any = window.page("h")
+    idle(window.jobs, qtbot)
+    assert (page.intent.z, page.intent.y, page.intent.x) == (1, 2, 2)
+    page.panel.map.chosen.emit(3, 4)
+    np.testing.assert_array_equal(page.panel.main_view.values, values[1, 3, 4])
+    page.panel.strip.setCurrentRow(2)
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(page.panel.main_view.values, values[2, 3, 4])
+    page.panel.strip.setCurrentRow(0)
+    idle(window.jobs, qtbot)
+    assert page.intent.z == 0
+    page.set_intent(transposed=True)
+    np.testing.assert_array_equal(page.panel.main_view.values, page.matrix.T[0, 3, 4])
+    page.panel.main_view.hovered.emit(2, 3, 0.0)
+    assert page.panel.linked_view.shot.cross is not None
+    page.panel.main_view.hovered.emit(-1, -1, float("nan"))
+    assert page.panel.linked_view.shot.cross is None
+    page.panel.view_buttons["Difference"].click()
+    assert page.panel.linked_view.shot.signed and np.abs(page.panel.linked_view.values).max() < 1e-5
+    assert not page.panel.main_view.shot.signed
+    page.panel.toggle_scale("log")
+    page.panel.view_buttons["Both"].click()
+    assert not page.panel.linked_view.shot.signed
+    page.panel.main_view.save_picture(str(tmp_path / "p.png"))
+    page.panel.main_view.save_data(str(tmp_path / "p.csv"))
+    page.panel.profile.save_data(str(tmp_path / "q.csv"))
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "p.csv", delimiter=","), page.panel.main_view.values, rtol=1e-6)
+    assert (tmp_path / "p.png").stat().st_size > 1000 and (tmp_path / "q.csv").read_text().startswith("#")
+
+
+def test_the_other_order_of_axes_is_offered_and_kept(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    """The window read a .mat file by a guess, and nothing in it could change that."""
+    values = np.random.default_rng(0).random((5, 5, 3, 3, 2))
+    path = str(tmp_path / "H.mat")
+    save_v73(tmp_path / "H.mat", H=values)
+    window.project.update("open", psf=path)
+    window.go("h")
+    page: Any = window.page("h")
+    idle(window.jobs, qtbot)
+    guessed = np.asarray(page.matrix)
+    assert page.notice.isVisible() and "read columns first" in page.notice.label.text()
+    assert (page.notice.button.text(), page.notice.leave.text()) == ("Read rows first", "Keep columns first")
+    page.notice.button.click()
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+    assert np.abs(np.asarray(page.matrix) - guessed).max() > 0.1 and not page.notice.isVisible()
+    assert "rows first, as stated" in page.hint.text()
+    again = ProjectState.from_json(window.project.state.to_json())
+    window.files.start_with(ProjectState())
+    window.files.start_with(again)
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+    assert not page.notice.isVisible(), "it is known"
+    page.open_file(path)
+    idle(window.jobs, qtbot)
+    assert page.notice.button.text() == "Read columns first", "who opens a file again may choose again"
+    page.notice.leave.click()
+    assert not page.notice.isVisible()
+    window.project.update("order", settings=OpeningSettings().with_order(path, "columns-first").into(again))
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), guessed)
+    window.project.undo()
+    idle(window.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+
+
+def test_the_order_of_axes_is_asked_for_no_longer_than_the_file_is_open(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path
+) -> None:
+    save_v73(tmp_path / "H.mat", H=np.random.default_rng(0).random((5, 5, 3, 3, 2)))
+    export(PSFMatrix(np.ones((2, 3, 3, 5, 5), np.float32)), tmp_path / "said.mat")
+    window.go("h")
+    page: Any = window.page("h")
+    page.open_file(str(tmp_path / "H.mat"))
+    idle(window.jobs, qtbot)
+    assert page.notice.isVisible()
+    page.open_file(str(tmp_path / "said.mat"))
+    idle(window.jobs, qtbot)
+    assert page.matrix is not None and page.context.state.psf.endswith("said.mat") and not page.notice.isVisible()
+
+
+def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    (tmp_path / "H.h5").write_bytes(b"no hdf5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"))
+    page: Any = window.page("h")
+    idle(window.jobs, qtbot)
+    assert page.matrix is None and "HDF5" in page.empty.label.text()
+    assert "HDF5" in window.log_view.toPlainText()
+
+
+def test_a_plane_that_cannot_be_read_has_no_picture(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    """It went on reading for ever, with the pictures, the map and the aperture of the plane before."""
+    values = np.random.default_rng(0).random((3, 3, 4, 9, 9)).astype(np.float32)
+    save(PSFMatrix(values, depths=[0, 10, 20]), tmp_path / "H.h5")
+    with h5py.File(tmp_path / "H.h5", "r+") as file:
+        chunks = file["H"].id
+        mask, raw = chunks.read_direct_chunk((2, 0, 0, 0, 0))
+        chunks.write_direct_chunk((2, 0, 0, 0, 0), raw[:20] + bytes([raw[20] ^ 255]) + raw[21:], mask)
+    context.project.update("open", psf=str(tmp_path / "H.h5"))
+    page: Any = open_page("h")
+    idle(context.jobs, qtbot)
+    panel = page.panel
+    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    page.set_intent(z=2)
+    idle(context.jobs, qtbot)
+    for view in (panel.main_view, panel.linked_view, panel.sum_view):
+        assert view.values is None and view.blank.shown and "cannot be read" in view.blank.text()
+    assert "damaged" in panel.readout.text() and panel.map.item.image is None and not panel.profile._curves
+    assert panel.aperture_text.text() == ""
+    page._step(0, 1)
+    page.set_intent(transposed=True, z=1)
+    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
+    assert np.array_equal(panel.main_view.values, page.matrix.T[1, page.intent.y, page.intent.x])
+    assert panel.readout.text().startswith("Point at") and panel.aperture_text.text()
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[str, str, str]:
+    """Write a signed H in counts, a simulated reference of it, and another H without one."""
+    rng = np.random.default_rng(1)
+    values = rng.random((2, 3, 4, 5, 7)).astype(np.float32) * 900 - 30
+    save(PSFMatrix(values, depths=[-10, 10]), tmp_path / "H.h5")
+    save(PSFMatrix(values + 9, depths=[-10, 10], provenance={"simulated": {}}), tmp_path / "R.h5")
+    save(PSFMatrix(values[:1, :2], depths=[-10]), tmp_path / "other.h5")
+    return tuple(str(tmp_path / name) for name in ("H.h5", "R.h5", "other.h5"))  # type: ignore[return-value]
+
+
+@pytest.fixture
+def page(open_page: OpenPage, context: Context, qtbot: QtBot, files: tuple[str, str, str]) -> Any:
+    context.project.update("open", psf=files[0], reference=files[1])
+    made = open_page("h")
+    idle(context.jobs, qtbot)
+    return made
+
+
+def test_what_another_page_sent_is_shown_once_h_and_its_reference_are_open(
+    page: Any, context: Context, qtbot: QtBot, files: tuple[str, str, str]
+) -> None:
+    context.project.update("neither", psf="", reference="")
+    page.receive({"place": (0, 2, 1), "view": "difference"})
+    context.project.update("H alone", psf=files[0])
+    idle(context.jobs, qtbot)
+    assert page.intent.view == "both"
+    context.project.update("both", reference=files[1])
+    idle(context.jobs, qtbot)
+    assert (page.intent.z, page.intent.y, page.intent.x, page.intent.view) == (0, 2, 1, "difference")
+
+
+def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtBot) -> None:
+    panel = page.panel
+    panel.main_view.hovered.emit(2, 3, 0.0)
+    for change in ({"transposed": True}, {"x": 0}, {"transposed": False}, {"show": "reference"}, {"z": 0}):
+        page.set_intent(**change)
+        idle(context.jobs, qtbot)
+        unit = "of the light" if page.intent.show == "reference" else "counts"
+        assert panel.readout.text() == f"t 2, s 3: {panel.main_view.values[2, 3]:.5g} {unit}", change
+    assert panel.main_view.quantity == "share of the light"
+    page.set_intent(show="measured")
+    assert panel.main_view.quantity == "intensity (counts)"
+    panel.main_view.hovered.emit(-1, -1, float("nan"))
+    assert panel.readout.text().startswith("Point at")
+
+
+@pytest.mark.parametrize("show", ["measured", "reference"])
+def test_h_and_ht_share_one_scale_whatever_is_chosen(page: Any, show: str) -> None:
+    panel = page.panel
+    page.look_into("compare")
+    page.comparing.shown.setCurrentIndex(page.comparing.shown.findData(show))
+    assert page.intent.show == show
+    before = panel.main_view.levels
+    for change in ({"y": 0, "x": 1}, {"transposed": True}):
+        page.set_intent(**change)
+        assert panel.main_view.levels == panel.linked_view.levels == before
+        assert before[0] <= panel.main_view.values.min() and panel.main_view.values.max() <= before[1]
+    panel.display_asked.emit({"colour_map": COLOUR_MAPS[2]})
+    panel.toggle_scale("log")
+    assert panel.main_view.levels == before
+    panel.own_scale.setChecked(True)
+    assert panel.main_view.levels != before
+
+
+def test_an_h_without_reference_shows_itself(page: Any, context: Context, qtbot: QtBot, files: Any) -> None:
+    page.set_intent(view="difference")
+    assert page.panel.linked_view.shot.signed and page.panel.view_buttons["Difference"].isVisible()
+    context.project.update("open", psf=files[2])
+    idle(context.jobs, qtbot)
+    assert page.intent.view == "both" and not page.panel.view_buttons["Difference"].isVisible()
+    assert not page.panel.linked_view.shot.signed and page.panel.main_view.shot.caption.startswith("H,")
+    assert page.panel.place_label.text().startswith("Plane 0 (the only one)")
+
+
+def test_pictures_keep_their_height_whatever_is_said_of_the_aperture(page: Any) -> None:
+    """A label that wraps asked the grid for height, and H and HT shrank to a half."""
+    page.resize(1060, 740)
+    QApplication.processEvents()
+    before = page.panel.main_view.height()
+    page.panel.aperture_text.setText("<br>".join("a long line of many words" for _ in range(40)))
+    QApplication.processEvents()
+    assert page.panel.main_view.height() == before > 0.6 * page.height()
+
+
+@pytest.mark.parametrize(("size", "share"), [((1920, 1080), 0.45), ((1280, 800), 0.35)])
+def test_h_and_ht_are_what_one_sees(
+    window: MainWindow, qtbot: QtBot, files: Any, size: tuple[int, int], share: float
+) -> None:
+    """They had a tenth of the window."""
+    window.resize(*size)
+    window.project.update("open", psf=files[2])
+    window.go("h")
+    page: Any = window.page("h")
+    drawn(page, qtbot)
+    views = page.panel.main_view, page.panel.linked_view
+    assert sum(view.graphics.width() * view.graphics.height() for view in views) > share * size[0] * size[1]
+
+
+def test_h_or_ht_or_the_sum_takes_the_place_of_both(page: Any, qtbot: QtBot) -> None:
+    panel, buttons = page.panel, page.panel.view_buttons
+    drawn(page, qtbot)
+    assert buttons["Both"].isChecked() and panel.linked_view.isVisible()
+    buttons["HT"].click()
+    assert page.intent.transposed and panel.main_view.isVisible() and not panel.linked_view.isVisible()
+    np.testing.assert_array_equal(panel.main_view.values, page.matrix.T[page.intent.z, page.intent.y, page.intent.x])
+    small = panel.sum_view.width()
+    buttons["Sum"].click()
+    QApplication.processEvents()
+    assert not panel.main_view.isVisible() and panel.sum_view.isVisible() and panel.sum_view.width() > 1.5 * small
+    buttons["H"].click()
+    QApplication.processEvents()
+    assert not page.intent.transposed and panel.main_view.isVisible() and panel.sum_view.width() <= small + 4
+    assert [title for title, button in buttons.items() if button.isChecked()] == ["H"]
+
+
+def test_no_outline_is_drawn_where_no_aperture_is_seen(page: Any, context: Context, qtbot: QtBot) -> None:
+    """An outline of no points after one of many ended in a traceback of the drawing."""
+    drawn(page, qtbot)
+    panel, cutout = page.panel, (61, 61)
+    seen = fit_aperture(np.hypot(*np.mgrid[-30:31, -30:31]) < 18.3)
+    unseen = fit_aperture(np.zeros(cutout))
+    assert seen.seen and not unseen.seen and np.isnan(unseen.outline()).all()
+    with qtbot.captureExceptions() as raised:
+        for aperture in (seen, unseen, seen):
+            panel.show_aperture(aperture, None, cutout)
+            panel.sum_view.grab()
+            assert len(panel.sum_view.overlays[0].points) == (360 if aperture.seen else 0)
+    assert not raised
+
+
+def test_the_depth_that_is_chosen_is_not_tinted(page: Any) -> None:
+    icon = page.panel.strip.item(page.intent.z).icon()
+    size = QSize(64, 64)
+    assert icon.pixmap(size, QIcon.Mode.Selected).toImage() == icon.pixmap(size, QIcon.Mode.Normal).toImage()
+
+
+def drawn(page: Any, qtbot: QtBot) -> None:
+    """Wait until all that is known of H is on the page."""
+    qtbot.waitUntil(lambda: page.shown and not page.context.jobs.busy, timeout=GUARD_MS)
+
+
+def test_apertures_of_all_planes_are_drawn_beside_the_expected_ones(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    camera = preset("bench")
+    depths = [-26_000.0, -20_000.0]
+    values = np.zeros((2, 2, 2, 55, 55), np.float32)
+    y, x = np.mgrid[-27:28, -27:28]
+    for z, apothem in enumerate((18.0, 13.0)):
+        inside = blade_radius(np.arctan2(y, x), 7, 0.2, apothem) - np.hypot(y, x)
+        values[z] = 1000 * np.clip(inside / 2 + 0.5, 0, 1)
+    save(PSFMatrix(values, depths=depths, camera=camera), tmp_path / "H.h5")
+    context.project.update("open", psf=str(tmp_path / "H.h5"))
+    page = open_page("h")
+    drawn(page, qtbot)
+    tiles = page.panel.strip.tiles
+    assert [tile.depth_um for tile in tiles] == depths
+    for z, tile in enumerate(tiles):
+        assert tile.image is not None and tile.fitted is not None and tile.expected is not None
+        assert round(tile.fitted.apothem_px) == (18, 13)[z] and len(tile.outlines()) == 2
+        tip = page.panel.strip.item(z).toolTip()
+        assert "fitted: 7 blades" in tip and "expected: 7 blades" in tip and f"Plane {z} (0 to 1)" in tip
+        assert drawn_in(tile) == {FITTED, EXPECTED}
+        assert not drawn_in(replace(tile, fitted=None, expected=None))
+    assert "expected" in page.panel.aperture_text.text()
+
+
+def drawn_in(tile: PlaneTile) -> set[str]:
+    """Return which outlines are seen in the picture of a plane."""
+    picture = tile.picture(160).toImage()
+    pixels = [picture.pixelColor(x, y).getRgb()[:3] for x in range(160) for y in range(160)]
+    wanted = {name: QColor(name).getRgb()[:3] for name in (FITTED, EXPECTED)}
+    return {name for name, rgb in wanted.items() if min(max(map(abs, np.subtract(p, rgb))) for p in pixels) < 30}
+
+
+def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, context: Context, qtbot: QtBot) -> None:
+    large = page.panel.show_apertures()
+    qtbot.addWidget(large)
+    assert large.grid.count() == page.panel.strip.count() == 2 and large.isVisible()
+    assert large.grid.currentRow() == page.intent.z
+    large.grid.setCurrentRow(0)
+    idle(context.jobs, qtbot)
+    assert page.intent.z == 0 == page.panel.strip.currentRow()
+    page.set_intent(z=1)
+    assert large.grid.currentRow() == 1
+    assert page.panel.show_apertures() is large
+
+
+@pytest.mark.long
+def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Loading what draws an outline held it for 25 ms when H was opened."""
+    first: list[str] = []
+    asked: set[str] = set()
+    plain = Aperture.outline
+
+    def outline(self: Aperture, n: int = 360) -> Any:
+        first.append(threading.current_thread().name)
+        return plain(self, n)
+
+    def expected(matrix: PSFMatrix, z: int) -> None:
+        asked.add(threading.current_thread().name)
+
+    monkeypatch.setattr(Aperture, "outline", outline)
+    monkeypatch.setattr("lfcal_gui.pages.h.page.expected_in", expected)
+    t, s = np.indices((31, 31)) - 15
+    disc = (np.hypot(t, s) < 9).astype(np.float32)
+    context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
+    context.project.update("open", psf="disc")
+    page = open_page("h")
+    drawn(page, qtbot)
+    assert len(page.panel.sum_view.overlays[0].points) == 360
+    main = threading.main_thread().name
+    assert first[0] != main and main in first
+    assert asked and main not in asked
+
+
+@pytest.mark.long
+def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow, qtbot: QtBot) -> None:
+    """They kept the colours of the theme they were drawn in."""
+    t, s = np.indices((31, 31)) - 15
+    disc = np.clip(9.5 - np.hypot(t, s), 0, 1).astype(np.float32)
+    window.context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
+    window.project.update("open", psf="disc")
+    window.go("h")
+    page: Any = window.page("h")
+    drawn(page, qtbot)
+    large = page.panel.show_apertures()
+
+    def colours() -> set[bool]:
+        """Return whether pixels of the strip and the large window are red."""
+        found = set()
+        for strip in (page.panel.strip, large.grid):
+            image = strip.item(0).icon().pixmap(40, 40).toImage()
+            pixels = [image.pixelColor(x, y) for x in range(image.width()) for y in range(image.height())]
+            found |= {max(one.green(), one.blue()) <= one.red() for one in pixels if one.alpha() == 255}
+        return found
+
+    assert False in colours() and LINES[0] in page.panel.profile_title.text()
+    window.set_theme("night")
+    assert colours() == {True}
+    for label in (page.panel.profile_title, page.panel.legend, large.legend):
+        assert not any(tone in label.text() for tone in (*LINES, FITTED, EXPECTED))
+    window.set_theme("light")
+    assert FITTED in page.panel.legend.text() and FITTED in large.legend.text()
+    large.close()
+
+
+def test_a_reference_of_another_camera_is_told(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    """The camera is changed after its H was simulated; what differs then is not only the measurement."""
+    camera = context.state.camera
+    values = np.ones((1, 3, 4, 5, 7), np.float32)
+    for name in ("H.h5", "R.h5"):
+        save(PSFMatrix(values, depths=[-10], camera=camera), tmp_path / name)
+    context.project.update("open", psf=str(tmp_path / "H.h5"), reference=str(tmp_path / "R.h5"))
+    told: list[tuple[str, bool]] = []
+    context.attention.connect(lambda key, flag: told.append((key, flag)))
+    page: Any = open_page("h")
+    idle(context.jobs, qtbot)
+    assert page.reference is not None and "another camera" not in page.hint.text()
+    context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
+    assert "the reference is of another camera" in page.hint.text() and told[-1] == ("simulate", True)
+    context.project.update("back", camera=camera)
+    assert "another camera" not in page.hint.text() and told[-1] == ("simulate", False)
+    context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
+    context.project.update("neither", psf="", reference="")
+    assert told[-1] == ("simulate", False), "nothing is compared"
+
+
+def test_the_verdict_stands_next_to_h(page: Any, context: Context, qtbot: QtBot) -> None:
+    card = page.panel.verdict
+    assert card.head.text() == "Not judged yet" and not card.sentence.isVisibleTo(card)
+    stamp = stamp_of(context.state.psf)
+    assert stamp is not None
+
+    def say(verdict: Verdict) -> str:
+        context.project.note(settings=with_verdict(context.state, stamp, verdict))
+        return str(card.head.text())
+
+    assert say(Verdict("good", "All checks pass.")) == "✓ Good" and card.property("merit") == "good"
+    assert card.sentence.text() == "All checks pass."
+    assert say(Verdict("bad", "5 positions are bad.", bad=5, share=0.01)) == "Good, except 5 positions"
+    assert card.property("merit") == "fair"
+    assert say(Verdict("bad", "The background is 4 % of the light.")) == "▲ Bad"
+    card.why.click()
+    assert page.level == "checks" and page.panel.levels.currentWidget().objectName() == "checks"
+    other = Path(context.state.psf)
+    other.write_bytes(other.read_bytes() + b"\0")
+    context.project.update("rename", name="other")
+    assert card.head.text() == "Not judged yet", "it was of another file"
