@@ -17,8 +17,6 @@ from lfcal.base import WorkAbandoned, abandonable
 from lfcal_gui._garbage import Collector
 from lfcal_gui.workers import Workers, keep, start_thread, wait_for, words_of
 
-__all__ = ["COMPUTATIONS_S", "LOADS_S", "BackgroundThreads", "Computations", "Loads"]
-
 
 class Computations:
     """Run functions in a few threads. While one of a group runs, only the newest other one waits.

@@ -16,8 +16,6 @@ from lfcal_gui.crash_dialog import CrashDialog
 from lfcal_gui.models import Mishap, Mishaps
 from lfcal_gui.workers import LOG
 
-__all__ = ["CrashGuard"]
-
 POLL_MS = 200
 _LEVELS = {
     QtMsgType.QtDebugMsg: 10,

@@ -14,8 +14,6 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QObject, QTimer
 
-__all__ = ["CALM_TICKS", "LATEST_TICKS", "Collector"]
-
 INTERVAL_MS = 500
 BUSY_S = 0.02
 """Processor time of the window's thread between two ticks below which the window counts as idle (s)."""

@@ -6,8 +6,6 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QToolButton, QVBoxLayo
 
 from lfcal_gui.widgets import ElidedLabel
 
-__all__ = ["HeaderBar"]
-
 HEIGHT, NAME = 54, 190
 """Height of the header, and the most that the project's name takes (px)."""
 

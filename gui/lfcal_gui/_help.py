@@ -17,8 +17,6 @@ from lfcal_gui.models import ATLAS, PageSpec, doctor_html, doctor_text, manual_f
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import line
 
-__all__ = ["DoctorDialog", "Manual", "about_text", "cheat_sheet"]
-
 _KEYS = (
     ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "go to a place, to a view of it"),
     ("Ctrl+Return", "do the next step, shown at the top"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Line"]
-
 
 class Line:
     """Numbers of the waiting jobs, and of the running one.

@@ -16,8 +16,6 @@ from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import HeadedCard, WrappedLabel, line, lines_px
 
-__all__ = ["EVERY_MS", "JobLogView", "JobRow"]
-
 EVERY_MS = 500
 """Between two looks at a log that may grow (ms)."""
 

@@ -14,8 +14,6 @@ from lfcal.base import Cancelled, InputError, LfcalError, Progress, Work, WorkAb
 from lfcal_gui.models import JobLog, JobState, Keeping, Stamp, WindowJob, stamp_of, warnings_to
 from lfcal_gui.workers import keep, words_of
 
-__all__ = ["JobRequest", "JobThread"]
-
 
 @dataclass(frozen=True)
 class JobRequest:

@@ -13,8 +13,6 @@ from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import Jobs, JobState, WindowJob
 from lfcal_gui.widgets import set_role
 
-__all__ = ["JobsLine", "JobsSheet", "jobs_words"]
-
 BAR, HEIGHT = 90, 17
 """Width of the bar, and height of the text: the status bar is as low as without it (px)."""
 

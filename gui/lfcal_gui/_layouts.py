@@ -5,8 +5,6 @@ from __future__ import annotations
 from PySide6.QtCore import QByteArray, QSettings, Qt
 from PySide6.QtWidgets import QDockWidget, QMainWindow, QPlainTextEdit, QSplitter, QWidget
 
-__all__ = ["SIZE", "Layouts", "LogView", "add_dock", "fit_screen", "size_within"]
-
 
 class Layouts:
     """Keeps and restores the splitters of pages."""

@@ -34,8 +34,6 @@ from lfcal_gui.models import (
 )
 from lfcal_gui.theme import current_theme
 
-__all__ = ["Leading"]
-
 GATHER_MS, JUDGE_MS = 40, 1500
 """Delay before a change is shown, because changes come in groups; and idle time before H is judged (ms)."""
 

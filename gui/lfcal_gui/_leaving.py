@@ -9,8 +9,6 @@ from PySide6.QtCore import QObject, QTimer
 
 from lfcal_gui.jobs import Jobs
 
-__all__ = ["Leaving"]
-
 LOOK_MS = 20
 """Between two looks whether the window can close (ms)."""
 

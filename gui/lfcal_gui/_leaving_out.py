@@ -10,8 +10,6 @@ from typing import Any
 from lfcal_gui.context import Context
 from lfcal_gui.models import CommandStep, WithoutBad, iter_made, kept_verdict, shown_first, without_bad
 
-__all__ = ["LeavingOut"]
-
 GROUP, PAGE = "leave out", "frames"
 
 

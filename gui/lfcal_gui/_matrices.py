@@ -10,8 +10,6 @@ from PySide6.QtCore import QObject, Signal
 from lfcal.psf import PSFMatrix
 from lfcal_gui.jobs import Jobs
 
-__all__ = ["Matrices"]
-
 
 class Matrices(QObject):
     """Open H files, without waiting for them. A file that is not open yet is None; `changed` reports when it is.

@@ -13,8 +13,6 @@ from lfcal_gui.crash_dialog import open_folder
 from lfcal_gui.log import log_folder
 from lfcal_gui.models import ATLAS, PLACES, PageSpec, PageState
 
-__all__ = ["WindowMenus"]
-
 VIEW_KEYS = 3
 """Views of a place that have keys."""
 

@@ -11,8 +11,6 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QWidget
 from lfcal_gui.models import Step
 from lfcal_gui.widgets import ElidedLabel
 
-__all__ = ["NextLine"]
-
 NEAR_PX, HELD_S, POLL_MS = 24, 0.4, 100
 """The button stays while the pointer is so near, and so long after a change; how often it is tried again."""
 

@@ -10,8 +10,6 @@ from lfcal_gui._layouts import fit_screen
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.theme import current_theme, style_sheet
 
-__all__ = ["PageWindow"]
-
 
 class PageWindow(QMainWindow):
     """Holds one page, with the actions of the main window, and is kept when it is closed.

@@ -17,8 +17,6 @@ from lfcal_gui.locks import FileLock
 from lfcal_gui.models import PageSettings, Project, ProjectState, RecentProjects, UnsavedCopy, read_project
 from lfcal_gui.saving import ask_target, may_replace
 
-__all__ = ["ProjectFiles"]
-
 KIND = "lfcal projects (*.lfcal)"
 BUTTONS = QMessageBox.StandardButton
 

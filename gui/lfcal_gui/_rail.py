@@ -12,8 +12,6 @@ from lfcal_gui.models import PLACES
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import set_role
 
-__all__ = ["Rail"]
-
 WIDTH, BUTTON, ICON = 85, (73, 76), 22
 """Width of the rail, size of its buttons, and side of an icon (px)."""
 

@@ -15,8 +15,6 @@ from lfcal_gui.locks import FileLock
 from lfcal_gui.models import Claim, Project, UnsavedCopy, find_kept, keep
 from lfcal_gui.restore_dialog import RestoreDialog
 
-__all__ = ["Rescue"]
-
 AUTOSAVE_MS = 30_000
 
 

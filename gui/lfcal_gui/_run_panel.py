@@ -11,8 +11,6 @@ from lfcal.work import HEADER, JOURNAL, RunTable, parts_folder, read_run, run_ta
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.widgets import HeadedCard, RowsTable
 
-__all__ = ["EVERY_MS", "RunView", "look"]
-
 EVERY_MS = 1000
 """Between two looks at the journal of a run (ms)."""
 

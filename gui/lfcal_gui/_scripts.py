@@ -11,8 +11,6 @@ from lfcal.base import LfcalError
 from lfcal_gui.models import step_of
 from lfcal_gui.saving import ask_target, write_file
 
-__all__ = ["Scripts"]
-
 NONE_YET = "no step with a command was taken yet"
 
 

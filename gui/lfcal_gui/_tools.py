@@ -14,8 +14,6 @@ from lfcal_gui._welcome import Welcome
 from lfcal_gui.models import ProjectState
 from lfcal_gui.preferences import Preferences, welcome_wanted
 
-__all__ = ["Tools"]
-
 
 class Tools(QObject):
     """Dialogs of a `lfcal_gui.window.MainWindow`; ``dialog`` is the one that was opened last."""

@@ -14,8 +14,6 @@ from lfcal_gui.jobs import WindowJob
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import heading, line
 
-__all__ = ["VerifyDialog"]
-
 FILES = "H files (*.h5)"
 SIZE = (640, 380)
 

@@ -15,8 +15,6 @@ from lfcal_gui.pages.frames import FrameSettings
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import heading, line
 
-__all__ = ["Welcome", "iter_demo"]
-
 WORDS = (
     "lfcal measures the point spread function of a plenoptic camera: describe the camera, plan a scan, record it or "
     "bring frames you have, assemble H, judge it, fit and reconstruct. The places on the left are in this order."

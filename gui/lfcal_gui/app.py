@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lfcal_gui.window import MainWindow
 
-__all__ = ["main", "make_window", "safe_now"]
-
 
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Return the parsed command line."""

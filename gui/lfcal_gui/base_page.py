@@ -18,8 +18,6 @@ from lfcal_gui.notice import Notice
 from lfcal_gui.theme import current_theme, style_sheet
 from lfcal_gui.widgets import INSPECTOR, ElidedLabel, WrappedLabel, toggle_in, whole_page
 
-__all__ = ["BasePage", "Deed", "EmptyState", "page_class"]
-
 Deed = tuple[str, Callable[[], object]]
 """What a button of an empty state does: when one would press it (its tip), and the action."""
 

@@ -31,8 +31,6 @@ from lfcal_gui.widgets import ComparedNumbers
 if TYPE_CHECKING:
     from lfcal.judge import Comparison
 
-__all__ = ["READY", "Comparing"]
-
 READY = "Press Compare (F5): all positions of both are compared."
 
 

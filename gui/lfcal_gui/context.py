@@ -29,9 +29,6 @@ from lfcal_gui.models import (
     step_of,
 )
 
-__all__ = ["Context"]
-
-
 MOST_NAMES = 10_000
 """Numbers that are tried for a name."""
 

@@ -23,8 +23,6 @@ from lfcal_gui.models import Mishap
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import lines_px
 
-__all__ = ["CrashDialog", "open_folder"]
-
 WIDTH = 560
 
 

@@ -20,8 +20,6 @@ from lfcal_gui._job_row import JobRow
 from lfcal_gui._run_panel import RunView
 from lfcal_gui.jobs import Jobs, WindowJob
 
-__all__ = ["ROWS", "JobPanel"]
-
 KEPT = 20
 """Jobs that have ended and are still listed."""
 

@@ -21,8 +21,6 @@ from lfcal_gui._job_thread import JobRequest, JobThread
 from lfcal_gui.models import JobLog, JobState, Keeping, Taken, WindowJob, notes_of
 from lfcal_gui.workers import wait_for
 
-__all__ = ["JOBS_S", "LOADS_S", "WAITS", "JobState", "Jobs", "WindowJob"]
-
 TELL_S = 0.03
 """Least time between two reported records of a job (s)."""
 

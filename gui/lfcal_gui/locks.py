@@ -7,8 +7,6 @@ from pathlib import Path
 
 from PySide6.QtCore import QLockFile
 
-__all__ = ["FileLock"]
-
 
 class FileLock:
     """The lock ``.NAME.window`` in the folder of a file; the program that writes the file uses ``.NAME.lock``.

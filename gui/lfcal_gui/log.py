@@ -14,8 +14,6 @@ from typing import IO
 from lfcal import __version__
 from lfcal.base import processors
 
-__all__ = ["Log", "log_folder", "system_line"]
-
 NAME, FAULTS = "lfcal-gui.log", "lfcal-gui-faults.log"
 MAX_BYTES, KEPT = 1 << 20, 5
 FORMAT = "%(asctime)s %(process)d %(levelname)s %(name)s: %(message)s"

@@ -9,8 +9,6 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
 from lfcal_gui.widgets import ElidedLabel, set_role
 
-__all__ = ["Notice"]
-
 WAIT_MS = 300
 """Work that is done sooner is not announced."""
 

@@ -13,8 +13,6 @@ from shiboken6 import isValid
 
 from lfcal_gui.theme import style_sheet
 
-__all__ = ["Palette", "PaletteEntry", "doable"]
-
 SIZE = (520, 420)
 TITLE = "Command palette"
 STEPS = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}

@@ -11,8 +11,6 @@ from lfcal.base import WORKERS, processors
 from lfcal_gui.theme import current_theme, style_sheet
 from lfcal_gui.widgets import WrappedLabel, choice_box, line
 
-__all__ = ["Preferences", "apply_threads", "welcome_wanted"]
-
 THEMES = (("light", "light"), ("dark", "dark"), ("night", "red on black, for a dark lab"))
 
 

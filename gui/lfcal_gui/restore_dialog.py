@@ -9,8 +9,6 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLa
 from lfcal_gui.models import UnsavedCopy
 from lfcal_gui.theme import style_sheet
 
-__all__ = ["RestoreDialog"]
-
 WIDTH = 540
 
 

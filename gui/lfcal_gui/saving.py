@@ -11,8 +11,6 @@ from PySide6.QtWidgets import QFileDialog, QMessageBox, QWidget
 from lfcal.base import LfcalError, StorageError, replace_whole
 from lfcal_gui.workers import words_of
 
-__all__ = ["ask_target", "may_replace", "write_file", "write_picture"]
-
 
 def ask_target(
     parent: QWidget, title: str, name: str, kinds: str, outputs: Callable[[Path], Sequence[Path]] | None = None

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lfcal_gui.scenes import Capture, Stage
 
-__all__ = ["main"]
-
 SIZES = ("1280x800", "1920x1080", "3840x2160@2")
 """Pixels of the window's picture; ``@2``: on a screen with two of them to a length that is one on the others."""
 

@@ -8,20 +8,6 @@ from typing import Protocol, runtime_checkable
 from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
-__all__ = [
-    "DARK",
-    "LIGHT",
-    "NIGHT",
-    "THEMES",
-    "TYPE_COLOURS",
-    "Theme",
-    "Themed",
-    "apply_theme",
-    "current_theme",
-    "style_sheet",
-]
-
-
 _STYLE = """
 QWidget {{ font-size: 10pt; }}
 QToolTip {{ color: {text}; background: {raised}; border: 1px solid {line}; padding: 4px; }}

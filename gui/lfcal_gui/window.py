@@ -41,8 +41,6 @@ from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_th
 from lfcal_gui.widgets import ElidedLabel, name_controls, toggle_in
 from lfcal_gui.workers import LOG
 
-__all__ = ["MainWindow"]
-
 INI = QSettings.Format.IniFormat
 
 IMPORT_MS = 400

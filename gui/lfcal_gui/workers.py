@@ -13,8 +13,6 @@ from typing import Any
 from lfcal.base import LfcalError, storage_words
 from lfcal_gui.models import said_in_window
 
-__all__ = ["LOG", "Workers", "keep", "start_thread", "wait_for", "words_of"]
-
 LOG = logging.getLogger("lfcal.gui")
 """Where the window keeps what happened; `lfcal_gui.log` gives it a file."""
 

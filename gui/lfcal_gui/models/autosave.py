@@ -13,8 +13,6 @@ from typing import Any, Protocol
 from lfcal.base import LfcalError, read_text, write_text
 from lfcal_gui.models.project import Project, ProjectState, read_project
 
-__all__ = ["Claim", "UnsavedCopy", "find_kept", "keep", "read_kept"]
-
 
 class Claim(Protocol):
     """The right to a file, as `lfcal_gui.locks.FileLock` gives it."""

@@ -20,26 +20,6 @@ if TYPE_CHECKING:
     from lfcal.judge import Comparison, Pair
     from lfcal.psf import PSFMatrix
 
-__all__ = [
-    "COMPARED_COLUMNS",
-    "COMPARED_MODES",
-    "COMPARED_TIPS",
-    "Both",
-    "CompareRequest",
-    "KeptDifference",
-    "Place",
-    "both_at",
-    "compare_step",
-    "compared_files",
-    "compared_numbers",
-    "compared_rows",
-    "compared_words",
-    "differing_most",
-    "iter_compare",
-    "iter_compared",
-    "plane_of_row",
-]
-
 F8 = NDArray[np.float64]
 Place = tuple[int, int, int]
 """Number of the pair of planes, and position (y, x) of the first H."""

@@ -18,17 +18,6 @@ if TYPE_CHECKING:
     from lfcal.accuracy import Curve, Rung, Subject
     from lfcal.camera import ScanPlan
 
-__all__ = [
-    "CostPoint",
-    "MeasuredCurves",
-    "asked_seconds",
-    "axis_labels",
-    "iter_measure",
-    "points_of",
-    "rung_words",
-    "subject_of",
-]
-
 KEPT = 64
 """Curves that are kept, the newest."""
 

@@ -12,21 +12,6 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, njit
 
-__all__ = [
-    "COLOUR_MAPS",
-    "DEPTHS",
-    "DIVERGING",
-    "SCALES",
-    "DisplaySettings",
-    "bin_max",
-    "colour_table",
-    "depth_colours",
-    "levels_of",
-    "shades",
-    "tinted",
-    "to_uint8",
-]
-
 COLOUR_MAPS = ("magma", "viridis", "cividis", "gray")
 """Perceptually even maps offered for intensities; in the first, no light is black."""
 

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-__all__ = ["doctor_html", "doctor_text"]
-
 
 def _sections(found: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return heading and pairs of name and value of every part."""

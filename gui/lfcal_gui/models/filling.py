@@ -14,8 +14,6 @@ from lfcal_gui.models.words import plane_words
 if TYPE_CHECKING:
     from lfcal.psf import AssemblyProgress
 
-__all__ = ["Filling"]
-
 
 @dataclass
 class Filling:

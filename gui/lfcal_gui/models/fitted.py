@@ -10,8 +10,6 @@ from lfcal_gui.models.stamp import Stamp
 if TYPE_CHECKING:
     from lfcal.fit import Setup
 
-__all__ = ["FittedCamera"]
-
 
 @dataclass(frozen=True, eq=False)
 class FittedCamera:

@@ -10,21 +10,6 @@ from typing import Any
 from lfcal.base import InputError, check_commas
 from lfcal.records import FieldRow, read_names, read_share, rows, show_share
 
-__all__ = [
-    "UNKNOWN",
-    "Field",
-    "check_of",
-    "fields_of",
-    "means",
-    "options_in",
-    "parse",
-    "same",
-    "shown_of",
-    "text_in_form",
-    "text_of",
-    "value_in",
-]
-
 UNKNOWN: Any = object()
 """In the place of a value or default that is not known."""
 

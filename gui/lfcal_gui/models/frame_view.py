@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from lfcal.camera import Camera
 from lfcal_gui.models.display import DisplaySettings, bin_max, to_uint8
 
-__all__ = ["FrameNumbers", "Tile", "frame_numbers", "lattice_points", "render_tile", "visible_tile"]
-
 MAX_PIXELS = 1600 * 1200
 """No more than this many pixels are sent to the screen."""
 

@@ -20,18 +20,6 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.psf import PSFMatrix
 
-__all__ = [
-    "Told",
-    "described",
-    "exported_to",
-    "session_counts",
-    "sitting_of",
-    "with_checked",
-    "with_declined",
-    "with_described",
-    "with_exported",
-]
-
 Told = Mapping[str, Mapping[str, Any]]
 """What each page reported: values of fields of `Sitting`."""
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from lfcal_gui.models.step import CommandStep
 
-__all__ = ["History", "Taken"]
-
 SHELL = """#!/bin/sh
 # What was done in lfcal's window, as commands. Files that exist are not replaced: remove them first, or add --force.
 set -e

@@ -10,8 +10,6 @@ from typing import Any, Protocol
 from lfcal.base import Progress, format_seconds
 from lfcal_gui.models.history import Taken
 
-__all__ = ["JobState", "Keeping", "WindowJob", "plain_record"]
-
 
 def plain_record(record: Progress) -> Progress:
     """Return the progress of ``record`` without its other data, such as a volume so far."""

@@ -15,8 +15,6 @@ from lfcal.base import Progress, format_seconds
 from lfcal.judge import Judged, judgement_of
 from lfcal_gui.models.job import plain_record
 
-__all__ = ["MOST", "JobLog", "Said", "notes_of", "warnings_to"]
-
 MOST = 1000
 """Lines kept of one job: solvers say something at every step."""
 

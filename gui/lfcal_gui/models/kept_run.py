@@ -9,8 +9,6 @@ from pathlib import Path
 from lfcal.base import InputError, LfcalError
 from lfcal.work import PASS, RunChoice, RunState, discard, parts_folder, read_events, read_run, stamp_of
 
-__all__ = ["KeptRun", "going_on", "stamp_of_files"]
-
 
 def going_on() -> RunChoice:
     """Return how the window runs units: in its process, resuming an earlier run of the same work."""

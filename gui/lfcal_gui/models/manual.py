@@ -8,8 +8,6 @@ from pathlib import Path
 import lfcal
 from lfcal.base import StorageError
 
-__all__ = ["ATLAS", "manual_folder", "section_of"]
-
 ATLAS = "faults.md"
 """Page that shows every fault that an inspection may name."""
 

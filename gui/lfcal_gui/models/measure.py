@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Profile", "RegionNumbers", "fwhm", "line_profile", "region_numbers", "sampled", "value_histogram"]
-
 MOST = 1 << 17
 """Values of a large picture that a histogram, or shares of its values, are found of: more would hold the window."""
 

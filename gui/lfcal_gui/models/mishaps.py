@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 
 from lfcal_gui.workers import words_of
 
-__all__ = ["Mishap", "Mishaps", "safe_words"]
-
 MAX_TRACE = 20_000
 
 

@@ -12,8 +12,6 @@ from typing import Literal
 from lfcal.base import format_bytes, format_count, format_seconds, format_share
 from lfcal_gui.models.verdict import Verdict
 
-__all__ = ["JOBS", "LONGEST", "PLACES", "ROWS", "RailWords", "Sitting", "Step", "next_step", "rail_words"]
-
 LONGEST = 90
 """Characters of a line, its lead included."""
 

@@ -10,8 +10,6 @@ from lfcal.psf import check_mat_order
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.settings import PageSettings
 
-__all__ = ["OpeningSettings", "stated_order"]
-
 
 @dataclass(frozen=True)
 class OpeningSettings(PageSettings):

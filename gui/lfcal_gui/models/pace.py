@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from statistics import median
 
-__all__ = ["FORECASTS", "Paces"]
-
 FORECASTS = {"make": "make_s", "compute": "compute_s", "reconstruct": "reconstruct_s"}
 """Kinds of jobs with a forecast, and the field of `Sitting` that has it."""
 

@@ -11,19 +11,6 @@ from pathlib import Path
 from lfcal.base import Registry
 from lfcal_gui.models.project import ProjectState
 
-__all__ = [
-    "PAGES",
-    "PLACES",
-    "PageSpec",
-    "PageState",
-    "WindowPlace",
-    "available_pages",
-    "file_state",
-    "nothing",
-    "page_registry",
-    "page_states",
-]
-
 
 class PageState(Enum):
     """State of a page, with the words shown for it."""

@@ -13,8 +13,6 @@ from typing import Any
 from lfcal.base import FileFormatError, LfcalError, on_network, parse_json, read_text, write_text
 from lfcal.camera import Camera, ScanPlan, preset
 
-__all__ = ["Hold", "Project", "ProjectState", "RecentProjects", "read_project"]
-
 FORMAT = "lfcal-project"
 VERSION = 1
 OLD_FORMAT = "lfcal-session"

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from lfcal.psf import AssemblyReport
     from lfcal.tasks import Assemble, AssembleTarget, FitMatrix
 
-__all__ = ["WithoutBad", "iter_made", "new_file", "shown_first", "without_bad"]
-
 Place = tuple[int, int, int]
 
 

@@ -9,8 +9,6 @@ from typing import Any, ClassVar, Self
 from lfcal.base import InputError, LfcalError
 from lfcal_gui.models.project import ProjectState
 
-__all__ = ["PageSettings"]
-
 
 @dataclass(frozen=True)
 class PageSettings:

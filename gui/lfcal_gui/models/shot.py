@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import format_length
 from lfcal_gui.models.display import DisplaySettings, levels_of
 
-__all__ = ["CUTOUT", "Label", "Levels", "Outline", "Overlay", "Shot", "Symbols", "Tint", "cutout_of", "scale_bar"]
-
 Levels: TypeAlias = "tuple[float, float]"
 """Values at both ends of the colours."""
 

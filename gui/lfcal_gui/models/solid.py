@@ -20,8 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, for_each_chunk, njit
 
-__all__ = ["BEGIN", "Projection", "Solid", "Viewpoint", "project_solid", "turned"]
-
 FINEST = 8
 """Most samples to a voxel along a row of the sheared picture."""
 

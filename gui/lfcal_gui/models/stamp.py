@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["Stamp", "stamp_of"]
-
 Stamp = tuple[str, int, int]
 """Path, time, size."""
 

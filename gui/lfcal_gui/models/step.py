@@ -17,8 +17,6 @@ from lfcal_gui.models.project import ProjectState
 if TYPE_CHECKING:
     from lfcal.tasks import RunSettings, Task
 
-__all__ = ["CAMERA_FILE", "PLAN_FILE", "CommandStep", "needed_file", "needed_plan", "options_of", "step_of"]
-
 CAMERA_FILE = "lfcal-camera.json"
 PLAN_FILE = "lfcal-plan.json"
 END = "LFCAL_END"

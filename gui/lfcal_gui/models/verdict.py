@@ -12,8 +12,6 @@ from lfcal_gui.models.stamp import Stamp, stamp_of
 if TYPE_CHECKING:
     from lfcal.base import Judgement
 
-__all__ = ["MOST_BAD", "REMEDIES", "Verdict", "kept_verdict", "verdict_of", "with_verdict"]
-
 KEY = "verdicts"
 """Entry of a project's settings that holds the verdicts, the newest first."""
 

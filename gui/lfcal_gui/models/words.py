@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["capital", "plane_words", "said_in_window", "typeset", "unbroken"]
-
 BRACKETS = re.compile(r"\s*\([^()]*--[^()]*\)")
 PLANNING = re.compile(r"[:,] (?:or )?make (?:its|the) plan[^;]*lfcal plan[^;]*")
 VALUES = re.compile(r"(?<=read as )--[a-z]+ ")

@@ -4,9 +4,3 @@ from __future__ import annotations
 
 from lfcal_gui.scenes.all import SCENES
 from lfcal_gui.scenes.stage import Capture, Stage
-
-__all__ = [
-    "SCENES",
-    "Capture",
-    "Stage",
-]

@@ -8,8 +8,6 @@ from lfcal_gui.scenes.sample import sample
 from lfcal_gui.scenes.stage import Scene
 from lfcal_gui.scenes.trouble import dialogs, faults, trouble
 
-__all__ = ["SCENES"]
-
 SCENES: dict[str, Scene] = {
     "empty": empty,
     "sample": sample,

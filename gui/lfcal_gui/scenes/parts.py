@@ -20,8 +20,6 @@ from lfcal_gui.scenes.sample import open_sample
 from lfcal_gui.scenes.stage import Capture, Stage
 from lfcal_gui.widgets import toggle_in
 
-__all__ = ["empty", "large", "parts", "target"]
-
 
 def parts(stage: Stage) -> Iterator[Capture]:
     """Go through them with the sample session."""

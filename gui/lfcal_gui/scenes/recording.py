@@ -12,8 +12,6 @@ from lfcal.camera import ScanPlan
 from lfcal.devices.simulated import DeviceFault
 from lfcal_gui.scenes.stage import Capture, Stage
 
-__all__ = ["recording", "settle_live"]
-
 ENOUGH = 800
 """Positions that are recorded before a pause: the second plane is under way."""
 

@@ -8,8 +8,6 @@ from lfcal.accuracy import PLACES
 from lfcal.base import sample_session
 from lfcal_gui.scenes.stage import Capture, Stage
 
-__all__ = ["frames", "h", "open_sample", "sample", "setup"]
-
 
 def sample(stage: Stage) -> Iterator[Capture]:
     """Go through all pages with the sample session."""

@@ -13,8 +13,6 @@ from PySide6.QtWidgets import QApplication, QWidget
 from lfcal_gui.jobs import JobState
 from lfcal_gui.window import MainWindow
 
-__all__ = ["Capture", "Scene", "Stage"]
-
 LONGEST_S = 900.0
 """Ends what hangs."""
 

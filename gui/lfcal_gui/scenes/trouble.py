@@ -23,8 +23,6 @@ from lfcal_gui.restore_dialog import RestoreDialog
 from lfcal_gui.scenes.sample import open_sample
 from lfcal_gui.scenes.stage import Capture, Stage
 
-__all__ = ["dialogs", "faults", "trouble"]
-
 LONG = "H_of_the_second_alignment_after_cleaning_the_main_lens_100mm_f2.8_2026-03-16_plane_by_plane.h5"
 
 

@@ -8,8 +8,6 @@ from PySide6.QtWidgets import QLabel
 
 from lfcal_gui.theme import current_theme
 
-__all__ = ["NOTHING", "Blank"]
-
 NOTHING = "Nothing to show yet."
 
 

@@ -15,8 +15,6 @@ from lfcal_gui.widgets.cards import heading
 from lfcal_gui.widgets.contrast import Contrast
 from lfcal_gui.widgets.plots import LinePlot
 
-__all__ = ["Measuring"]
-
 LINE, REGION = "#ffb000", "#56b4e9"
 SIZE = (430, 560)
 WAIT_MS = 30

@@ -6,8 +6,6 @@ import math
 
 import pyqtgraph as pg
 
-__all__ = ["PixelAxis", "count_pixels", "pixel_axes"]
-
 ROOM = 14.0
 """Screen pixels from one number to the next, one above the other."""
 

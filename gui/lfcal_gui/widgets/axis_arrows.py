@@ -8,8 +8,6 @@ from PySide6.QtWidgets import QWidget
 
 from lfcal_gui.theme import current_theme
 
-__all__ = ["AxisArrows"]
-
 WIDTH, HEIGHT, MARGIN = 184, 132, 14
 MIDDLE, LENGTH = QPointF(82, 82), 24.0
 """Where the stage's arrows start from, and how long they are."""

@@ -21,21 +21,6 @@ from PySide6.QtWidgets import (
 
 from lfcal_gui.widgets.words import ElidedLabel
 
-__all__ = [
-    "INSPECTOR",
-    "SPACING",
-    "HeadedCard",
-    "card",
-    "choice_box",
-    "clear",
-    "column_area",
-    "heading",
-    "line",
-    "scrolling",
-    "split",
-    "told_or_shown",
-]
-
 INSPECTOR = "inspector"
 """Property of what stands right of the pictures of a page: it can be hidden."""
 

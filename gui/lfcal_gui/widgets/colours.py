@@ -9,8 +9,6 @@ from PySide6.QtGui import QImage
 from lfcal_gui.models import DisplaySettings, Levels, colour_table, shades
 from lfcal_gui.theme import current_theme
 
-__all__ = ["ramp", "row_of", "theme_table"]
-
 
 def theme_table(colour_map: str) -> NDArray[np.uint8]:
     """Return the colours ``(256, 4)`` of a picture in the theme in use: in the dark of a lab from black to red."""

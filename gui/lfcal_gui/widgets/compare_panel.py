@@ -36,8 +36,6 @@ from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
 
-__all__ = ["ComparePanel", "ComparedNumbers"]
-
 BLINK_MS = 600
 NOT_COMPARED = "Not compared: no position of this plane has light in both."
 MISSING = "#ff5a5f"

@@ -17,8 +17,6 @@ from lfcal_gui.models import COLOUR_MAPS, Levels, levels_of, sampled, value_hist
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.colours import ramp
 
-__all__ = ["SCALINGS", "Contrast"]
-
 SCALINGS = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
 """How values become colours, and its words."""
 

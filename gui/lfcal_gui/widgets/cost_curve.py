@@ -15,8 +15,6 @@ from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.plots import DecadeAxis, LinePlot, line_px
 from lfcal_gui.widgets.words import ElidedLabel
 
-__all__ = ["CostCurve"]
-
 SIZE, RING = 10, 20
 """Diameter of a point, and of the ring around the one in use (px)."""
 

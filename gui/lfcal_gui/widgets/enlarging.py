@@ -8,8 +8,6 @@ from PySide6.QtCore import QEvent, QObject, QSize, Qt
 from PySide6.QtGui import QCursor, QKeyEvent
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QSplitter, QVBoxLayout, QWidget
 
-__all__ = ["Enlarged", "can_be_enlarged", "enlarge", "enlarged_of", "pictures_in", "toggle_in", "whole_page"]
-
 PICTURE, PAGE = "picture", "page"
 """Properties of widgets: can be enlarged; is filled by what is enlarged in it."""
 

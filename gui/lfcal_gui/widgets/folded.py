@@ -7,8 +7,6 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLay
 
 from lfcal_gui.widgets.cards import card
 
-__all__ = ["FoldHead", "Folded"]
-
 CLOSED, OPENED = "▸", "▾"
 
 

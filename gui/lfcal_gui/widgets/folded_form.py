@@ -28,8 +28,6 @@ from lfcal_gui.widgets.cards import heading, line
 from lfcal_gui.widgets.folded import FoldHead
 from lfcal_gui.widgets.words import set_look
 
-__all__ = ["FoldedForm"]
-
 SHORTEST = 5
 """Letters of a choice that are seen in any case."""
 

@@ -16,8 +16,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["CONTROLS", "controls", "name_controls", "unnamed"]
-
 CONTROLS = (
     QAbstractButton,
     QAbstractItemView,

@@ -17,8 +17,6 @@ from lfcal_gui.widgets.colours import theme_table
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.picture_menu import table_entries
 
-__all__ = ["PeriodMap"]
-
 MISSING = "#ff5a5f"
 SIZES = {"x": 5, "o": 11, "s": 9}
 """Of symbols (px)."""

@@ -52,8 +52,6 @@ from lfcal_gui.widgets.colours import ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
 from lfcal_gui.widgets.plots import style_axes, theme_plot
 
-__all__ = ["Picture", "link", "share_contrast"]
-
 LARGE = 1 << 18
 """Pixels above which a picture is drawn in the background, and only what is seen of it."""
 

@@ -16,8 +16,6 @@ from lfcal.base import npy_header
 from lfcal_gui.saving import ask_target, write_file, write_picture
 from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 
-__all__ = ["PICTURES", "copy_picture", "offer_menu", "save_picture", "save_values", "table_entries", "write_svg"]
-
 PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
 
 Entry = tuple[str, Callable[[], Any]]

@@ -21,8 +21,6 @@ from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._pixel_axis import PixelAxis
 from lfcal_gui.widgets.picture_menu import offer_menu, save_picture
 
-__all__ = ["LINES", "DecadeAxis", "LinePlot", "UprightAxis", "line_px", "shown_tone", "style_axes", "theme_plot"]
-
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
 """Line colours that stay apart for colour-blind readers, on light and on dark."""
 

@@ -11,8 +11,6 @@ from PySide6.QtWidgets import QAbstractItemView, QApplication, QHeaderView, QMen
 
 from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 
-__all__ = ["RowsTable"]
-
 ROW_PX, ROOMY_PX = 26, 480
 """Height of a row, and least width of a table that shows all columns (px)."""
 

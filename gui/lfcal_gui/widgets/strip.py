@@ -20,8 +20,6 @@ from lfcal_gui.widgets.colours import theme_table
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
-__all__ = ["EXPECTED", "FITTED", "PlaneTile", "Strip", "legend_words", "outline_tones", "to_pixmap"]
-
 FITTED, EXPECTED = "#39d353", "#56b4e9"
 """Colours of the outlines, which no colour of a picture comes near."""
 

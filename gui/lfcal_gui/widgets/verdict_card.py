@@ -7,8 +7,6 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QVBoxLayout, QWi
 
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_role
 
-__all__ = ["VerdictCard"]
-
 HEADS = {"good": "✓ Good", "fair": "▲ Fair", "bad": "▲ Bad", "unknown": "Not fully judged", "": "Not judged yet"}
 """Headline for a merit; its mark repeats what the colour says."""
 

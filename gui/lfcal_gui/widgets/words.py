@@ -11,8 +11,6 @@ from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QTextBrowser, QWidget
 
-__all__ = ["ElidedLabel", "FittedBrowser", "WrappedLabel", "breakable", "lines_px", "set_look", "set_role"]
-
 BREAK = "\u200b"
 """Is not seen, and a line may end there."""
 

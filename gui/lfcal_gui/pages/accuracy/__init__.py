@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, nothing
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return whether there is a plan or H to measure; measurements are not kept in the project."""

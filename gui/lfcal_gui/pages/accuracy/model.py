@@ -10,8 +10,6 @@ from lfcal.accuracy import Curve
 from lfcal.base import InputError
 from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
 
-__all__ = ["FIELDS", "AccuracySettings", "subjects", "words_of"]
-
 SUBJECTS = (("plan", "Scan plan"), ("psf", "H"))
 
 FIELDS = (

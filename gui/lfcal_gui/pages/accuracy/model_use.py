@@ -10,8 +10,6 @@ from lfcal.accuracy import Curve, Rung
 from lfcal.base import LfcalError
 from lfcal_gui.models import ProjectState
 
-__all__ = ["RungUse", "use_of"]
-
 LEVELS = {"debye": "microscope"}
 """Levels that the window calls by another name."""
 

@@ -16,8 +16,6 @@ from lfcal_gui.pages.accuracy.model import AccuracySettings, subjects
 from lfcal_gui.pages.accuracy.model_use import use_of
 from lfcal_gui.pages.accuracy.panel import AccuracyPanel
 
-__all__ = ["Page"]
-
 
 class Page(BasePage):
     """Page that keeps all measured curves of the plan or H, also those of a stopped measurement."""

@@ -13,8 +13,6 @@ from lfcal_gui.models import axis_labels, points_of
 from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, words_of
 from lfcal_gui.widgets import CostCurve, FoldedForm, card, column_area
 
-__all__ = ["AccuracyPanel"]
-
 
 class AccuracyPanel(QWidget):
     """The page's widgets.

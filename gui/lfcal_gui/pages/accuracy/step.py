@@ -5,8 +5,6 @@ from __future__ import annotations
 from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_file, needed_plan, options_of, stated_order
 from lfcal_gui.pages.accuracy.model import AccuracySettings
 
-__all__ = ["step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the place that is looked at is measured."""

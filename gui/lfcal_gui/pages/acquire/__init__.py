@@ -15,8 +15,6 @@ from pathlib import Path
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return the state of the page: whether a session exists, and whether positions must be recorded again."""

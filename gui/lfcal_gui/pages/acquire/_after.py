@@ -18,8 +18,6 @@ from lfcal_gui.saving import ask_target, may_replace
 if TYPE_CHECKING:
     from lfcal.tasks import Assemble, AssembleTarget
 
-__all__ = ["Afterwards"]
-
 Place = tuple[int, int, int]
 
 

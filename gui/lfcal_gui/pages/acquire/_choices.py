@@ -18,8 +18,6 @@ from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
-__all__ = ["FolderChoice", "TargetChoice"]
-
 CHOSEN, LOOKED_INTO = "acquire folder chosen", "acquire folder"
 
 

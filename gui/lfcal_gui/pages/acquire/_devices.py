@@ -23,8 +23,6 @@ from lfcal.devices.simulated import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_F
 from lfcal_gui.models import Field
 from lfcal_gui.widgets import Folded, FoldedForm, card, choice_box, line, set_role
 
-__all__ = ["COUNTED", "KINDS", "DevicePanel", "FaultPanel", "fault_words"]
-
 _SAID = {
     "move fails": "a move fails",
     "stops short": "the stage stops short",

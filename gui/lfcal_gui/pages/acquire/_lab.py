@@ -17,8 +17,6 @@ from lfcal_gui.pages.acquire.setup_tab import SetupTab
 from lfcal_gui.theme import NIGHT, current_theme
 from lfcal_gui.widgets import card
 
-__all__ = ["KEYS", "Lab", "Standing", "next_step"]
-
 KEYS = (("next", "F9"), ("start", "F6"), ("pause", "F7"), ("stop", "F8"), ("abort", "Shift+F8"))
 """Buttons and their keys, in their order."""
 

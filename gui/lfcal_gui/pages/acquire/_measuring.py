@@ -24,8 +24,6 @@ from lfcal_gui.pages.acquire.model_station import Station
 from lfcal_gui.pages.acquire.setup_panel import FINDINGS, STILLS, SetupPanel
 from lfcal_gui.saving import may_replace
 
-__all__ = ["SetupMeasuring", "axis_words", "exposure_words", "fit_words", "still_taker"]
-
 MEASURING = "measuring …"
 
 ASKED = {

@@ -24,8 +24,6 @@ from lfcal_gui.widgets import (
     name_controls,
 )
 
-__all__ = ["TITLE", "ErrorView", "RecordPictures"]
-
 LEAST = 1e-3
 """Least error that is drawn (%): a logarithm has no zero."""
 

@@ -22,8 +22,6 @@ from lfcal_gui.pages.acquire.model import target_of
 from lfcal_gui.pages.acquire.model_station import Station, read_target
 from lfcal_gui.widgets import heading, line
 
-__all__ = ["StageMoves", "StagePanel"]
-
 Limits = tuple[tuple[float, float], ...]
 HOW = "Type a position and press Return, or press ↑ and ↓ in a field. Esc stops."
 FARTHEST_UM = 1e9

@@ -18,18 +18,6 @@ from lfcal_gui.pages.acquire.model_recorder import Recorder
 if TYPE_CHECKING:
     from lfcal.campaign import AdaptiveStep, Goal
 
-__all__ = [
-    "ErrorCurve",
-    "advice_words",
-    "asked_words",
-    "automatic_words",
-    "check_goal",
-    "end_words",
-    "error_curve",
-    "progress_words",
-    "until_words",
-]
-
 PART, CHOICE = "record", ("error of H", "information of patterns", "choose positions")
 """Stages of progress that count positions, and that choose them; all others are those of a fit."""
 

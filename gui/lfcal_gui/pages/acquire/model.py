@@ -19,8 +19,6 @@ from lfcal_gui.models import UNKNOWN, Field, PageSettings, fields_of, shown_of, 
 if TYPE_CHECKING:
     from lfcal.campaign import Goal
 
-__all__ = ["EXTENTS", "FIELDS", "HELD", "MORE", "UNTIL", "AcquireSettings", "moved", "target_of"]
-
 EXTENTS = (("whole", "Record every position"), ("error", "Record until H is known"))
 """Choices of the extent of a recording."""
 

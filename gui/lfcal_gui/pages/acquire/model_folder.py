@@ -18,8 +18,6 @@ from lfcal.frames import Position
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
-__all__ = ["FolderState", "folder_state"]
-
 ELSEWHERE = "the folder holds a session of {}; continue it with lfcal acquire --resume"
 
 

@@ -22,22 +22,6 @@ if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
     from lfcal.targets import TargetPlan
 
-__all__ = [
-    "LivePicture",
-    "Pace",
-    "age_words",
-    "apertures_of",
-    "expected_words",
-    "live_picture",
-    "places_px",
-    "plane_at",
-    "plane_to_go",
-    "points_px",
-    "predicted_pattern",
-    "recorded_picture",
-    "stage_arrows",
-]
-
 LATE_S, LATE = 1.0, 3.0
 """A frame is late after a second, or three intervals of frames, beyond its exposure."""
 

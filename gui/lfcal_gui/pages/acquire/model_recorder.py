@@ -40,17 +40,6 @@ if TYPE_CHECKING:
     from lfcal.fit import Fit
     from lfcal.targets import TargetPlan
 
-__all__ = [
-    "QUANTITIES",
-    "CoveredByHand",
-    "RecordPicture",
-    "Recorder",
-    "coverage_picture",
-    "lamp_words",
-    "picture_of",
-    "record_picture",
-]
-
 QUANTITIES = (("energy", "Light by position"), ("residual", "Position residual"), ("saturated", "Saturated pixels"))
 """What the map and the curves show."""
 

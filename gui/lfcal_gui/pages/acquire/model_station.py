@@ -21,8 +21,6 @@ from lfcal.camera import ScanPlan
 from lfcal.devices import LimitError, Limits, Point, Rig, StageError
 from lfcal.devices.simulated import DeviceFault
 
-__all__ = ["Look", "Station", "in_limits", "open_station", "read_target"]
-
 R = TypeVar("R")
 Choice = tuple[Mapping[str, str], str]
 """Options of a backend, and the backend of the stage."""

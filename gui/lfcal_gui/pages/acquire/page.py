@@ -20,8 +20,6 @@ from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.acquire.record_tab import RecordTab
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
 
-__all__ = ["Page"]
-
 JOGS = (
     ("Ctrl+Left", 0, -1),
     ("Ctrl+Right", 0, 1),

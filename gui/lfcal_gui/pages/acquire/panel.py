@@ -10,8 +10,6 @@ from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_panel import SetupPanel
 from lfcal_gui.widgets import Folded, column_area, line
 
-__all__ = ["AcquirePanel"]
-
 NARROW, WIDE, ROOMY = 304, 368, 1400
 """Width of the inspector, and of a page from which it is wide (px)."""
 

@@ -33,8 +33,6 @@ from lfcal_gui.widgets import ElidedLabel, FoldedForm, PeriodMap, PlaneTile, Str
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
-__all__ = ["BUTTONS", "RecordPanel"]
-
 BUTTONS = (
     (
         "start",

@@ -37,8 +37,6 @@ from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
 from lfcal_gui.pages.acquire.step import REDO_FILE, step
 
-__all__ = ["RecordTab"]
-
 POLL_MS, HIDDEN_MS, READ_MS, FRAME_MS = 120, 1000, 250, 80
 """Periods (ms) of updates of the quality, of a hidden session, of reading earlier frames, and of frames."""
 EARLIER = "acquire earlier frames"

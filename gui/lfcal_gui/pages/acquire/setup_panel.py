@@ -25,8 +25,6 @@ from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import AxisArrows, Contrast, ElidedLabel, Picture, heading, line, set_role
 
-__all__ = ["FINDINGS", "STILLS", "SetupPanel"]
-
 EXPOSURE, PAIR = 104, 104
 """Least width of the box of the exposure, and height of the two small pictures (px)."""
 

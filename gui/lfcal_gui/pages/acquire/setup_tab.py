@@ -29,8 +29,6 @@ from lfcal_gui.workers import start_thread, wait_for
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
-__all__ = ["SetupTab"]
-
 LIVE_MS, HIDDEN_MS, AGAIN_MS = 30, 1000, 1000
 """Between two live frames, while other pages are looked at, and after one that failed (ms)."""
 RELEASE_S = 5.0

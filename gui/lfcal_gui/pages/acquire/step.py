@@ -17,16 +17,6 @@ if TYPE_CHECKING:
     from lfcal.frames import CorrectionRecipe
     from lfcal.psf import AssemblyReport
 
-__all__ = [
-    "REDO_FILE",
-    "assembled",
-    "iter_assembly",
-    "remade",
-    "step",
-    "task_of",
-]
-
-
 REDO_FILE = "lfcal-redo.json"
 
 

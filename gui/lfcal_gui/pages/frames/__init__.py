@@ -11,8 +11,6 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 if TYPE_CHECKING:
     from lfcal_gui.pages.frames._shared import *  # noqa: F403
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return whether frames are imported."""

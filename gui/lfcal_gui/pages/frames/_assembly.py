@@ -15,8 +15,6 @@ from lfcal_gui.pages.frames.model import Opened, task_of
 if TYPE_CHECKING:
     from lfcal.psf import AssemblyReport
 
-__all__ = ["iter_assembly", "notes_of"]
-
 
 def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
     """Check the frames against the path of the plan, then assemble H plane by plane from the corrected frames.

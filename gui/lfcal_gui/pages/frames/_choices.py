@@ -15,8 +15,6 @@ from lfcal_gui.pages.frames.model import CORRECTIONS, HELD, WAYS, FrameSettings
 from lfcal_gui.pages.frames.orientation import CHOICES
 from lfcal_gui.widgets import FoldedForm
 
-__all__ = ["FrameChoices"]
-
 DARK_TIP, WHITE_TIP = CORRECTIONS[0][2], CORRECTIONS[1][2]
 READING = "Positions and orientation"
 

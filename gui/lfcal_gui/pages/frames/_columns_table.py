@@ -9,8 +9,6 @@ from lfcal.frames.lists import Column, Table
 from lfcal_gui.pages.frames.list_columns import HOLDS, columns_text, not_held, unit_shown, units_of
 from lfcal_gui.widgets import choice_box
 
-__all__ = ["ColumnsTable"]
-
 WORDS = {"": "unit found", "index": "number of position"}
 NO_UNIT = (("", "no unit"),)
 ROWS = 3

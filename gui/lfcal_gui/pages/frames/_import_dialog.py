@@ -32,8 +32,6 @@ from lfcal_gui.pages.frames.model_import import Survey, survey
 from lfcal_gui.pages.frames.orientation import CHOICES
 from lfcal_gui.widgets import choice_box, clear, set_role
 
-__all__ = ["ImportDialog"]
-
 FOLDER = "Choose a folder of images: each file a frame, or a stack of them"
 FILE = "Choose one file of many frames, or the list of their positions"
 LIST = "Choose the table of positions that the stage program wrote"

@@ -10,8 +10,6 @@ from lfcal_gui.models import Shot, cutout_of
 from lfcal_gui.pages.frames.model_frame import Loaded
 from lfcal_gui.widgets import Picture, heading
 
-__all__ = ["ImportPreviews"]
-
 SHOWN = ("first frame", "middle frame", "last frame")
 NONE = "no frame yet"
 HEIGHT = 200

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from lfcal_gui.models import said_in_window
 
-__all__ = ["said_in_dialog"]
-
 BOXES = (
     ("--manifest", "choose the List above"),
     ("--columns", "choose it above its column"),

@@ -11,8 +11,6 @@ from lfcal_gui.notice import Notice
 from lfcal_gui.pages.frames.model import Opened
 from lfcal_gui.pages.frames.orientation import advice, other_sensor
 
-__all__ = ["Noticed"]
-
 
 class Noticed:
     """Shows notices on the page and in the log.

@@ -3,7 +3,3 @@
 from __future__ import annotations
 
 from lfcal_gui.pages.frames.model import FrameSettings
-
-__all__ = [
-    "FrameSettings",
-]

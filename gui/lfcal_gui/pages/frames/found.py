@@ -8,8 +8,6 @@ from lfcal.psf import FoundOrientation
 from lfcal_gui.pages.frames.model import Opened
 from lfcal_gui.pages.frames.orientation import advice
 
-__all__ = ["facts_of", "understood"]
-
 
 def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> tuple[str, str, str]:
     """Return a mark (``"good"``, ``"fair"``, ``"bad"`` or none), a headline and a sentence.

@@ -8,8 +8,6 @@ from pathlib import Path
 from lfcal.base import InputError
 from lfcal.frames.lists import TABLE_SUFFIXES
 
-__all__ = ["ImportChoice", "check_ways", "list_of", "root_of"]
-
 
 @dataclass(frozen=True)
 class ImportChoice:

@@ -7,8 +7,6 @@ from collections.abc import Collection
 from lfcal.base import InputError
 from lfcal.frames.lists import LENGTHS, TIMES, Column, Table, clear_columns, find_columns, parse_columns
 
-__all__ = ["HOLDS", "columns_text", "columns_used", "not_held", "unit_shown", "units_of"]
-
 HOLDS = (
     ("", "not used"),
     *((role, role) for role in ("file", "x", "y", "z", "page", "exposure")),

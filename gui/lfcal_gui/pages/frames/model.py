@@ -23,21 +23,6 @@ from lfcal_gui.pages.frames.orientation import turned
 if TYPE_CHECKING:
     from lfcal.frames import CorrectedSource, CorrectionChain, CorrectionRecipe, Frames
 
-__all__ = [
-    "CORRECTIONS",
-    "HELD",
-    "WAYS",
-    "Delivered",
-    "FrameSettings",
-    "ImportedFrames",
-    "Opened",
-    "import_folder",
-    "open_imported",
-    "open_source",
-    "positions_words",
-    "task_of",
-]
-
 CORRECTIONS = (
     ("use_dark", "Dark frame", "Subtract what the sensor shows without light: the mean dark frame, else a level"),
     ("use_white", "White frame", "Divide by the relative brightness of the white frame"),

@@ -14,8 +14,6 @@ from lfcal_gui.models import FrameNumbers, frame_numbers
 from lfcal_gui.pages.frames.model import Opened
 from lfcal_gui.pages.frames.orientation import turned
 
-__all__ = ["Loaded", "first_middle_last", "load_frame"]
-
 
 @dataclass(frozen=True, eq=False)
 class Loaded:

@@ -34,8 +34,6 @@ from lfcal_gui.pages.frames.model import (
 from lfcal_gui.pages.frames.model_frame import Loaded, first_middle_last
 from lfcal_gui.pages.frames.orientation import other_sensor
 
-__all__ = ["Survey", "open_choice", "survey"]
-
 OTHER_SCAN = "the list is of another scan"
 OTHER_LIST = "columns: chosen for another list"
 REPLACED = "plan: the project's plan is of another scan; a plan made from the list replaces it"

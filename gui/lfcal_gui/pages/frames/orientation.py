@@ -10,8 +10,6 @@ from lfcal.frames import AS_IS, ORIENTATIONS, FrameSource, named_orientation, or
 from lfcal.psf import CHECK, FoundOrientation, check_found
 from lfcal_gui.models import said_in_window
 
-__all__ = ["CHOICES", "Advice", "advice", "other_sensor", "refusal", "turned"]
-
 TURNS = [one for one in ORIENTATIONS.values() if one.name != AS_IS]
 CHOICES = (
     (CHECK, "upright, checked"),

@@ -31,8 +31,6 @@ from lfcal_gui.pages.frames.orientation import refusal
 from lfcal_gui.pages.frames.panel import FramesPanel
 from lfcal_gui.saving import ask_target
 
-__all__ = ["Page"]
-
 PLAY_MS = 60
 
 

@@ -40,8 +40,6 @@ from lfcal_gui.widgets import (
     share_contrast,
 )
 
-__all__ = ["FramesPanel"]
-
 INSPECTOR, MAP, CROP = 304, 112, 112
 """Width of what stands right of the pictures, and heights in it (px)."""
 

@@ -6,8 +6,6 @@ from lfcal.tasks import python_of, words_of
 from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_file, needed_plan
 from lfcal_gui.pages.frames.model import FrameSettings, task_of
 
-__all__ = ["step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is made of the frames."""

@@ -12,8 +12,6 @@ from pathlib import Path
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, kept_verdict
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return whether there is an H, and whether something is wrong with it."""

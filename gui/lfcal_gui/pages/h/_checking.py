@@ -39,8 +39,6 @@ from lfcal_gui.saving import may_replace
 if TYPE_CHECKING:
     from lfcal.judge import Inspection
 
-__all__ = ["Checking"]
-
 
 class Checking:
     """Judges H when its checks are first shown, and on request; keeps the results until H changes.

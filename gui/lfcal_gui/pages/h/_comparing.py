@@ -16,8 +16,6 @@ from lfcal_gui.pages.h.model import PositionMap
 from lfcal_gui.pages.h.model_checks import QualitySettings
 from lfcal_gui.widgets import ComparedNumbers, choice_box, line
 
-__all__ = ["ProjectComparing"]
-
 FILES = "H files (*.h5 *.npy *.mat *.lfc);;All files (*)"
 NONE = "Choose a second H to compare with this one: of another day, a simulation, or the H of a fit."
 

@@ -26,8 +26,6 @@ from lfcal_gui.pages.h.model_fit_words import chi2_map
 from lfcal_gui.pages.h.step_fit import step, step_as
 from lfcal_gui.saving import ask_target, may_replace
 
-__all__ = ["Fitting", "Results"]
-
 
 class Results:
     """Writes in jobs what a fit has found.

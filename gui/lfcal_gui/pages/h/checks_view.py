@@ -32,8 +32,6 @@ from lfcal_gui.widgets import (
     told_or_shown,
 )
 
-__all__ = ["ChecksView"]
-
 COLUMNS = ("", "Check", "Value", "Good", "Bad", "Merit", "Cost")
 COST = "Estimated error of a reconstruction (NRMSE) that a fault of this size causes"
 MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}

@@ -21,8 +21,6 @@ from lfcal_gui.models import ProjectState, check_of, fields_of, shown_of, typese
 from lfcal_gui.pages.h.model_fit import HELD, START, FitSettings, Offer, group_rows
 from lfcal_gui.widgets import Folded, FoldedForm, WrappedLabel, choice_box, set_role
 
-__all__ = ["ChoicesPanel"]
-
 NAME = Qt.ItemDataRole.UserRole
 WAYS = (("auto", "found: those that help"), ("chosen", "those chosen below"))
 

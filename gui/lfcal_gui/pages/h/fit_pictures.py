@@ -13,8 +13,6 @@ from lfcal_gui.pages.h.model_fit_run import FoundFit, Place
 from lfcal_gui.pages.h.model_fit_words import place_words
 from lfcal_gui.widgets import Contrast, Picture, link, share_contrast
 
-__all__ = ["FitPictures"]
-
 SIGMAS = 5.0
 """Residuals at the ends of the colours: always the same, so that noise looks like noise."""
 

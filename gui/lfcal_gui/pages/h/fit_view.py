@@ -29,8 +29,6 @@ from lfcal_gui.pages.h.model_fit_words import (
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import LINES, DecadeAxis, Folded, LinePlot, RowsTable, line, line_px, name_controls, set_role
 
-__all__ = ["FitView", "RoundsView"]
-
 FLOOR = 1e-6
 """Least value that is drawn: a logarithm has no zero."""
 

@@ -19,27 +19,6 @@ if TYPE_CHECKING:
     from lfcal.judge import Pair
     from lfcal.psf.aperture import Aperture
 
-__all__ = [
-    "HIntent",
-    "HPicture",
-    "LoadedPlane",
-    "Pixel",
-    "PlaneData",
-    "PositionMap",
-    "aperture_tip",
-    "aperture_words",
-    "expected_in",
-    "light_map",
-    "linked_pixel",
-    "pixel_words",
-    "place_words",
-    "read_plane",
-    "resolve",
-    "shown_unit",
-    "turn_pixel",
-    "unit_of",
-]
-
 Pixel = tuple[int, int]
 
 

@@ -20,23 +20,6 @@ if TYPE_CHECKING:
     from lfcal.judge import FoundFault, Inspection
     from lfcal.judge.quality import Metric
 
-__all__ = [
-    "CAMERAS",
-    "FIELDS",
-    "HELD",
-    "CheckPicture",
-    "CheckRow",
-    "QualitySettings",
-    "camera_choices",
-    "checks_of",
-    "count_words",
-    "kept_of",
-    "map_of",
-    "picture_of",
-    "summary_of",
-    "worst_positions",
-]
-
 SECONDS_0_1 = 10.0
 """Default limit of version 0.1 (s)."""
 

@@ -20,23 +20,6 @@ from lfcal.tasks import FitMatrix, most_taken
 from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, Field, PageSettings, ProjectState, Stamp, needed_plan
 from lfcal_gui.models import stamp_of as file_stamp
 
-__all__ = [
-    "CORE",
-    "HELD",
-    "START",
-    "FitSettings",
-    "FitUse",
-    "Offer",
-    "Stamp",
-    "group_rows",
-    "lacking_of",
-    "offer_of",
-    "stamp_of",
-    "task_files",
-    "task_of",
-    "use_of",
-]
-
 STARTS = (("psf", "H's own camera"), ("window", "camera of this window"))
 """Which camera a fit starts from."""
 

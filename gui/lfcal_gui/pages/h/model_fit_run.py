@@ -30,8 +30,6 @@ from lfcal.tasks import FitMatrix, FittedPatterns
 from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.h.model_fit import FitSettings, Offer, Stamp, offer_of, stamp_of, task_files, task_of
 
-__all__ = ["FitRequest", "FitRun", "FoundFit", "Place", "asked_of", "iter_fit", "iter_taken"]
-
 F4 = NDArray[np.float32]
 Place = tuple[int, int, int]
 """A position (z, y, x)."""

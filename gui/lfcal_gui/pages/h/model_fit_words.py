@@ -15,22 +15,6 @@ from lfcal_gui.models import typeset
 from lfcal_gui.pages.h.model import PositionMap
 from lfcal_gui.pages.h.model_fit_run import FoundFit, Place
 
-__all__ = [
-    "COLUMNS",
-    "NUMBERS",
-    "SPARE",
-    "FitFinding",
-    "ParameterRow",
-    "chi2_map",
-    "chi2_words",
-    "detail_of",
-    "findings_of",
-    "merit_of",
-    "parameter_rows",
-    "place_words",
-    "verdict_of",
-]
-
 COLUMNS = ("Parameter", "Found", "± σ", "Stated", "Unit", "Off (σ)", "Group")
 NUMBERS = (1, 2, 3, 5)
 """Columns that are sorted by their numbers."""

@@ -18,18 +18,6 @@ if TYPE_CHECKING:
     from lfcal.judge import Inspection
     from lfcal.judge.quality import QualityReport
 
-__all__ = [
-    "InspectionRequest",
-    "InspectionRun",
-    "JudgedH",
-    "asked_of",
-    "iter_judge",
-    "iter_judged",
-    "iter_write_report",
-    "judged",
-    "report_files",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class InspectionRequest:

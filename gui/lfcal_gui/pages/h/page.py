@@ -46,8 +46,6 @@ if TYPE_CHECKING:
     from lfcal_gui.pages.h._fitting import Fitting
     from lfcal_gui.pages.h.model_fit_run import FoundFit
 
-__all__ = ["Page"]
-
 FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
 
 

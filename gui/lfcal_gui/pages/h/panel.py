@@ -65,8 +65,6 @@ if TYPE_CHECKING:
     from lfcal_gui.pages.h.fit_pictures import FitPictures
     from lfcal_gui.pages.h.model_fit_run import FoundFit
 
-__all__ = ["Apertures", "HPanel", "tip_of"]
-
 LARGE = 200
 SIZE = (930, 640)
 

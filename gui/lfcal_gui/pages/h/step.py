@@ -8,8 +8,6 @@ from lfcal.psf import regions_of
 from lfcal.tasks import task_set
 from lfcal_gui.models import CommandStep, ProjectState, needed_file, stated_order
 
-__all__ = ["step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is exported for MATLAB, or as the name of the file says; of several regions the one shown."""

@@ -9,8 +9,6 @@ from lfcal.tasks import Inspect
 from lfcal_gui.models import CommandStep, ProjectState, needed_file, stated_order
 from lfcal_gui.pages.h.model_checks import QualitySettings
 
-__all__ = ["step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is inspected; a fit that is in no folder is not known to a command."""

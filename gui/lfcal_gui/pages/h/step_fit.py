@@ -8,8 +8,6 @@ from lfcal.psf import open_psf
 from lfcal_gui.models import CommandStep, ProjectState, needed_file
 from lfcal_gui.pages.h.model_fit import FitSettings, Offer, offer_of, task_files, task_of
 
-__all__ = ["step", "step_as"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the camera is fitted to H; what H lacks decides which files and unknowns are named."""

@@ -12,8 +12,6 @@ from pathlib import Path
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return that it needs nothing of the project."""

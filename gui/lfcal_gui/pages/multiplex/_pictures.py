@@ -11,8 +11,6 @@ from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, shown
 from lfcal_gui.widgets import Picture, card, line, link, set_role, share_contrast
 
-__all__ = ["MultiplexPictures"]
-
 RIGHT = (("difference", "spatial − Fourier"), ("truth", "truth"))
 HEADS = ("Spatial", "Fourier", "Difference", "Recorded frame")
 

@@ -18,8 +18,6 @@ from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import LINES, LinePlot, Picture, card, choice_box, line, name_controls, set_role, shown_tone
 
-__all__ = ["Drawing", "FiguresView"]
-
 MOST = 8
 MAP = 0
 """In place of a figure's number: the gain of each sample of the modulator."""

@@ -15,16 +15,6 @@ from lfcal.multiplex import CFA_PATTERNS, MASKS, Modulator, cfa, mask, mask_patt
 from lfcal_gui.models import PageSettings
 from lfcal_gui.pages.multiplex.model_fields import FIELDS, MAX_SIZE, SEARCH_FIELDS, TYPED
 
-__all__ = [
-    "ModulatorPicture",
-    "MultiplexSettings",
-    "choices_to_compare",
-    "picture",
-    "used_by",
-    "weighs",
-    "why_unused",
-]
-
 RANGES = {"search_size": (2, 13), "levels": (2, 16), "kinds": (1, 6), "crosstalk": (0, 0.4), "least_light": (0, 0.99)}
 MAX_ENTRIES = 350_000
 """Entries of the matrix A of a mask over colour filters."""

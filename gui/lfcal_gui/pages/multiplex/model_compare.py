@@ -24,8 +24,6 @@ from lfcal.multiplex import (
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_fields import TYPED
 
-__all__ = ["ModulatorComparison", "compare", "number"]
-
 MAX_SEEN = 1000
 """Pixels times samples of a modulator whose MTF is shown: larger ones take seconds."""
 

@@ -6,8 +6,6 @@ from lfcal.frames.formats import image_suffixes
 from lfcal.multiplex import CFA_PATTERNS, FILTERS, GRAMMAR, MASKS, SPATIAL_FILTERS
 from lfcal_gui.models import Field
 
-__all__ = ["BASIC", "FIELDS", "IMAGES", "MAX_SIZE", "SEARCH_FIELDS", "TYPED"]
-
 TYPED = "typed"
 """In place of the name of a pattern: the user's own letters."""
 

@@ -24,8 +24,6 @@ from lfcal_gui.pages.multiplex import model_routes as routes
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_routes import FramePart
 
-__all__ = ["LARGEST", "Seen", "is_frame", "noisy", "opened", "recorded", "scene_of"]
-
 CFA_SIDE = 240
 SCENE_VALUES = 4_000_000
 FEWEST_CELLS = 6

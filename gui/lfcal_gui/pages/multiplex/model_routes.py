@@ -29,19 +29,6 @@ from lfcal.multiplex import (
 from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 
-__all__ = [
-    "FramePart",
-    "at_nodes",
-    "at_samples",
-    "dead_pixels",
-    "frame_lattice",
-    "lattice_scene",
-    "measured_in",
-    "scene_behind",
-    "shares_of",
-    "white_of",
-]
-
 SCENE_SIDE = 240
 SCENE_CELLS = 12
 FEWEST_CELLS = 6

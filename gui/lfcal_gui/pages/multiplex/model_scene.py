@@ -25,8 +25,6 @@ from lfcal_gui.pages.multiplex import model_routes as routes
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.model_frames import Seen, recorded
 
-__all__ = ["Reconstructions", "Route", "iter_reconstruct", "rms_error", "shown"]
-
 Array = NDArray[Any]
 
 

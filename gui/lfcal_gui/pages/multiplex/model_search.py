@@ -9,8 +9,6 @@ from lfcal.camera import Sensor
 from lfcal.multiplex import Design, best_array, best_printed_mask, camera_chi2
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 
-__all__ = ["FoundDesign", "iter_search"]
-
 
 @dataclass(frozen=True, eq=False)
 class FoundDesign:

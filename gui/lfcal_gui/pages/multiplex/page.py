@@ -26,8 +26,6 @@ from lfcal_gui.pages.multiplex.model_scene import Reconstructions, iter_reconstr
 from lfcal_gui.pages.multiplex.panel import MultiplexPanel
 from lfcal_gui.pages.multiplex.search_view import Searching
 
-__all__ = ["Page"]
-
 FILES = ("dead", "white", "transmissions")
 CHOSEN = ("family", "cfa", "pattern", "mask", "size", "written", "scene", "filter", "weighted", "noise", "image")
 CHOSEN += ("route", "dead", "white", "transmissions", "spacing", "smoothness")

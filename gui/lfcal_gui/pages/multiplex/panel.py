@@ -47,8 +47,6 @@ from lfcal_gui.widgets import (
     shown_tone,
 )
 
-__all__ = ["MultiplexPanel"]
-
 NUMBER_HEIGHT = 22
 SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
 TITLES = ("Pattern", "Spectrum", SIGMA, PI)

@@ -19,8 +19,6 @@ from lfcal_gui.pages.multiplex.model_search import FoundDesign, iter_search
 from lfcal_gui.saving import ask_target
 from lfcal_gui.widgets import FoldedForm, Picture, card, set_role
 
-__all__ = ["SearchView", "Searching"]
-
 
 class SearchView(QWidget):
     """Constraints left, the design right.

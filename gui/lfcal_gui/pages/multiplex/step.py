@@ -11,8 +11,6 @@ from lfcal_gui.pages.multiplex.model_fields import TYPED
 from lfcal_gui.pages.multiplex.model_frames import is_frame
 from lfcal_gui.pages.multiplex.model_routes import measured_in
 
-__all__ = ["step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the modulator is compared with its reference, or how an opened frame is demultiplexed."""

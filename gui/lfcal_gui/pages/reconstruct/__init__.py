@@ -12,8 +12,6 @@ from pathlib import Path
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return whether a volume is saved."""

@@ -15,8 +15,6 @@ from lfcal_gui.models import axis_labels, iter_measure, points_of, subject_of
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
 
-__all__ = ["Costing"]
-
 SECONDS = 10.0
 """About how long a curve is measured (s)."""
 

@@ -10,8 +10,6 @@ from lfcal_gui.models import said_in_window, typeset
 from lfcal_gui.pages.reconstruct.export_model import KINDS, OPTIONS, ExportSettings, facts_of
 from lfcal_gui.widgets import ElidedLabel, Folded, FoldedForm, WrappedLabel, card, choice_box, line, set_role
 
-__all__ = ["ExportCard"]
-
 LEAST = 100
 """Least width of the kind of file (px): its entries are long."""
 

@@ -16,8 +16,6 @@ from lfcal_gui.pages.reconstruct.export_model import ExportSettings, iter_export
 from lfcal_gui.pages.reconstruct.step import export_step, quality_in
 from lfcal_gui.saving import ask_target
 
-__all__ = ["Exporting"]
-
 NONE = "there is no H to export; open or assemble one first"
 
 

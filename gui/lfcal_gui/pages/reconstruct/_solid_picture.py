@@ -18,8 +18,6 @@ from lfcal_gui.models import BEGIN, CUTOUT, Levels, Projection, Shot, Tint, View
 from lfcal_gui.pages.reconstruct.model_volume import Prepared, axes_in, box_of, marks_at
 from lfcal_gui.widgets import Picture
 
-__all__ = ["Newest", "SolidPicture", "View"]
-
 REST_MS = 150
 """After the last turn the picture is made sharp."""
 

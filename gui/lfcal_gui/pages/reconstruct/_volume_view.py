@@ -20,8 +20,6 @@ from lfcal_gui.pages.reconstruct.model_volume import MODES, Prepared, Side, Volu
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, link, share_contrast, split
 
-__all__ = ["VolumeView"]
-
 VALUE = "brightness (counts)"
 
 VIEWS = (

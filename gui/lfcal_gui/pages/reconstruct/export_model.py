@@ -27,8 +27,6 @@ from lfcal_gui.models import Field, PageSettings, fields_of, said_in_window, sho
 if TYPE_CHECKING:
     from lfcal.tasks import Task
 
-__all__ = ["KINDS", "OPTIONS", "ExportFacts", "ExportSettings", "facts_of", "iter_exported"]
-
 KINDS = {
     ".mat": (ExportMat, "MATLAB v7.3, H and Ht"),
     ".h5": (ExportH5, "H file, with all that is known of it"),

@@ -31,8 +31,6 @@ from lfcal_gui.models import Field, PageSettings, fields_of, value_in
 if TYPE_CHECKING:
     from lfcal.reconstruct import MetricGrid
 
-__all__ = ["BASIC", "DEVICE", "FIELDS", "NO_DEVICE", "ReconstructSettings", "device_reason", "task_of", "used_by"]
-
 DEVICE = Field(
     "device",
     "Device",

@@ -29,20 +29,6 @@ from lfcal.reconstruct import (
 from lfcal.reconstruct.solvers import iter_solve
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 
-__all__ = [
-    "Placed",
-    "Solving",
-    "SolvingForecast",
-    "Synthetic",
-    "forecast_for",
-    "light_field",
-    "make_light_field",
-    "outlook_of",
-    "projector_for",
-    "synthetic_shape",
-]
-
-
 # -- light field ----------------------------------------------------------------------------------------
 LARGEST = 640
 COUNTS = 2000.0

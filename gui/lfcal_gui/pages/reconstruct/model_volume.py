@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from lfcal.base import format_length
 from lfcal_gui.models import DisplaySettings, Label, Levels, Outline, Overlay, Solid, Viewpoint, levels_of
 
-__all__ = ["MODES", "Prepared", "Side", "VolumeIntent", "axes_in", "box_of", "marks_at", "prepare", "sides"]
-
 MODES = ("3-D", "Slices", "Projections")
 
 MOST_ROWS = 2048

@@ -33,8 +33,6 @@ from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
 from lfcal_gui.pages.reconstruct.step import step
 from lfcal_gui.saving import ask_target
 
-__all__ = ["Page"]
-
 IMAGES = "Light fields (*.tif *.tiff *.png *.pgm *.npy *.raw *.nef *.cr2 *.dng);;All files (*)"
 VOLUMES = (
     "TIFF stack, opens in ImageJ (*.tif);;OME-TIFF with depths (*.ome.tif);;OME-Zarr, a folder (*.ome.zarr);;"

@@ -41,8 +41,6 @@ from lfcal_gui.widgets import (
     set_role,
 )
 
-__all__ = ["PLACES", "ReconstructPanel"]
-
 NOT_BY_ITSELF = "It cannot hold out pixels, and ends after the number of iterations."
 
 NO_LIGHT_FIELD = (

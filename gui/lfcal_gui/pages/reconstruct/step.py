@@ -8,8 +8,6 @@ from lfcal_gui.models import CommandStep, ProjectState, kept_verdict, needed_fil
 from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, task_of
 
-__all__ = ["export_step", "quality_in", "step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the light field becomes a volume; where none is open, how H is exported."""

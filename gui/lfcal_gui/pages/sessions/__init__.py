@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState, nothing
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return that there is something to see when the project has a file."""

@@ -21,8 +21,6 @@ from lfcal_gui.pages.sessions.model_kept import KeptResults
 if TYPE_CHECKING:
     from lfcal.judge import ResultList, StoredResult
 
-__all__ = ["Looking"]
-
 AT_ONCE = 4
 """Pictures that are read before the next ones are asked for: those that are seen then come first."""
 

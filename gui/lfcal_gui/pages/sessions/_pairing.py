@@ -15,8 +15,6 @@ from lfcal_gui.pages.sessions.panel import SessionsPanel
 if TYPE_CHECKING:
     from lfcal.judge import Pair, StoredResult
 
-__all__ = ["Pairing"]
-
 NONE = "One of the two files is not there any more."
 
 

@@ -19,8 +19,6 @@ from lfcal_gui.widgets import theme_table
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult
 
-__all__ = ["ResultTiles"]
-
 TILE = QSize(180, 208)
 PICTURE = 128
 MARKS = {"good": "✓", "fair": "▲", "bad": "✕", "unknown": "○"}

@@ -13,26 +13,6 @@ from lfcal_gui.models import PageSettings, ProjectState, capital, kept_verdict
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult
 
-__all__ = [
-    "KIND_WORDS",
-    "NOT_JUDGED",
-    "ORDERS",
-    "PROJECT",
-    "WORST",
-    "SessionsSettings",
-    "Verdict",
-    "can_judge",
-    "fact_rows",
-    "how_opened",
-    "kind_word",
-    "own_folders",
-    "pair_rows",
-    "recent_with",
-    "shown",
-    "verdict_on",
-    "verdict_words",
-]
-
 Verdict = tuple[str, str]
 """Merit, and the verdict in a sentence."""
 

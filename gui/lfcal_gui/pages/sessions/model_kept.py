@@ -19,8 +19,6 @@ from lfcal_gui.pages.sessions.model import WORST, Verdict
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult
 
-__all__ = ["SIDE", "JudgedResult", "KeptResults", "cache_folder", "iter_judged", "thumbnail"]
-
 SIDE = 128
 """Most rows and columns of a picture (px)."""
 

@@ -16,8 +16,6 @@ from lfcal.base import InputError, format_dates, format_number, format_slope
 if TYPE_CHECKING:
     from lfcal.judge import Course, CoursePoint, Trend
 
-__all__ = ["TREND_COLUMNS", "TrendCurve", "courses_of", "curve_of", "merits_of", "rows_of", "trend_of", "trend_words"]
-
 TREND_COLUMNS = ("What", "Before", "Newest", "Per month", "")
 
 F8 = NDArray[np.float64]

@@ -35,8 +35,6 @@ from lfcal_gui.pages.sessions.trend_panel import Trending
 if TYPE_CHECKING:
     from lfcal.judge import ResultList, StoredResult
 
-__all__ = ["Page"]
-
 RECENT = "sessions/folders"
 NO_FOLDER = "This project has no file yet.\nChoose a folder that holds recordings, H or other results."
 NOTHING = "Nothing of lfcal was found here."

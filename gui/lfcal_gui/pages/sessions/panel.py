@@ -22,8 +22,6 @@ from lfcal_gui.pages.sessions.trend_panel import TrendPanel
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import ComparePanel, ElidedLabel, RowsTable, choice_box, heading, line, split, told_or_shown
 
-__all__ = ["SessionsPanel"]
-
 FACTS = ("What", "Value")
 PAIR = ("What", "First", "Second", "")
 ONE = "Select a result to see what is known of it, or two (Ctrl+click) to compare them."

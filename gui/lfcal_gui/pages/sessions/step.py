@@ -6,8 +6,6 @@ from lfcal.base import InputError
 from lfcal_gui.models import CommandStep, ProjectState
 from lfcal_gui.pages.sessions.model import SessionsSettings, own_folders
 
-__all__ = ["step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the quality reports of the folder that is looked through are compared over time."""

@@ -27,8 +27,6 @@ from lfcal_gui.widgets import LINES, LinePlot, RowsTable, WrappedLabel, card, sp
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult, Trend
 
-__all__ = ["TrendPanel", "Trending"]
-
 
 class TrendPanel(QWidget):
     """The tab over time.

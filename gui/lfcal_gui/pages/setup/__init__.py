@@ -6,8 +6,6 @@ from pathlib import Path
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return whether there is a plan."""

@@ -24,9 +24,6 @@ from lfcal_gui.pages.setup.model_check import DISTORTION, RESIDUALS, Checked, La
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import Picture, WrappedLabel, choice_box
 
-__all__ = ["CheckDialog", "LatticeView"]
-
-
 PICTURE = "picture"
 SHOWN = ((PICTURE, "White image"), (DISTORTION, "Distortion"), (RESIDUALS, "Residuals"))
 LEGENDS = {

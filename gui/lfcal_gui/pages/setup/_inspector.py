@@ -33,8 +33,6 @@ from lfcal_gui.widgets import ElidedLabel, FoldedForm, VerdictCard, WrappedLabel
 if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect
 
-__all__ = ["Inspector", "PresetBox"]
-
 GROUPS = (
     ("Main optics", (*MAIN_LENS, *MICROSCOPE[1:])),
     ("Lenslet array", LATTICE),

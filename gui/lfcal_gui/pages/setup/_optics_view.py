@@ -13,8 +13,6 @@ from lfcal.camera import Camera, MainLens, preset
 from lfcal_gui.theme import TYPE_COLOURS, current_theme
 from lfcal_gui.widgets import offer_menu
 
-__all__ = ["OpticsView"]
-
 PITCH_LABEL = 84.0
 """Width of the label of the pitch, next to the sensor (screen pixels)."""
 

@@ -37,8 +37,6 @@ from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.widgets import LINES, LinePlot
 
-__all__ = ["Curves", "SensorDialog", "curves_of", "iter_sensor", "rows_of", "taken", "words_of"]
-
 
 @dataclass(frozen=True)
 class Curves:

@@ -48,9 +48,6 @@ from lfcal_gui.widgets import (
     told_or_shown,
 )
 
-__all__ = ["TargetDialog", "TargetPanel", "change_settings", "refused_setting"]
-
-
 COLUMN_PX, MAP_PX, TABLE_PX = 346, 330, 186
 FIRST, LAST = 40, 225
 """Colours of the first and the last frame: the ends of a map are hard to see on one theme or the other."""

@@ -29,29 +29,6 @@ from lfcal_gui.pages.setup.model_scan import default_plan
 if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect
 
-__all__ = [
-    "BASIC",
-    "LATTICE",
-    "LIGHT",
-    "MAIN_LENS",
-    "MICROSCOPE",
-    "SENSOR",
-    "TIPS",
-    "apply_change",
-    "confirmed",
-    "facts",
-    "mark_of",
-    "name_at",
-    "optics_of_kind",
-    "path_of",
-    "state_with",
-    "stated",
-    "values_of",
-    "weighed",
-    "weighed_key",
-]
-
-
 DEGREE = math.pi / 180
 
 OPTICS = (("MainLens", "main lens"), ("Microscope", "microscope"))

@@ -17,18 +17,6 @@ from lfcal.frames.corrections import read_average
 from lfcal.lattice import FITS, CameraCheck, LatticeFit, check_camera
 from lfcal_gui.models import typeset
 
-__all__ = [
-    "DISTORTION",
-    "RESIDUALS",
-    "Checked",
-    "LatticeMap",
-    "distortion_map",
-    "iter_check",
-    "lattice_words",
-    "residual_map",
-]
-
-
 DISTORTION, RESIDUALS = "distortion", "residuals"
 CELLS = 24
 """Cells along the longer side."""

@@ -16,8 +16,6 @@ from lfcal_gui.pages.setup.model_target import PlanSettings
 if TYPE_CHECKING:
     from lfcal.simulate import ExpectedLight, ScanChoice
 
-__all__ = ["Number", "ScanCosts", "expected_light", "light_key", "numbers_of"]
-
 
 def light_key(plan: ScanPlan) -> tuple[Any, ...]:
     """Return what the light of the patterns depends on."""

@@ -17,8 +17,6 @@ from lfcal_gui.pages.setup.model_scan import scan_path
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
-__all__ = ["Area", "ScanScene", "apertures_of"]
-
 MOST = 480
 """Samples along the longer side of a drawn lattice."""
 FINEST = 3.0

@@ -17,23 +17,6 @@ from lfcal.records import rows
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import CAMERA_FILE, shown_of
 
-__all__ = [
-    "BASIC_OF_SCAN",
-    "HELD",
-    "apply_change",
-    "default_plan",
-    "half_of",
-    "is_usual",
-    "list_beside",
-    "list_text",
-    "moved",
-    "path_lines",
-    "scan_path",
-    "scan_task",
-    "suggested_values",
-    "values_of",
-]
-
 PATH_POINTS = 6000
 
 HELD = frozenset({"camera", "out", "list_file"})

@@ -21,22 +21,6 @@ if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
     from lfcal.tasks import TargetPlanned
 
-__all__ = [
-    "HELD_OF_TARGET",
-    "OF_SCAN",
-    "RATES",
-    "TABLE",
-    "PlanSettings",
-    "PlaneDrawing",
-    "PlannedTarget",
-    "iter_drawn",
-    "iter_target",
-    "point_lines",
-    "read_plan",
-    "table_rows",
-    "target_task",
-]
-
 PEAK = 0.8
 """Share of the full well that the brightest pixel is planned to reach."""
 

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect, ExpectedLight, ScanChoice
     from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 
-__all__ = ["Page"]
-
 SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes})
 FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"

@@ -45,8 +45,6 @@ from lfcal_gui.widgets import (
 if TYPE_CHECKING:
     from lfcal.simulate import ExpectedLight, ScanChoice
 
-__all__ = ["PlanningPanel"]
-
 VIEWS = (
     ("Sensor", "The sensor with lenslets, scan path and cutout"),
     ("Optics", "Main optics and array, drawn to scale"),

@@ -9,8 +9,6 @@ from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, 
 from lfcal_gui.pages.setup.model_scan import half_of, is_usual, list_beside, scan_task
 from lfcal_gui.pages.setup.model_target import PlanSettings, target_task
 
-__all__ = ["camera_step", "scan_step", "step", "target_step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how what the page shows is made: the plan of a target where one is asked for, else that of the scan.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, nothing
 
-__all__ = ["PAGE"]
-
 
 def state(project: ProjectState) -> PageState:
     """Return whether there is a simulated H to compare with."""

@@ -12,8 +12,6 @@ from lfcal_gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow
 from lfcal_gui.pages.simulate.model_influence import InfluencePictures
 from lfcal_gui.widgets import Picture, clear, heading, line, link, share_contrast
 
-__all__ = ["EffectPanel", "InfluenceView"]
-
 TITLES = ("without", "with", "difference")
 
 

@@ -19,8 +19,6 @@ from lfcal_gui.pages.simulate.model import CHOICES
 from lfcal_gui.pages.simulate.model_effects import GROUPS, LEAST, EffectRow, EffectsVerdict, bar_share, group_title
 from lfcal_gui.theme import current_theme
 
-__all__ = ["ON", "SHARE", "EffectsTable", "ShareBar"]
-
 SHARE = Qt.ItemDataRole.UserRole + 1
 """Role of a cell's share, a float; a cell without one is drawn as text."""
 

@@ -13,8 +13,6 @@ from lfcal_gui.pages.simulate.model_frames import SimulatedFrame, write_frame
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.widgets import Picture, line
 
-__all__ = ["FramePanel"]
-
 
 class FramePanel(QWidget):
     """A simulated frame with its caption, and the buttons that make and save it.

@@ -13,8 +13,6 @@ from lfcal_gui.pages.simulate.model import GIVEN
 from lfcal_gui.pages.simulate.model_effects import EffectRow, refused
 from lfcal_gui.widgets import set_look
 
-__all__ = ["MagnitudeForm"]
-
 NONE = ""
 """Item data of the source of a value that was not given."""
 

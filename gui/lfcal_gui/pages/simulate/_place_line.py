@@ -9,8 +9,6 @@ from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal_gui.widgets import line
 
-__all__ = ["PlaceLine"]
-
 
 class PlaceLine(QWidget):
     """A list of planes, and y and x.

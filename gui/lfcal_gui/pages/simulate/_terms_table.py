@@ -18,8 +18,6 @@ from lfcal.base import InputError
 from lfcal.simulate.effects import Magnitude
 from lfcal_gui.pages.simulate.model_effects import read_terms
 
-__all__ = ["TermsTable"]
-
 TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), for m < 0 sin; the value at the rim of the pupil"}
 
 

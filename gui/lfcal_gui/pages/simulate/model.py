@@ -19,24 +19,6 @@ if TYPE_CHECKING:
     from lfcal.simulate import EffectSelection
     from lfcal.simulate.effects import Effect, Entry
 
-__all__ = [
-    "CHOICES",
-    "FIELDS",
-    "GIVEN",
-    "HELD",
-    "KINDS",
-    "SimulateSettings",
-    "better_words",
-    "frames_task",
-    "kept_pass",
-    "matrix_task",
-    "numbers_of",
-    "pattern_of",
-    "refusal",
-    "shown",
-    "used_rung",
-]
-
 T = TypeVar("T")
 
 KINDS = (SimulateH, SimulatePasses, SimulateFrames)

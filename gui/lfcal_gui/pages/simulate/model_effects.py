@@ -15,20 +15,6 @@ if TYPE_CHECKING:
     from lfcal.simulate import EffectSelection, PlannedEffect
     from lfcal.simulate.effects import Effect, Magnitude
 
-__all__ = [
-    "FRAMES_ONLY",
-    "GROUPS",
-    "LEAST",
-    "EffectRow",
-    "EffectsVerdict",
-    "bar_share",
-    "group_title",
-    "read_terms",
-    "refused",
-    "unknown_words",
-    "verdict_of",
-]
-
 LEAST = 1e-5
 """Share of the image at the left end of a bar; the right end is 1."""
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from lfcal_gui.pages.simulate.model import SimulateSettings
 
-__all__ = ["read_settings", "settings_text"]
-
 
 def settings_text(settings: SimulateSettings) -> str:
     """Return the text of a JSON file with what is given and chosen; effects that are not installed are left out."""

@@ -19,15 +19,6 @@ if TYPE_CHECKING:
     from lfcal.simulate import SimulatedCamera
     from lfcal.simulate.effects import Effect
 
-__all__ = [
-    "FrameBench",
-    "FrameQuestion",
-    "KeptFrames",
-    "SimulatedFrame",
-    "frame_question",
-    "write_frame",
-]
-
 
 @dataclass(frozen=True)
 class FrameQuestion:

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from lfcal.simulate import PlaneResponse
     from lfcal.simulate.effects import Effect
 
-__all__ = ["InfluencePictures", "InfluenceQuestion", "Influences", "influence_question"]
-
 KEPT = 32
 """Answers that are kept, the newest."""
 

@@ -33,8 +33,6 @@ from lfcal_gui.pages.simulate.model_influence import InfluencePictures, Influenc
 from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
 
-__all__ = ["Page"]
-
 PLACE, SECONDS = "simulation", 20.0
 """What is measured, and about how long that may take (s)."""
 

@@ -26,8 +26,6 @@ from lfcal_gui.pages.simulate.model import (
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
 from lfcal_gui.widgets import INSPECTOR, CostCurve, Folded, FoldedForm, Picture, card, heading, line, scrolling, split
 
-__all__ = ["SimulatePanel"]
-
 WIDTH = 304
 """Least width of the settings (px)."""
 

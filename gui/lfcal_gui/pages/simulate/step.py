@@ -5,8 +5,6 @@ from __future__ import annotations
 from lfcal_gui.models import PLAN_FILE, CommandStep, ProjectState, needed_plan
 from lfcal_gui.pages.simulate.model import SimulateSettings, matrix_task
 
-__all__ = ["step"]
-
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how H is simulated."""
