@@ -55,6 +55,24 @@ class CorrectionRecipe:
     defects: bool = opt(
         False, "Find defective pixels from all frames, and repair them.", label="Repair defective pixels"
     )
+    defect_list: str | os.PathLike[str] = opt(
+        "",
+        "Defective pixels to repair, as the camera's maker lists them: ROW,COLUMN per line, or an image that is not 0 "
+        "there.",
+        label="List of defective pixels",
+        file="in",
+        empty="none",
+        more=True,
+    )
+    mask: str | os.PathLike[str] = opt(
+        "",
+        "Pixels without information: an image of the sensor that is not 0 there, or a list, ROW,COLUMN per line. "
+        "They stay invalid in H.",
+        label="Mask of pixels",
+        file="in",
+        empty="none",
+        more=True,
+    )
     background: str = opt(
         "none",
         "Background to subtract: none, border, plane, or a number of counts.",

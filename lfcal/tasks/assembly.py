@@ -424,7 +424,8 @@ class Assemble(AssembleRegions):
         from lfcal.frames import files_of
         from lfcal.work import stamp_of
 
-        own = (self.corrections.dark, self.corrections.white, self.fill or "", self.leave_out or "")
+        used = self.corrections
+        own = (used.dark, used.white, used.defect_list, used.mask, self.fill or "", self.leave_out or "")
         others = {os.path.abspath(path) for name in map(str, own) for path in files_of(name) if path.is_file()}
         return stamp_of([*self.source.files(frames), *sorted(others)])
 
@@ -513,6 +514,8 @@ def assemble(
     white_mode: str = "field",
     white_floor: float = 0.05,
     defects: bool = False,
+    defect_list: str | Path = "",
+    mask: str | Path = "",
     background: str = "none",
     exposure: str = "auto",
     saturation: float | None = None,
@@ -530,8 +533,7 @@ def assemble(
     """Assemble H from point-source frames in files, as ``lfcal assemble`` does.
 
     The frames show a scan, a session of several regions of the field, or a target. A setting that does not apply to
-    them
-    apply to them raises an error. `lfcal.psf.assemble` takes frames as arrays.
+    them raises an error. `lfcal.psf.assemble` takes frames as arrays.
 
     Parameters
     ----------

@@ -33,8 +33,14 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.save(root / "dark.npy", rng.integers(60, 70, sensor).astype(np.uint16))
     slope = np.linspace(500, 4000, sensor[1])
     np.save(root / "white.npy", np.broadcast_to(slope, sensor).astype(np.uint16))
+    hot = rng.integers(0, sensor[0], (40, 2)) * [1, sensor[1] / sensor[0]]
+    np.savetxt(root / "hot.txt", hot, "%d", ",")
+    lost = np.zeros(sensor, np.uint8)
+    lost[::9, ::9] = 255
+    cv2.imwrite(str(root / "lost.png"), lost)
     moved = replace(PLAN, anchor=(PLAN.anchor[0] + 1, PLAN.anchor[1]), cutout=(15, 15))
     (root / "moved.json").write_text(moved.to_json())
+    np.save(root / "small.npy", np.zeros((3, 4)))
     (root / "other.json").write_text(small_plan((5, 5), 2).to_json())
     return root
 
@@ -52,6 +58,8 @@ CHANGES = {
     "white floor": ("--white", "white.npy", "--white-mode", "pixels", "--white-floor", "0.9", "--dark", "dark.npy"),
     "background": ("--background", "50"),
     "exposure": ("--exposure", "0.01"),
+    "defect list": ("--defect-list", "hot.txt"),
+    "mask": ("--mask", "lost.png"),
     "cutout": ("--cutout", "11"),
     "cutout by energy": ("--cutout", "auto", "--lost", "0.2"),
     "plan": ("--plan", "moved.json"),
@@ -75,6 +83,19 @@ def test_options_change_the_h_of_a_recorded_session(
     assert a.shape != b.shape or not np.array_equal(a, b)
 
 
+def test_masked_pixels_are_not_valid_in_h(lfcal: Callable[..., Run], recorded: Path, tmp_path: Path) -> None:
+    done = lfcal("assemble", recorded / "s", "-o", tmp_path / "H.h5", "--mask", recorded / "lost.png")
+    assert done.code == 0, done.err
+    lost = cv2.imread(str(recorded / "lost.png"), cv2.IMREAD_UNCHANGED) > 0
+    (nt, ns), (row, column) = PLAN.cutout, (int(np.floor(n)) for n in PLAN.anchor)
+    with open_psf(tmp_path / "H.h5") as matrix:
+        assert matrix.provenance["corrections"]["steps"][0]["kind"] == "mask"
+        for y, x in np.ndindex(3, 4):
+            top, left = row + y - nt // 2, column + x - ns // 2
+            np.testing.assert_array_equal(matrix.valid(0, y, x), ~lost[top : top + nt, left : left + ns])
+            assert np.isfinite(np.asarray(matrix[0, y, x])).all()
+
+
 REFUSED = {
     "dark that is not there": (("--dark", "/nonexistent.tif"), "no such file or folder"),
     "plan that is not there": (("--plan", "/nonexistent.json"), "No such file"),
@@ -84,6 +105,7 @@ REFUSED = {
     "order": (("--order", "raster"), "it brings this itself"),
     "channel": (("--channel", "G1"), "colour"),
     "defects": (("--defects",), "expected whole sensor frames, got cutouts"),
+    "mask of another sensor": (("--mask", "small.npy"), "as the frames come from the camera, got 3 x 4"),
     "measured background": (("--background", "border"), "expected a constant for frames that are cutouts"),
     "field of the white image": (("--white", "white.npy", "--dark", "dark.npy"), "white mode pixels"),
     "white mode": (("--white", "white.npy", "--white-mode", "smooth"), "expected field or pixels"),

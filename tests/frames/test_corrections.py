@@ -248,7 +248,9 @@ def test_swapped_order_would_give_something_else() -> None:
 def test_a_step_comes_once_and_is_a_step() -> None:
     with pytest.raises(InputError, match="expected one Dark or DarkSet, got Dark and Dark; merge them into one"):
         CorrectionChain((Dark(level=1.0), Dark(level=2.0)))
-    with pytest.raises(InputError, match="correction: expected Dark, White, Defects, Background or Exposure, got str"):
+    with pytest.raises(
+        InputError, match="correction: expected PixelMask, Dark, White, Defects, Background or Exposure, got str"
+    ):
         CorrectionChain(("dark",))  # type: ignore[arg-type]
 
 

@@ -138,6 +138,8 @@ CORRECTIONS = {
     "--dark": "dark",
     "--black-level": "100",
     "--white": "white.tif",
+    "--defect-list": "hot.txt",
+    "--mask": "mask.png",
     "--white-mode": "pixels",
     "--white-floor": "0.1",
     "--background": "border",
@@ -175,6 +177,7 @@ def test_frames_are_corrected_as_when_h_is_assembled(
     assert type(task) is kind and recipe.defects and recipe.saturation == 4000 and recipe.background == "border"
     assert (recipe.dark, recipe.white, recipe.white_mode, recipe.white_floor) == ("dark", "white.tif", "pixels", 0.1)
     assert recipe.black_level == 100 and recipe.exposure == "none"
+    assert (recipe.defect_list, recipe.mask) == ("hot.txt", "mask.png")
 
 
 def test_a_fit_of_regions_is_read_by_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, LfcalError, Region, check_region, grow_region, moved, part_of, whole
+from lfcal.frames.cfa import pattern_side
 from lfcal.frames.corrections.chain import CorrectionChain
+from lfcal.frames.corrections.defects import repair_nan
 from lfcal.frames.corrections.steps import Exposure, White
 from lfcal.frames.source import (
     DarkNoise,
@@ -98,16 +100,21 @@ class CorrectedSource(SourceView):
         """
         inside = check_region(region or whole(self.shape), self.shape)
         info = self.source.info(index)
-        grown = whole(self.shape) if self.chain.measures_frames else grow_region(inside, self.chain.margin, self.shape)
+        masked = self.chain.masked(self._placed(inside, info)) is not None
+        margin = self.chain.margin + (pattern_side(self.known.cfa) if masked else 0)
+        grown = whole(self.shape) if self.chain.measures_frames else grow_region(inside, margin, self.shape)
         raw = self.source.samples(index, grown)
         # saturation is a property of raw samples: after dark and white corrections, its level is no longer one number
         if self.chain.saturation is not None:
             raw = observed(raw.values, self.chain.saturation, raw.noise)
         try:
-            values, level = self._correct(raw.values, grown, inside, info)
+            values, level = self._correct(raw.values, grown, grown if masked else inside, info)
         except LfcalError as error:
             raise type(error)(f"{info.label}: {error}") from error
-        valid, count = self._usable(raw, grown, inside, info)
+        unknown = None
+        if masked:
+            values, unknown = self._filled(values, grown, inside, info)
+        valid, count = self._usable(raw, grown, inside, info, unknown)
         return Samples(values, valid, self._noise(raw.noise, inside, info, level), count)
 
     def _correct(
@@ -129,12 +136,29 @@ class CorrectedSource(SourceView):
         middle = tuple((side.start + side.stop - 1) / 2 for side in self._placed(inside, info))
         return values, self.chain.level(plane, info.exposure_s, (middle[0], middle[1]))
 
+    def _filled(
+        self, values: NDArray[np.float32], grown: Region, inside: Region, info: FrameInfo
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return samples of ``inside`` without NaN, and which of them are unknown: masked, or computed from none.
+
+        Unknown samples become the mean of their nearest neighbours within one period of the colour pattern, else 0.
+        """
+        unknown = np.isnan(values)
+        lost = self.chain.masked(self._placed(grown, info))
+        if lost is not None:
+            unknown |= lost
+        values = np.array(values)
+        repair_nan(values, (grown[0].start, grown[1].start), np.zeros(3), self.known.cfa)
+        values[np.isnan(values)] = 0.0
+        cut = part_of(inside, grown)
+        return np.ascontiguousarray(values[cut]), unknown[cut]
+
     def _usable(
-        self, raw: Samples, grown: Region, inside: Region, info: FrameInfo
+        self, raw: Samples, grown: Region, inside: Region, info: FrameInfo, unknown: NDArray[np.bool_] | None
     ) -> tuple[NDArray[np.bool_] | None, int | None]:
         """Return which samples of ``inside`` are valid, and how many are saturated; repaired defects are neither."""
         if raw.valid is None:
-            return None, raw.saturated
+            return None if unknown is None else ~unknown, raw.saturated
         valid = np.array(raw.valid)
         # a repaired pixel is the mean of its neighbours, so its raw value no longer counts
         repaired = self.chain.repaired(self._placed(grown, info))
@@ -142,6 +166,8 @@ class CorrectedSource(SourceView):
         bad = ~valid[part_of(inside, grown)]
         # masked pixels are not valid either, but are unrelated to saturation
         full = bad if info.mask is None else bad & info.mask[inside]
+        if unknown is not None:
+            full, bad = full & ~unknown, bad | unknown
         count = None if raw.saturated is None else int(np.count_nonzero(full))
         return (~bad if bad.any() else None), count
 

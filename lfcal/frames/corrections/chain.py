@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, Region, check_region, for_each_chunk, grow_region, region_shape, whole
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.defects import Defects, repair_nan
-from lfcal.frames.corrections.steps import Background, Dark, DarkSet, Exposure, Plane, White
+from lfcal.frames.corrections.steps import Background, Dark, DarkSet, Exposure, PixelMask, Plane, White
 
 __all__ = ["CorrectionChain", "Step"]
 
-Step: TypeAlias = Dark | DarkSet | White | Defects | Background | Exposure
+Step: TypeAlias = PixelMask | Dark | DarkSet | White | Defects | Background | Exposure
 
-_RANK = {Dark: 0, DarkSet: 0, White: 1, Defects: 2, Background: 3, Exposure: 3}
-_ONCE = ((Dark, DarkSet), (White,), (Defects,), (Background,), (Exposure,))
+_RANK = {PixelMask: 0, Dark: 1, DarkSet: 1, White: 2, Defects: 3, Background: 4, Exposure: 4}
+_ONCE = ((PixelMask,), (Dark, DarkSet), (White,), (Defects,), (Background,), (Exposure,))
 """Steps that occur only once in a chain; a dark and a set of darks subtract the same level."""
 
 _EMPTY = np.zeros((0, 0), np.float32)
@@ -29,16 +29,16 @@ _EMPTY.setflags(write=False)  # read-only like the frames of the steps, so that 
 
 @dataclass(frozen=True, eq=False)
 class CorrectionChain:
-    """Corrections in their order: dark, white, defects, then background and exposure in either order.
+    """Corrections in their order: mask, dark, white, defects, then background and exposure in either order.
 
     Every step may be omitted, and none may occur twice; the empty chain only converts samples to float32. Nothing is
-    clipped. Dark, white, background and exposure are computed in one compiled pass. Defects are interpolated
-    afterwards, from the values of their neighbours at that stage of the chain.
+    clipped. Masked pixels become NaN. Dark, white, background and exposure are computed in one compiled pass. Defects
+    are interpolated afterwards, from the values of their neighbours at that stage of the chain.
 
     Attributes
     ----------
     steps
-        `Dark`, `White`, `Defects`, `Background`, `Exposure`.
+        `PixelMask`, `Dark`, `White`, `Defects`, `Background`, `Exposure`.
     saturation
         Sample value at which a pixel counts as saturated; None: from the frames' metadata.
 
@@ -68,7 +68,10 @@ class CorrectionChain:
             # exact types, because ranks are looked up by type
             if type(step) not in _RANK:
                 raise InputError.expected(
-                    "correction", "Dark, White, Defects, Background or Exposure", type(step).__name__, "leave it out"
+                    "correction",
+                    "PixelMask, Dark, White, Defects, Background or Exposure",
+                    type(step).__name__,
+                    "leave it out",
                 )
         for before, after in itertools.pairwise(steps):
             if _RANK[type(before)] > _RANK[type(after)]:
@@ -247,6 +250,12 @@ class CorrectionChain:
         _, offset = self._affine(plane, exposure_s)
         return float(offset[0] + offset[1] * place[0] + offset[2] * place[1])
 
+    def masked(self, region: Region) -> NDArray[np.bool_] | None:
+        """Return which pixels of a sensor region the mask marks; None if there are none."""
+        mask: PixelMask | None = self._find(PixelMask)
+        lost = None if mask is None else mask.lost[region]
+        return lost if lost is not None and lost.any() else None
+
     def repaired(self, region: Region) -> NDArray[np.intp]:
         """Return the pixels ``(n, 2)`` of a sensor region that are replaced, counted from its first one."""
         defects: Defects | None = self._find(Defects)
@@ -306,6 +315,8 @@ class CorrectionChain:
         gain = _EMPTY if white is None else np.ascontiguousarray(white.gain[region])
         r0, c0 = region[0].start, region[1].start
         raw = _narrow(part)
+        if (lost := self.masked(region)) is not None:
+            raw = np.where(lost, np.float32(np.nan), raw).astype(np.float32, copy=False)
         result = np.empty(part.shape, np.float32) if out is None else _check_out(out, part.shape)
         factor, offset = self._affine(plane, exposure_s)
         # the kernel counts from the first pixel of the part, like the parts of dark and gain
@@ -319,8 +330,8 @@ class CorrectionChain:
         for_each_chunk(rows, part.shape[0], workers)
         if defects is not None:
             _kernels.repair_pixels(result, r0, c0, offset, defects.pixels, defects.neighbours)
-            # only floats can hold NaN, and only a reader that masks pixels puts them there
-            if part.dtype.kind == "f":
+            # only floats can hold NaN, and only masks put them there
+            if raw.dtype.kind == "f":
                 repair_nan(result, (r0, c0), offset, defects.cfa)
         return result
 

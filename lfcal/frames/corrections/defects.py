@@ -37,7 +37,7 @@ class Defects:
     cfa
         Colour filter pattern by rows, empty for monochrome.
     kinds
-        ``"hot"``, ``"dead"`` or ``"stuck"`` for each pixel, or empty if unknown.
+        ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"`` for each pixel, or empty if unknown.
     neighbours, margin
         Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and the range of a repair (px);
         computed from the above.
@@ -87,7 +87,7 @@ class Defects:
                 "defect pixels",
                 f"at most {100 * MAX_SHARE:g} % of the sensor",
                 f"{100 * len(flat) / (self.shape[0] * self.shape[1]):.3g} %",
-                "raise the threshold or give frames between which the spots move",
+                "raise the threshold, give frames between which the spots move, or mask large areas (--mask)",
             )
         chosen = np.ascontiguousarray(pixels[first], np.int32)
         object.__setattr__(self, "pixels", chosen)
@@ -109,7 +109,7 @@ class Defects:
                 f"defect pixel ({r}, {c})",
                 "a good neighbour of its colour",
                 "only defect ones within two periods",
-                "such a cluster cannot be repaired; mask it",
+                "such a cluster cannot be repaired; mask it (--mask)",
             )
         return found
 
@@ -214,7 +214,12 @@ MIN_FRAMES_RESPONSE = 8
 
 
 def iter_find_defects(
-    source: FrameSource, *, frames: int = 64, threshold: float = 8.0, workers: int | None = None
+    source: FrameSource,
+    *,
+    frames: int = 64,
+    threshold: float = 8.0,
+    ignore: NDArray[np.bool_] | None = None,
+    workers: int | None = None,
 ) -> Work[Defects]:
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
@@ -234,6 +239,8 @@ def iter_find_defects(
         Largest number of frames to read, evenly spread.
     threshold
         Standard deviations of the differences to the neighbours.
+    ignore
+        True at pixels that are not judged, ``(rows, columns)``; None: all are.
     workers
         Threads; None takes all processors.
 
@@ -274,7 +281,7 @@ def iter_find_defects(
         # fmin and fmax skip NaN: a pixel masked in one frame is judged from the others
         np.fmin(low, frame, out=low)
         np.fmax(high, frame, out=high)
-    suspects = _Suspects(low, high, len(chosen), source.metadata.cfa, threshold, workers)
+    suspects = _Suspects(low, high, len(chosen), source.metadata.cfa, threshold, workers, ignore)
     for done, index in enumerate(chosen if len(suspects) else [], len(chosen)):
         yield clock.at(done)
         suspects.add_frame(source.read(index))
@@ -306,12 +313,19 @@ class _Suspects:
     ----------
     low, high
         Lowest and highest value of each pixel over the ``count`` frames.
-    cfa, threshold, workers
+    cfa, threshold, workers, ignore
         As in `iter_find_defects`.
     """
 
     def __init__(
-        self, low: NDArray[Any], high: NDArray[Any], count: int, cfa: str, threshold: float, workers: int | None
+        self,
+        low: NDArray[Any],
+        high: NDArray[Any],
+        count: int,
+        cfa: str,
+        threshold: float,
+        workers: int | None,
+        ignore: NDArray[np.bool_] | None,
     ) -> None:
         self._cfa, self._count = cfa, count
         self._offsets = nearest_offsets(cfa)
@@ -325,7 +339,8 @@ class _Suspects:
             around = self._rank(span, OUTLIERS, workers)
             # without light on its neighbours, a pixel cannot be said to be unresponsive
             unresponsive = (span < RESPONSE * around) & (around > threshold * noise)
-        self._pixels = np.argwhere(hot | unresponsive)
+        suspect = hot | unresponsive
+        self._pixels = np.argwhere(suspect if ignore is None else suspect & ~ignore)
         at = tuple(self._pixels.T)
         base = self._rank(low, NEIGHBOURS // 2, workers)[at]
         self._hot, self._unresponsive = hot[at], unresponsive[at]

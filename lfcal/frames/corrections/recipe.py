@@ -16,12 +16,15 @@ from lfcal.camera import ScanPlan
 from lfcal.frames.aligned import ShiftedSource, shifted
 from lfcal.frames.channels import channel_source
 from lfcal.frames.corrections._corrected import CorrectedSource
+from lfcal.frames.corrections._pixel_map import sensor_map
 from lfcal.frames.corrections.chain import CorrectionChain, Step
+from lfcal.frames.corrections.defects import Defects, find_defects
 from lfcal.frames.corrections.steps import (
     Background,
     Dark,
     DarkSet,
     Exposure,
+    PixelMask,
     White,
     average_frames,
     difference_variance,
@@ -199,22 +202,41 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
         white = _of_channel(source, read_average(recipe.white, colour=known.colour, shift=recipe.shift))
         saturation = recipe.saturation if recipe.saturation is not None else known.saturation
         steps.append(_white(white, _white_dark(dark, white.shape), recipe, known.cfa, saturation))
-    if recipe.defects:
-        from lfcal.frames.corrections.defects import find_defects
-
-        # the search compares one place of the sensor over all frames; cutouts are at different places
-        part = known.origin or (0, 0)
-        if any(source.info(k).origin != part for k in range(len(source))):
-            raise InputError.expected(
-                "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
-            )
-        steps.append(find_defects(source))
+    shape = next((step.shape for step in steps if step.shape is not None), None)
+    lost = sensor_map(recipe.mask, "mask", source, shape) if recipe.mask else None
+    if lost is not None:
+        steps.insert(0, PixelMask(lost))
+    listed = sensor_map(recipe.defect_list, "defect pixels", source, shape) if recipe.defect_list else None
+    defects = _defects(source, recipe.defects, listed, lost)
+    steps += [] if defects is None else [defects]
     if recipe.background != "none":
         steps.append(_background(recipe.background))
     reference = _reference_exposure(source, recipe.exposure)
     if reference is not None:
         steps.append(Exposure(reference))
     return CorrectionChain(tuple(steps), saturation=recipe.saturation)
+
+
+def _defects(
+    source: FrameSource, search: bool, listed: NDArray[np.bool_] | None, lost: NDArray[np.bool_] | None
+) -> Defects | None:
+    """Return the listed defective pixels and, if asked for, those found in the frames; None without either."""
+    found = None
+    if search:
+        # the search compares one place of the sensor over all frames; cutouts are at different places
+        part = source.metadata.origin or (0, 0)
+        if any(source.info(k).origin != part for k in range(len(source))):
+            raise InputError.expected(
+                "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
+            )
+        known = [one for one in (listed, lost) if one is not None]
+        found = find_defects(source, ignore=np.logical_or.reduce(known) if known else None)
+    if listed is None:
+        return found
+    pixels, kinds = np.argwhere(listed), ("listed",) * int(listed.sum())
+    if found is not None:
+        pixels, kinds = np.concatenate([pixels, np.asarray(found.pixels)]), (*kinds, *found.kinds)
+    return Defects(pixels, (listed.shape[0], listed.shape[1]), source.metadata.cfa, kinds)
 
 
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:

@@ -18,6 +18,7 @@ __all__ = [
     "Dark",
     "DarkSet",
     "Exposure",
+    "PixelMask",
     "White",
     "average_frames",
     "border_strips",
@@ -76,6 +77,53 @@ def difference_variance(first: NDArray[Any], second: NDArray[Any]) -> float:
 def fingerprint(array: NDArray[Any]) -> str:
     """Return the CRC-32 of an array's bytes as eight hexadecimal digits, for provenance."""
     return f"{zlib.crc32(np.ascontiguousarray(array).data):08x}"
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMask:
+    """Ignore pixels without information: they are not valid, and no other pixel is computed from them.
+
+    Attributes
+    ----------
+    lost
+        True at these pixels, ``(rows, columns)`` of the sensor.
+
+    Raises
+    ------
+    InputError
+        If no pixel is left.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.frames import ArraySource, CorrectionChain, PixelMask, corrected
+    >>> frame = np.array([[3, 4095, 5]], np.uint16)
+    >>> chain = CorrectionChain((PixelMask(frame > 100),))
+    >>> found = corrected(ArraySource(frame[None], [(0, 0, 0)]), chain).samples(0)
+    >>> print(found.values.tolist(), found.valid.tolist())
+    [[3.0, 4.0, 5.0]] [[True, False, True]]
+    """
+
+    lost: NDArray[np.bool_] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        """Check and freeze the mask."""
+        lost = np.array(self.lost, np.bool_)
+        if lost.ndim != 2 or lost.all():
+            raise InputError.expected(
+                "mask", "some pixels with information", f"none of {lost.shape}", "in a mask, 0 marks usable pixels"
+            )
+        lost.flags.writeable = False
+        object.__setattr__(self, "lost", lost)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the frames that it fits."""
+        return self.lost.shape[0], self.lost.shape[1]
+
+    def describe(self) -> dict[str, Any]:
+        """Return a JSON description."""
+        return {"kind": "mask", "count": int(self.lost.sum()), "crc32": fingerprint(self.lost)}
 
 
 @dataclass(frozen=True, eq=False)

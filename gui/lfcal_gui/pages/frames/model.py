@@ -252,6 +252,7 @@ def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> 
         plan=plan,
         orientation=settings.orientation,
         origin=parse_origin(settings.origin),
+        nan=settings.option_values.get("nan", "auto"),
         skip_damaged=settings.skip_damaged,
     )
     return open_component(opening, settings.channel)

@@ -66,6 +66,21 @@ def test_interpolation_reaches_the_assembly(tmp_path: Path) -> None:
         assert H.provenance["cutout"]["interpolation"] == "cubic"
 
 
+def test_masks_and_nan_reach_the_frames_of_the_window(tmp_path: Path) -> None:
+    plan = default_plan(preset("bench"))
+    rows, columns = plan.camera.sensor.shape
+    frame = np.random.default_rng(0).normal(100, 2, (rows, columns)).astype(np.float32)
+    frame[3, 4] = np.nan
+    np.save(tmp_path / "y0_x0.npy", frame)
+    np.save(tmp_path / "y0_x1.npy", np.nan_to_num(frame, nan=100.0))
+    np.savetxt(tmp_path / "lost.dat", [[5, 6]], "%d", ",")
+    options = (("mask", str(tmp_path / "lost.dat")), ("nan", "mask"))
+    opened = open_imported(str(tmp_path), FrameSettings(pattern="y{y}_x{x}.npy", options=options), plan)
+    with opened.source:
+        found = opened.delivered.corrected.samples(0)
+        assert np.argwhere(~found.valid).tolist() == [[3, 4], [5, 6]]
+
+
 def test_what_tells_the_positions_is_said(tmp_path: Path) -> None:
     """After an import by log.csv the page still said "manifest.csv in the folder"."""
     assert positions_words(str(tmp_path), FrameSettings()) == "none: the files say where they are"

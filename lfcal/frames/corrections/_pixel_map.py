@@ -1,0 +1,145 @@
+"""Pixels that a file marks: an image that is not 0 there, or a list of their rows and columns."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import FileFormatError, InputError, map_npy
+from lfcal.base.h5 import H5File
+from lfcal.frames.formats import open_image, split_dataset
+from lfcal.frames.source import FrameSource
+
+__all__ = ["sensor_map"]
+
+LISTS = frozenset({".txt", ".csv", ".tsv", ".dat", ".lst"})
+"""Suffixes of lists; all other files are images."""
+
+_ROWS = frozenset({"row", "rows", "y", "line"})
+_COLUMNS = frozenset({"column", "columns", "col", "x"})
+"""Names of the columns of a list, in lower case."""
+
+
+def sensor_map(
+    path: str | os.PathLike[str], what: str, source: FrameSource, shape: tuple[int, int] | None
+) -> NDArray[np.bool_]:
+    """Return the pixels that a file marks, in the coordinates of the frames and of their dark and white frames.
+
+    Parameters
+    ----------
+    path
+        An image of the frames or of the whole sensor, as delivered (``.npy``, TIFF, PNG, HDF5), which is not 0 at these
+        pixels; or a list of rows and columns on the sensor, counted from 0.
+    what
+        Name of the pixels for messages.
+    source
+        The frames; of one colour of a mosaic, the file is that of the mosaic.
+    shape
+        Rows and columns of the dark and white frames in use; None: there are none.
+
+    Raises
+    ------
+    LfcalError
+        If the file cannot be read, has another shape, or lists pixels outside the sensor.
+    """
+    known = source.metadata
+    step, phase = known.pixel_step, known.channel_phase or (0, 0)
+    target, first = _frame_of(source, shape)
+    size = (target[0] * step, target[1] * step)
+    if split_dataset(path)[0].suffix.lower() in LISTS:
+        pixels = _listed(path) - np.array(first)
+        inside = ((pixels >= 0) & (pixels < np.array(size))).all(axis=1)
+        if first == (0, 0) and not inside.all():
+            got = ",".join(str(n) for n in pixels[~inside][0].tolist())
+            wanted = f"rows and columns from 0 on a sensor of {size[0]} x {size[1]} px"
+            raise InputError.expected(f"{what} {path}", wanted, got, "correct the list")
+        marked = np.zeros(size, np.bool_)
+        marked[tuple(pixels[inside].T)] = True
+    else:
+        marked = _image(path, what)
+    if marked.shape != target and first != (0, 0):
+        marked = marked[first[0] : first[0] + size[0], first[1] : first[1] + size[1]]
+    if known.channel_phase is not None and marked.shape != target:
+        marked = marked[phase[0] :: step, phase[1] :: step][: target[0], : target[1]]
+    if marked.shape != target:
+        raise InputError.expected(
+            f"{what} {path}",
+            f"{target[0]} x {target[1]} px, as the frames come from the camera",
+            f"{marked.shape[0]} x {marked.shape[1]}",
+            "use that of the same sensor setting",
+        )
+    return np.ascontiguousarray(marked)
+
+
+def _frame_of(source: FrameSource, shape: tuple[int, int] | None) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the shape of all calibration data, and the sensor (row, column) of its first pixel."""
+    known = source.metadata
+    if known.origin is not None and shape in (None, source.shape):
+        return source.shape, (known.origin[0] * known.pixel_step, known.origin[1] * known.pixel_step)
+    if shape is not None:
+        return shape, (0, 0)
+    origins = np.array([source.info(k).origin for k in range(len(source))])
+    if known.plan is not None and origins.any():
+        return known.plan.camera.sensor.shape, (0, 0)
+    rows, columns = (origins.max(axis=0) + np.array(source.shape)).tolist()
+    return (rows, columns), (0, 0)
+
+
+def _listed(path: str | os.PathLike[str]) -> NDArray[np.int64]:
+    """Return the rows and columns in a text list, ``(n, 2)``."""
+    from lfcal.frames.lists import read_table
+
+    table = read_table(os.fspath(path))
+    names = [name.strip().lower() for name in table.columns]
+    if not table.header and len(names) == 2:
+        names = ["row", "column"]
+    found = [[k for k, name in enumerate(names) if name in wanted] for wanted in (_ROWS, _COLUMNS)]
+    if any(len(one) != 1 for one in found):
+        got = ", ".join(table.columns) if table.header else f"{len(names)} without names"
+        raise FileFormatError.expected(str(path), "the columns row and column, or y and x", got, "name them so")
+    (row,), (column,) = found
+    pixels = []
+    for number, cells in zip(table.lines, table.rows, strict=True):
+        try:
+            pixels.append((int(cells[row]), int(cells[column])))
+        except ValueError:
+            wanted, got = "whole numbers", f"{cells[row]}, {cells[column]}"
+            raise FileFormatError.expected(f"{path} line {number}", wanted, got, "correct it") from None
+    return np.array(pixels, np.int64).reshape(-1, 2)
+
+
+def _image(path: str | os.PathLike[str], what: str) -> NDArray[np.bool_]:
+    """Return where an image is not 0; NaN counts as not 0."""
+    file, dataset = split_dataset(path)
+    if file.suffix.lower() == ".npy":
+        values: NDArray[Any] = map_npy(file)
+    elif dataset is not None or file.suffix.lower() in (".h5", ".hdf5", ".mat", ".nxs"):
+        with H5File(file) as data:
+            values = data.values(dataset or _only_image(data, file), kinds="biuf")
+    else:
+        image = open_image(file)
+        try:
+            if image.pages > 1:
+                raise InputError.expected(f"{what} {path}", "one image", f"{image.pages} pages", "keep one of them")
+            values = image.read()
+        finally:
+            image.close()
+    if values.ndim > 2:
+        values = values.reshape(values.shape[-2:] if values.size == np.prod(values.shape[-2:]) else values.shape)
+    if values.ndim != 2 or values.dtype.kind not in "biuf":
+        got = f"{values.dtype} {values.shape}"
+        raise FileFormatError.expected(f"{what} {path}", "one image, (rows, columns)", got, "save it as one")
+    return np.asarray(values != 0)
+
+
+def _only_image(data: H5File, file: os.PathLike[str]) -> str:
+    """Return the only dataset with two axes of an HDF5 file."""
+    found = [name for name, shape in data.datasets().items() if len(shape) == 2]
+    if len(found) != 1:
+        got = ", ".join(f"/{name}" for name in found[:8]) or "none"
+        remedy = f"name it as {os.fspath(file)}::/{found[0]}" if found else "check the file"
+        raise FileFormatError.expected(os.fspath(file), "one dataset with axes (row, column)", got, remedy)
+    return found[0]
