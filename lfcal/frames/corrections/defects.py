@@ -281,7 +281,7 @@ def iter_find_defects(
         # fmin and fmax skip NaN: a pixel masked in one frame is judged from the others
         np.fmin(low, frame, out=low)
         np.fmax(high, frame, out=high)
-    suspects = _Suspects(low, high, len(chosen), source.metadata.cfa, threshold, workers, ignore)
+    suspects = _Suspects(low, high, len(chosen), source.metadata.cfa, threshold, workers, ignore=ignore)
     for done, index in enumerate(chosen if len(suspects) else [], len(chosen)):
         yield clock.at(done)
         suspects.add_frame(source.read(index))
@@ -325,7 +325,8 @@ class _Suspects:
         cfa: str,
         threshold: float,
         workers: int | None,
-        ignore: NDArray[np.bool_] | None,
+        *,
+        ignore: NDArray[np.bool_] | None = None,
     ) -> None:
         self._cfa, self._count = cfa, count
         self._offsets = nearest_offsets(cfa)
