@@ -244,7 +244,7 @@ def reconstructed(hand: Hand) -> None:
     hand.window.go("h")
     hand.press("Use")
     with hand.named(hand.folder / "points.tif"):
-        hand.press("Open …")
+        hand.press("Open light field …")
     hand.next("Reconstruct", without=OPTIONAL)
     hand.until(lambda: hand.window.leading.sitting.volume, "the volume")
     hand.stage.settle()
