@@ -216,7 +216,7 @@ def _acquire(window: MainWindow, page: Any) -> None:
 
 
 def _reconstruct(window: MainWindow, page: Any) -> None:
-    running = "reconstruct" in window.jobs.running_pages()
+    running = any(job.active and job.kind == "reconstruct" for job in window.jobs.jobs())  # not a measurement of costs
     assert (page.panel.go.text() == "Stop") == running
 
 
