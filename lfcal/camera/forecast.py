@@ -86,7 +86,7 @@ class Forecast:
         return self.h_float32_bytes
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         names = ("hours", "bytes_per_s", "ht_float32_bytes")
         return asdict(self) | {name: getattr(self, name) for name in names}
 

@@ -1,20 +1,20 @@
 """The PSF matrix H.
 
-- ``matrix``: `PSFMatrix`, lazy, with its transposed view; ``_planes`` provides its values, ``facts`` the facts about
-its positions, ``_travel`` sends it to another process
-- ``make``: making of a matrix from planes of any source: in memory, in a file, in units of a plane
-- ``saving``: writing of a matrix: unchanged, transposed, within a tolerance, or with other regions
-- ``opening``, ``store``, ``layout``: the H file; ``_chunk_codec`` compresses it on all processors, ``_nexus`` makes
-viewers plot it; ``_steps`` stores it within a tolerance
-- ``_specification``, ``_json_schema``: check of an H file against the published schema of its format
+- ``matrix``: `PSFMatrix`, read lazily, with its transposed view; ``_planes`` provides its values, ``facts`` what is
+known about its positions, ``_travel`` sends it to another process
+- ``make``: make a matrix from planes of any source: in memory, in a file, or in units of a plane
+- ``saving``: write a matrix unchanged, transposed, within a tolerance, or together with other regions
+- ``opening``, ``store``, ``layout``: the H file; ``_chunk_codec`` compresses it on all processors, ``_nexus`` lets
+viewers plot it, ``_steps`` stores it within a tolerance
+- ``_specification``, ``_json_schema``: check an H file against the published schema of its format
 - ``cutout``, ``assembly``, ``_pedestal``: frames to H with the shifting cutout
-- ``picked``: patterns of a few positions, without reading other frames
+- ``picked``: patterns of a few positions, without reading the other frames
 - ``orientation``, ``_spot_path``: orientation of the frames of a scan, from the place of the pattern in some of them
-- ``_transpose``: HT, one slice of it, depth-plane sums
+- ``_transpose``: HT, a single slice of it, and depth-plane sums
 - ``_verify``: check that a file has not changed
 - ``aperture``: the shape of the iris (see `lfcal.judge` for the quality of H)
-- ``_export``, ``_matlab``, ``lens_centre``, ``_tiff_export``: export of H for other programs
-- ``mat_import``, ``_rearranged``, ``_lfc_import``, ``_plain_pickle``: import from other programs
+- ``_export``, ``_matlab``, ``lens_centre``, ``_tiff_export``: export H to other programs
+- ``mat_import``, ``_rearranged``, ``_lfc_import``, ``_plain_pickle``: import H from other programs
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""HDF5 chunks coded outside of HDF5, so that several threads can compress and decompress.
+"""Compress and decompress HDF5 chunks outside of HDF5, so that several threads can work.
 
 HDF5 runs its filters on one thread. Here, shuffle, deflate and fletcher32 run in worker threads (libdeflate and the
 kernels release the GIL). Finished chunks are written through h5py, from the caller's thread; reading bypasses HDF5.
@@ -26,9 +26,9 @@ _BATCH_BYTES = 1 << 19  # chunks are handed to threads in batches of about this 
 
 
 def chunk_pipeline(dataset: Any) -> tuple[str, ...] | None:
-    """Return the filters of an h5py dataset in order, or None where this module does not code its chunks.
+    """Return the filters of an h5py dataset in order, or None if this module cannot compress its chunks.
 
-    It does for chunks ``(1, 1, 1, nt, ns)`` over whole cutouts with any of shuffle, deflate and fletcher32.
+    It handles chunks ``(1, 1, 1, nt, ns)`` over whole cutouts with any of shuffle, deflate and fletcher32.
     """
     if not _one_pattern_each(dataset.shape, dataset.chunks):
         return None
@@ -67,7 +67,7 @@ def parallel_write(
 ) -> int:
     """Write depth plane ``z`` of an H dataset, compressing in threads; return the bytes stored.
 
-    Datasets that `chunk_pipeline` does not know are written through HDF5. In addition to the plane, at most a few
+    Datasets that `chunk_pipeline` does not handle are written through HDF5. In addition to the plane, at most a few
     batches of half a megabyte per worker are in memory.
 
     Parameters
@@ -77,7 +77,7 @@ def parallel_write(
     z
         Depth plane.
     plane
-        Its values ``(ny, nx, nt, ns)``, in a dtype that converts to that of the dataset without loss.
+        Its values ``(ny, nx, nt, ns)``, in a dtype that converts to the dataset's dtype without loss.
     convert
         Function that converts a pattern to its stored form, called in the compressing threads; None stores it
         unchanged.
@@ -129,7 +129,7 @@ def parallel_write(
 def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, workers: int | None = None) -> NDArray[Any]:
     """Return depth plane ``z`` of an H dataset, ``(ny, nx, nt, ns)``, decompressed in threads.
 
-    Datasets that are stored otherwise are read through HDF5. Chunks that were never written hold the fill value.
+    Datasets stored in another way are read through HDF5. Chunks that were never written contain the fill value.
 
     Parameters
     ----------
@@ -140,12 +140,12 @@ def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, work
     out
         Array to fill, ``(ny, nx, nt, ns)``.
     workers
-        Threads that decompress; None takes every processor.
+        Number of threads that decompress; None: all processors.
 
     Raises
     ------
     FileFormatError
-        If a chunk is damaged; it is named.
+        If a chunk is damaged; the message names it.
     """
     _check_plane_number(data, z)
     ny, nx, nt, ns = data.shape[1:]
@@ -170,13 +170,15 @@ def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
     Raises
     ------
     InputError
-        If the two are not stored alike.
+        If the two datasets are not stored in the same way.
     """
     plist = dataset.id.get_create_plist()
     filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
     theirs = (source.dtype, source.chunks, source.filters)
     if theirs != (dataset.dtype, tuple(dataset.chunks), filters) or source.table is None:
-        raise InputError.expected(source.where, f"{dataset.dtype} stored as the others", str(theirs), "write it again")
+        raise InputError.expected(
+            source.where, f"{dataset.dtype} stored like the other planes", str(theirs), "write it again"
+        )
     places = [(0, y, x, 0, 0) for y, x in np.ndindex(*source.shape[1:3])]
     write = dataset.id.write_direct_chunk
     for (_, y, x, t, s), left_out, stored in source.table.each_stored(places):
@@ -193,7 +195,7 @@ def _in_threads(function: Any, batches: Iterator[Any], workers: int) -> Iterator
         try:
             for batch in batches:
                 pending.append(pool.submit(function, batch))
-                # a full pool waits here, which bounds the memory held by coded chunks
+                # a full pool waits here, which limits the memory used by compressed chunks
                 if len(pending) > 2 * workers:
                     yield pending.popleft().result()
             while pending:

@@ -1,4 +1,4 @@
-"""H for other programs: ``.h5``, MATLAB ``.mat``, ``.npy``, ``.npz``, TIFF stacks."""
+"""Export H to other programs: ``.h5``, MATLAB ``.mat``, ``.npy``, ``.npz``, TIFF stacks."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ __all__ = [
 def iter_write_npy(
     matrix: PSFMatrix, path: str | os.PathLike[str], read: Callable[[int], NDArray[Any]] | None = None
 ) -> Work[Path]:
-    """Write an ``.npy`` file that numpy can memory-map, one plane at a time; ``read`` gives planes made elsewhere.
+    """Write an ``.npy`` file that numpy can memory-map, one plane at a time; ``read`` returns planes made elsewhere.
 
-    It is written, not mapped: a map onto a disk that fills up ends the process instead of raising an error.
+    The file is written, not mapped: with a map, a full disk would end the process instead of raising an error.
     """
     target = Path(path)
     require_space(target.parent, matrix.nbytes, what=target.name)
@@ -73,12 +73,12 @@ def iter_write_npy(
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Options of an export; None leaves them to the format.
+    """Options of an export; None: the format decides.
 
     Attributes
     ----------
     compress
-        ``.h5``, ``.mat``: whether to compress.
+        ``.h5``, ``.mat``: whether the file is compressed.
     dtype
         ``.h5``: stored type.
     include_transpose, rows_first, lens_centred, interpolation
@@ -90,7 +90,7 @@ class ExportOptions:
         cannot mark.
     code
         Code that reads the file, one of `lfcal.psf.codes.CODES`; it sets order, centring and names of variables.
-    quality
+    ``.mat``, ``.npz``, TIFF: quality of H in words, such as ``"good"``, written into the file.
         ``.mat``, ``.npz``, TIFF: word for the quality of H, written into the file.
     """
 
@@ -106,20 +106,20 @@ class ExportOptions:
     quality: str | None = None
 
     def given(self) -> dict[str, Any]:
-        """Return what was said, by name."""
+        """Return the options that were given, by name."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
 
     @property
     def mat(self) -> MatOptions:
-        """What of it concerns a ``.mat`` file."""
+        """The options of a ``.mat`` file."""
         names = {entry.name for entry in fields(MatOptions)}
         known = {name: value for name, value in self.given().items() if name in names}
         return MatOptions(**known, cells=self.code == "olaf")
 
     @property
     def reader(self) -> Code | None:
-        """The code that reads the file, where one is named."""
+        """The code that reads the file; None if none is named."""
         return None if self.code is None else code_of(self.code)
 
     def for_code(self, matrix: PSFMatrix) -> ExportOptions:
@@ -143,7 +143,7 @@ def _write_h5(
 def _write_mat(
     matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
 ) -> Work[Path]:
-    if run is None or options.mat.cells:  # cells are too many for files of units
+    if run is None or options.mat.cells:  # there are too many cells to make each in a separate file
         return iter_write_mat(matrix, path, options.mat)
     return _iter_units(matrix, Path(path), options, run)
 
@@ -169,7 +169,7 @@ def _write_npy(
 def _write_tiff(
     matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions, run: RunChoice | None
 ) -> Work[Path]:
-    # without units: a TIFF of several planes is one file for each already, or small
+    # without units: a TIFF of several planes already has one file for each, or is small
     return iter_write_tiff(matrix, path, position=options.position, quality=options.quality or "")
 
 
@@ -181,10 +181,10 @@ class _Writer(NamedTuple):
 
 
 _UNMARKED = frozenset({"allow_missing"})
-"""Of formats that hold nothing but values."""
+"""Formats that hold only values."""
 
 _CODED = _UNMARKED | {"code", "quality"}
-"""Of formats that another code reads."""
+"""Formats that other codes read."""
 
 _TIFF = _Writer(_write_tiff, frozenset({"position"}) | _CODED)
 WRITERS = {
@@ -201,15 +201,15 @@ WRITERS = {
 def export_files(
     matrix: PSFMatrix, path: str | os.PathLike[str], position: tuple[int, int] | None = None
 ) -> list[Path]:
-    """Return the files that an export of ``matrix`` to ``path`` writes: of a large H as TIFF, one a plane."""
+    """Return the files that an export of ``matrix`` to ``path`` writes; a large H as TIFF has one for each plane."""
     is_tiff = WRITERS.get(Path(path).suffix.lower()) is _TIFF
     return tiff_files(matrix, path, position) if is_tiff else [Path(path)]
 
 
 def export_notes(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> tuple[str, ...]:
-    """Return what readers of the file should know, a line each, with what to do.
+    """Return notes for users of the file, one line each, with what to do.
 
-    Missing positions, and conventions of the codes that read ``.mat`` files.
+    They are about missing positions, and about conventions of the codes that read ``.mat`` files.
     """
     suffix, code = Path(path).suffix.lower(), options.reader
     notes = mat_notes(matrix, options.for_code(matrix).mat) if suffix in (".mat", ".npz") else ()
@@ -304,20 +304,22 @@ export = drained(
 
 
 def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> str:
-    """Return the format's suffix; raises `InputError` as `iter_export`."""
+    """Return the suffix of the format; raises `InputError` as `iter_export` does."""
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
-        raise InputError.expected("export format", " ".join(WRITERS), suffix or "no suffix", "name the file so")
+        raise InputError.expected(
+            "export format", " ".join(WRITERS), suffix or "no suffix", "give the file one of these suffixes"
+        )
     for name in options.given():
         if name not in WRITERS[suffix].uses:
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
             raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
     code = options.reader
     if suffix == ".npz" and code is None:
-        raise InputError.expected("code of an .npz file", "pyolaf", "none", "name it (--for), or write .npy")
+        raise InputError.expected("code of an .npz file", "pyolaf", "none", "give the code with --for, or write .npy")
     if code is not None:
         if suffix != code.suffix:
-            raise InputError.expected(f"file for {code.title}", code.suffix, suffix, "name the file so")
+            raise InputError.expected(f"file for {code.title}", code.suffix, suffix, "give the file this suffix")
         problem = refused_by(code, matrix, options.position)
         if problem is not None:
             raise problem
@@ -333,7 +335,7 @@ def check_missing(matrix: PSFMatrix, suffix: str, options: ExportOptions) -> Non
             f"H for a {suffix} file, which cannot mark missing positions",
             "all recorded or filled",
             empty_words(matrix),
-            "fill them (lfcal assemble --fill), write an H file (.h5), or allow zeros in their place (--allow-missing)",
+            "fill them (lfcal assemble --fill), write an H file (.h5), or write zeros in their place (--allow-missing)",
         )
 
 
@@ -367,7 +369,7 @@ def _iter_units(matrix: PSFMatrix, target: Path, options: ExportOptions, run: Ru
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Write one plane into a separate file, in its final form: the task of a unit."""
+    """Write one plane, as it is stored in the final file, into a separate file: the task of a unit."""
     z, suffix = int(arguments["z"]), arguments["suffix"]
     clock = Clock(f"export plane {z}", 1)
     yield clock.at(0)

@@ -12,7 +12,7 @@ __all__ = ["in_range", "resolved"]
 
 
 def in_range(value: int, axis: int, n: int) -> int:
-    """Return an index from the start of an axis; raises `IndexError` beyond it."""
+    """Return an index counted from the start of an axis; raises `IndexError` if it is out of range."""
     index = operator.index(value)
     if not -n <= index < n:
         raise IndexError(f"index {index} is out of range for axis {axis} ({'zyxts'[axis]}) with {n} entries")
@@ -20,11 +20,11 @@ def in_range(value: int, axis: int, n: int) -> int:
 
 
 def resolved(key: Any, shape: tuple[int, ...]) -> tuple[int | slice, ...]:
-    """Return ``key`` as one integer or slice per axis."""
+    """Return ``key`` as one integer or slice for each axis."""
     parts = list(key) if isinstance(key, tuple) else [key]
     holes = [k for k, part in enumerate(parts) if part is Ellipsis]
     if len(holes) > 1:
-        raise IndexError("an index can only have a single ellipsis ('...')")
+        raise IndexError("an index can have only one ellipsis ('...')")
     if len(parts) - len(holes) > len(shape):
         raise IndexError(f"too many indices: a PSF matrix has 5 axes (z, y, x, t, s), {len(parts)} were given")
     at = holes[0] if holes else len(parts)

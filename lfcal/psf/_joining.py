@@ -1,4 +1,4 @@
-"""Planes that were written one file each, joined to one H file: their bytes are copied as they are."""
+"""Join planes that were written to separate files into one H file; the stored bytes are copied unchanged."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["adopt", "stored_plane"]
 
 
 def adopt(writer: PSFWriter, z: int, path: Path) -> None:
-    """Take plane ``z`` over from an H file of it alone, of the writer's stored type and compression.
+    """Copy plane ``z`` from an H file of this single plane, which has the writer's stored type and compression.
 
     Raises
     ------
     FileFormatError, StorageError
-        If the file is damaged or not there.
-    InputError
+        If the file is damaged or missing.
+        InputError
         If its plane does not fit.
     """
     with H5File(path) as file:
@@ -32,10 +32,10 @@ def adopt(writer: PSFWriter, z: int, path: Path) -> None:
 
 
 def stored_plane(file: H5File) -> StoredPlane:
-    """Return the plane of an H file of one alone, as it is stored."""
+    """Return the plane of an H file with a single plane, in its stored form."""
     data = file.dataset("H")
     if data.ndim != 5 or data.shape[0] != 1:
-        raise FileFormatError.expected(data.where, "one plane", data.shape, "remove it and begin again")
+        raise FileFormatError.expected(data.where, "one plane", data.shape, "remove it and run the command again")
     shape = data.shape
     version = file.attributes().integer("version")
     if version != VERSION or scaling_of(file, data)[0].tolist() != [1]:
@@ -43,7 +43,7 @@ def stored_plane(file: H5File) -> StoredPlane:
             str(file.path),
             f"a plane of version {VERSION}, not scaled",
             f"version {version}",
-            "remove it and begin again",
+            "remove it and run the command again",
         )
     facts = facts_in(file, "", (1, shape[1], shape[2], shape[3], shape[4]), {})
     step = file.values("step", shape[:3], kinds="f", finite=True)[0].astype(np.float32) if "step" in file else None

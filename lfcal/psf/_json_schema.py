@@ -26,7 +26,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
 
 
 class Deviation(NamedTuple):
-    """A place in a value, as names and numbers from its top, and what is wrong there."""
+    """A place in a value, as names and indices from its top level, and what is wrong there."""
 
     place: Place
     what: str
@@ -51,7 +51,7 @@ class _Check:
     def look(self, value: Any, schema: Schema, place: Place, names: dict[str, int]) -> Iterator[Deviation]:
         """Yield the deviations of ``value`` at ``place``; ``names`` are the sizes known so far."""
         if "$ref" in schema:
-            # a definition is a separate matrix with separate names
+            # a definition describes another matrix, which has separate sizes
             yield from self.look(value, self._definition(schema["$ref"]), place, {})
             return
         wrong = [what for what in _own_faults(value, schema, names) if what]
@@ -75,7 +75,7 @@ class _Check:
             yield from self.look(value, part, place, names)
 
     def _properties(self, value: Any, schema: Schema, place: Place, names: dict[str, int]) -> Iterator[Deviation]:
-        # in the order of the schema: H comes first, and gives the sizes their numbers
+        # in the order of the schema: H comes first and defines the sizes
         for key, part in schema["properties"].items() if isinstance(value, dict) else ():
             if key in value:
                 yield from self.look(value[key], part, (*place, key), names)

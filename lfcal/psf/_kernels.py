@@ -27,10 +27,10 @@ Shape = tuple[int, int, int, int, int]
 Words = NDArray[Any]
 
 LANES = 16
-"""Number of neighbouring values that are moved together."""
+"""Number of neighbouring values that are moved at once."""
 
 LINE_BYTES = 64
-"""A cache line; on processors with longer ones the last step is only slower."""
+"""Bytes of a cache line; on processors with longer lines only the last step is slower."""
 
 _I1, _I8, _I32, _I64 = (ir.IntType(bits) for bits in (1, 8, 32, 64))
 

@@ -1,8 +1,8 @@
-"""Import of H from calibration files (``.lfc``) of napari-LF, whose PSFs are sparse and one per voxel of a lenslet.
+"""Import H from calibration files (``.lfc``) of napari-LF, which hold a sparse PSF for each voxel of a lenslet.
 
 A file is HDF5 with the groups ``optics``, ``geometry``, ``radiometry``, ``rayspread`` and ``psf``. ``psf/psf_db`` is a
 pickled table ``(x, y, z) -> ((u, v, s, t), coefficient)``: pixel (u, v) behind lenslet (s, t), relative to the lenslet
-of the voxel. Voxels are the n x n shares of a lenslet.
+of the voxel. Each lenslet has n x n voxels.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ Splat = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]
 """Rows and columns of the lit pixels, from the first pixel of the voxel's lenslet, and their light."""
 
 MOST_PIXELS = 1 << 12
-"""A pixel further from its lenslet than this is no splat of any optics."""
+"""Largest distance of a pixel from its lenslet (pixels); no optics spread light further."""
 
 
 def open_lfc(path: Path) -> PSFMatrix:
-    """Open the PSFs of a napari-LF calibration as an H, float32, whose planes are made when asked for.
+    """Open the PSFs of a napari-LF calibration as an H in float32, whose planes are computed when they are read.
 
-    Its period is a lenslet of ``nv`` x ``nu`` pixels. The pixels of a voxel share its pattern, so that the image of a
-    volume is that of the volume summed over each voxel. Depths are turned round: napari-LF's count towards the
-    objective.
+    Its period is a lenslet of ``nv`` x ``nu`` pixels. All pixels of a voxel have the same pattern, so the image of a
+    volume is that of the volume summed over each voxel. The order of depths is reversed: napari-LF counts them
+    towards the objective.
 
     Raises
     ------
     FileFormatError, UnsafeFileError
-        If it holds no PSFs, with what it does hold, or they are damaged.
+        If it holds no PSFs (the message says what it holds), or the PSFs are damaged.
     """
     with H5File(path) as file:
         name = "psf/psf_db"
@@ -89,7 +89,7 @@ class _Table:
         good = at.ndim == 2 and at.shape[1:] == (4,) and at.dtype.kind in "iu" and light.shape == at.shape[:1]
         if not good or light.dtype.kind != "f" or not np.isfinite(light).all():
             raise _wrong(self._where, wanted, f"shapes {at.shape} and {light.shape}")
-        # of the largest integers neither the absolute value nor the pixel would be right
+        # the absolute value of the smallest integer overflows
         near = at.size == 0 or (int(at.min()) >= -MOST_PIXELS and int(at.max()) <= MOST_PIXELS)
         u, v, s, t = (at if near else np.zeros((1, 4))).astype(np.int64).T
         reach = max(int(np.abs(t).max(initial=0)) * self._nv, int(np.abs(s).max(initial=0)) * self._nu)
@@ -113,7 +113,7 @@ class _Table:
 
     def _provenance(self, path: Path) -> dict[str, Any]:
         share = self._share
-        notes = [f"the {share} x {share} voxels of a lenslet were spread over its {self._nv} x {self._nu} pixels"]
+        notes = [f"the {share} x {share} voxels of each lenslet were spread over its {self._nv} x {self._nu} pixels"]
         lens = [(self._nv - 1) / 2, (self._nu - 1) / 2]
         return {"imported": path.name, "lens_centre": lens, "notes": notes}
 
@@ -132,7 +132,7 @@ def _table(values: dict[str, Any], name: str) -> dict[Any, Any]:
 
 
 def _wrong(where: str, wanted: str, got: object) -> FileFormatError:
-    return FileFormatError.expected(where, wanted, got, "take the file from its source again")
+    return FileFormatError.expected(where, wanted, got, "get the file from its source again")
 
 
 class _SplatPlanes:
@@ -141,7 +141,7 @@ class _SplatPlanes:
     def __init__(self, splats: dict[tuple[int, ...], Splat], period: tuple[int, int], share: int) -> None:
         ny, nx = period
         self._splats = splats
-        # a pixel belongs to the voxel that its middle lies in
+        # a pixel belongs to the voxel that contains its centre
         self._rows, self._columns = ((2 * np.arange(n) + 1) * share // (2 * n) for n in period)
         reach = [0, 0]
         for (x, y, _), splat in splats.items():

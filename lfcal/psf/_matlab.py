@@ -69,8 +69,8 @@ def mat_header() -> bytes:
 def crop_index(sums: NDArray[np.float64]) -> tuple[int, int]:
     """Return ``CAindex`` of one depth: first and last pixel (1-based) of the smallest centred square with all light.
 
-    The published codes crop rows and columns of a plane by the same two numbers, and so ask for a square cutout; only
-    exact zeros are left out.
+    The published codes crop rows and columns of a plane by the same two numbers, and therefore need a square cutout.
+    Only exact zeros are left out.
     """
     middle = len(sums) // 2
     lit = np.argwhere(sums)
@@ -88,18 +88,19 @@ class MatOptions:
     include_transpose
         Also write ``Ht``, which doubles the file size.
     rows_first
-        Store ``H(t, s, y, x, z)`` instead of ``H(s, t, x, y, z)``: for codes whose images are ``imread``
+        arrays with rows first. With the default order, such an image must be transposed first.
         arrays with rows first. With the default order such an image must be transposed first.
     compress
         Whether to compress with gzip; otherwise data are contiguous.
     lens_centred
         Roll the positions so that a micro-image centre is on pixel ceil(Nnum/2) of the period.
     interpolation
-        With ``lens_centred``: interpolation for the remaining fraction of a pixel; ``"nearest"`` ignores it.
+        With ``lens_centred``: interpolation for the remaining fraction of a pixel; ``"nearest"`` leaves it
+        uncorrected.
     cells
         Store ``H{y,x,z}(t, s)``, a cell array of patterns, as oLaF does.
     quality
-        Word for the quality of H, written as the variable ``quality``; empty: none.
+        Quality of H in words, written as the variable ``quality``; empty: none.
     """
 
     include_transpose: bool = True
@@ -112,7 +113,7 @@ class MatOptions:
 
 
 StoreMatPlane = Callable[[str, int, Any], tuple[int, int]]
-"""Puts plane ``z`` of ``H`` or ``Ht`` into its open dataset; returns its `crop_index`."""
+"""Writes plane ``z`` of ``H`` or ``Ht`` into its open dataset; returns its `crop_index`."""
 
 
 def iter_write_mat(
@@ -121,10 +122,10 @@ def iter_write_mat(
     options: MatOptions | None = None,
     store: StoreMatPlane | None = None,
 ) -> Work[Path]:
-    """Write H, with the variables that other codes need, to a MATLAB v7.3 file, streaming.
+    """Write H plane by plane to a MATLAB v7.3 file, with the variables that other codes need.
 
-    The file contains ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, if H
-    knows them, ``anchor``, ``lensCentre`` and ``voxelSize`` (m); see ``docs/matlab.md``.
+    The file contains ``H``, ``Ht``, ``Nnum``, ``CAindex``, ``x3objspace`` (m), ``axisOrder``, ``cutout``, and, if
+    they are known, ``anchor``, ``lensCentre`` and ``voxelSize`` (m); see ``docs/matlab.md``.
 
     Parameters
     ----------
@@ -135,12 +136,12 @@ def iter_write_mat(
     options
         Options; None: the defaults.
     store
-        Function that inserts planes made elsewhere; None: they are made here.
+        Function that writes planes made elsewhere; None: they are made here.
 
     Raises
     ------
     InputError
-        If H should be lens-centred, and the places of its lenses are unknown.
+        If H is to be lens-centred, but the places of its lenses are unknown.
 
     Notes
     -----
@@ -161,7 +162,7 @@ def iter_write_mat(
         return crop
 
     store = store or own
-    # libver keeps to formats that MATLAB's older HDF5 reads
+    # libver restricts the file to formats that MATLAB's older HDF5 library reads
     with new_h5(target, header=mat_header(), libver=("earliest", "v110")) as file:
         done, crops = 0, []
         for name in ("H", "Ht")[:copies]:
@@ -184,7 +185,7 @@ def iter_write_mat(
 
 
 def mat_written(matrix: PSFMatrix, options: MatOptions) -> PSFMatrix:
-    """Return H lens-centred, where that is asked for, and with a square cutout."""
+    """Return H with a square cutout, and lens-centred if requested."""
     lens = lens_centre_of(matrix)
     if options.lens_centred and lens is not None:
         matrix = lens_centred(matrix, lens, options.interpolation)
@@ -203,8 +204,8 @@ def mat_plane(written: PSFMatrix, options: MatOptions, name: str, z: int) -> tup
 
 
 def create_mat_data(file: Any, name: str, matrix: PSFMatrix, options: MatOptions, planes: int | None = None) -> Any:
-    """Make the dataset of ``H`` or ``Ht``, or of some ``planes`` of it that is stored alike."""
-    # HDF5's row-major (z, y, x, t, s) is MATLAB's column-major (s, t, x, y, z): the axes turn round by themselves
+    """Make the dataset of ``H`` or ``Ht``, or of some ``planes`` of it that are stored in the same way."""
+    # HDF5's row-major (z, y, x, t, s) is MATLAB's column-major (s, t, x, y, z), so no axes need to be moved
     shape = (planes or len(matrix), *matrix.shape[1:])
     if options.rows_first:
         shape = (shape[0], shape[2], shape[1], shape[4], shape[3])
@@ -225,7 +226,7 @@ def _small(matrix: PSFMatrix, options: MatOptions) -> dict[str, NDArray[np.float
     lens = lens_centre_of(matrix)
     if options.lens_centred and lens is None:
         raise InputError.expected(
-            "lens-centred export", "an H that knows its camera", "none in this file", "assemble it with its camera"
+            "lens-centred export", "an H with its camera", "none in this file", "assemble it with its camera"
         )
     ny, nx = matrix.period
     values: dict[str, NDArray[np.float64] | str] = {
@@ -268,28 +269,28 @@ def _write_small(file: Any, values: dict[str, NDArray[np.float64] | str]) -> Non
 
 
 def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str, ...]:
-    """Return where the codes that read ``.mat`` files take something else than H, a line each, with what to do."""
+    """Return where the conventions of codes that read ``.mat`` files differ from those of H, with what to do."""
     options = options or MatOptions()
     ny, nx = matrix.period
     notes = []
     if ny != nx:
-        notes.append(f"the period is {ny} x {nx}; codes that take one square period (Nnum) cannot use this H")
+        notes.append(f"the period is {ny} x {nx}; codes that need a square period (Nnum) cannot use this H")
     elif ny % 2 == 0:
-        notes.append(f"the period is {ny} x {nx}; codes that ask for an odd Nnum cannot use this H")
+        notes.append(f"the period is {ny} x {nx}; codes that need an odd Nnum cannot use this H")
     lens = lens_centre_of(matrix)
     if lens is None:
-        return (*notes, "H does not say where its lenses are; other codes take one to be centred on pixel ceil(Nnum/2)")
+        return (*notes, "H does not state where its lenses are; other codes assume one centred on pixel ceil(Nnum/2)")
     row, column = (at + 1 for at in lens.position)
     wanted = "row {} and column {}".format(*(at + 1 for at in lens.expected))
     if not options.lens_centred and not lens.agrees:
         notes.append(
-            f"a lens is centred on row {row:.2f} and column {column:.2f} of the period, other codes take {wanted} "
-            "(both from 1): centre it (--lens-centred), or give them frames cropped from pixel `anchor` on"
+            f"a lens is centred on row {row:.2f} and column {column:.2f} of the period, other codes assume {wanted} "
+            "(both from 1): centre it (--lens-centred), or use frames that begin at pixel `anchor`"
         )
     elif options.lens_centred and not lens.is_whole and options.interpolation == "nearest":
         rest = ", ".join(f"{v:+.2f}" for v in lens.rest)
         notes.append(
-            f"whole pixels leave the lens's centre ({rest}) px (rows, columns) from {wanted}: move the patterns by it "
-            "(--interpolation cubic), as rectifying moves an image"
+            f"whole pixels leave the lens's centre ({rest}) px (rows, columns) from {wanted}: "
+            "move the patterns by fractions of a pixel too (--interpolation cubic)"
         )
     return tuple(notes)

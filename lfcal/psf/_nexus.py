@@ -1,7 +1,7 @@
-"""NeXus attributes, with which HDF5 viewers (silx, h5web, NeXpy) open an H file as a plot of named axes.
+"""NeXus attributes: with them, HDF5 viewers (silx, h5web, NeXpy) open an H file as a plot with named axes.
 
-``/@default`` leads to an NXentry, whose ``@default`` leads to an NXdata. Its ``@signal`` and ``@axes`` name datasets
-in the same group, which are hard links to those of the file, because soft links are refused when the file is opened.
+``/@default`` names an NXentry, whose ``@default`` names an NXdata. Its ``@signal`` and ``@axes`` name datasets in the
+same group. They are hard links to the file's datasets, because soft links are refused when the file is opened.
 See https://manual.nexusformat.org/datarules.html
 """
 

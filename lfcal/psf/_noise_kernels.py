@@ -37,7 +37,7 @@ def reduce_noise(
     out: NDArray[Any],
     rows: tuple[int, int],
 ) -> None:
-    """Write ``rows`` (start, stop) of positions of ``plane`` ``(ny, nx, nt, ns)`` to ``out``, with less noise.
+    """Write positions start to stop of ``plane`` ``(ny, nx, nt, ns)`` to ``out`` with less noise; ``rows`` states both.
 
     Each entry is moved towards the mean of the entries of the same sensor pixel at the surrounding positions, as far
     as noise explains their scatter (Lee 1980; the linear estimate with least mean square error).
@@ -69,7 +69,8 @@ def reduce_noise(
                     if np.isnan(noise[row, column, 0]):
                         continue
                     constant, growth = noise[row, column, 0], noise[row, column, 1]
-                    # the same sensor pixel lies as many pixels the other way in the cutout
+                    # at a neighbouring position, the same sensor pixel lies as many pixels in the opposite direction
+                    # in the cutout
                     for t in range(max(0, dy), min(nt, nt + dy)):
                         for s in range(max(0, dx), min(ns, ns + dx)):
                             if some and not used[row, column, t - dy, s - dx]:
@@ -92,6 +93,6 @@ def reduce_noise(
                     expected = (floor[t, s] + slope[t, s] * light) / n
                     beyond = max((square[t, s] - n * mean * mean) / (n - 1.0) - expected, 0.0)
                     share = beyond / (beyond + own) if own > 0.0 else 1.0
-                    # a mean that is not above its noise: cutting off at zero alone would leave half of the noise there
+                    # set means within the noise to zero: cutting off at zero alone would keep half of the noise
                     dark = mean * mean * n < certain * certain * expected or mean < 0.0
                     out[y, x, t, s] = 0.0 if dark else max(mean + share * (value - mean), 0.0)

@@ -1,4 +1,4 @@
-"""A black level that nothing subtracts, or a wrong one: the constant it would leave in H, found before any work."""
+"""Find the constant pedestal that a wrong or unsubtracted black level would leave in H, before any other work."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ LIMIT = 0.02
 """Largest share of a plane's light that may be a constant pedestal."""
 
 SAMPLED = 8
-"""Frames of a plane that are looked at."""
+"""Frames of a plane that are examined."""
 
 CERTAIN = 4.0
 """Number of standard errors above which a level counts as different from zero."""
 
 BLOCKS = 8
-"""Blocks along each axis in which a cutout without surroundings is looked at."""
+"""Blocks along each axis into which cutouts are divided to find their darkest part."""
 
 
 def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float, bool]:
     """Return the constant level of some frames of a plane (sample values), and its share of their cutouts' light.
 
-    The last is whether it was seen where the point sends nothing. A level below none has a negative share, and one of
-    more light than there is an infinite one.
+    The third value says whether the level was measured outside the point's light. A negative level has a negative
+    share; a level with more light than the pattern has an infinite share.
 
-    On whole sensor frames the level is that beyond the cutout, where the point sends nothing. Frames that are
-    cutouts have no such place: there it is the darkest block of their mean, which a pattern that fills the cutout
-    raises.
+    On whole sensor frames, the level is measured outside the cutout, where the point sends no light. Frames that are
+    cutouts have no such place. There, the level is that of the darkest block of their mean, which is too high if a
+    pattern fills the cutout.
     """
     levels, cuts = [], []
     for index in indices:
         try:
             cut, around = gatherer.cut(index), _surroundings(gatherer, index)
         except FileFormatError:
-            continue  # damaged: who cuts it out says so, or leaves it out
+            continue  # damaged: this is reported when its pattern is cut out
         cuts.append(cut.values.astype(np.float64))
         if around is not None:
             level, error = _level(around)
@@ -82,9 +82,9 @@ def _darkest_block(mean: NDArray[np.float64]) -> float:
 
 
 def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, subtracted: bool = False) -> None:
-    """Raise `InputError` where a constant level would make more than the share ``limit`` of a plane's light.
+    """Raise `InputError` if a constant level makes up more than the share ``limit`` of a plane's light.
 
-    So it does where it is too high or too low, if something was ``subtracted`` before.
+    It may be too high or too low, if a level was already ``subtracted``.
     """
     by_plane: list[list[int]] = [[] for _ in range(planes)]
     for index, info in enumerate(gatherer.infos):
@@ -94,7 +94,7 @@ def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, sub
         if not indices:
             continue
         level, share, seen = pedestal_share(gatherer, indices[:: max(1, len(indices) // SAMPLED)])
-        # a pattern that fills its cutout raises the darkest block of one that had its level subtracted rightly
+        # a pattern that fills its cutout has a bright darkest block even if the level was subtracted correctly
         if abs(share) <= limit or (subtracted and level > 0 and not seen):
             continue
         told = f"{100 * share:.3g} %" if math.isfinite(share) else "more than all their light"
@@ -102,7 +102,7 @@ def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, sub
         if subtracted:
             told += " after dark or black level"
             how = (
-                "give those of these frames (gain, exposure, bits: --shift), or background border; or keep it "
+                "give the values for these frames (gain, exposure, bits: --shift), or background border; or keep it "
                 "(--keep-pedestal)"
             )
         raise InputError.expected(

@@ -1,7 +1,7 @@
-"""Reading of numbers, arrays and tables from a Python pickle without running any code in it.
+"""Read numbers, arrays and tables from a Python pickle without running any code in it.
 
-A pickle is a program that may call any function of this machine. Here it may name only a few objects, each replaced by
-a placeholder that stores its arguments; even numpy functions are not called.
+A pickle is a program that may call any function on this computer. Here it may name only a few objects. Each is
+replaced by a placeholder that stores its arguments; not even numpy functions are called.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lfcal.base import FileFormatError, UnsafeFileError
 __all__ = ["Record", "load_plain"]
 
 MAX_ITEMS = 1 << 31
-"""Samples in an array above which a pickle is refused."""
+"""Largest number of samples in an array; a pickle with more is refused."""
 
 
 class Record:
@@ -47,7 +47,7 @@ class _Type:
         self._order = order if order in ("<", ">") else ""
 
     def dtype(self) -> np.dtype[Any]:
-        """Return the type; only real numbers and truth values."""
+        """Return the type; only real numbers and booleans are allowed."""
         known = {f"{kind}{size}" for kind in "iuf" for size in (1, 2, 4, 8)} - {"f1"} | {"b1"}
         if not isinstance(self._code, str) or self._code not in known:
             raise _Refused(f"values of type {self._code!r}")
@@ -114,7 +114,7 @@ class _Reader(pickle.Unpickler):
         self._classes = classes
 
     def find_class(self, module: str, name: str) -> Any:
-        """Return the stand-in of what a pickle names."""
+        """Return the placeholder for an object that a pickle names."""
         # create a new one each time, because a pickle may set attributes of objects it receives
         if module.split(".")[0] == "numpy" and name == "ndarray":
             return type("Array", (), {})
@@ -128,17 +128,17 @@ class _Reader(pickle.Unpickler):
         return lambda *arguments: stand_in(*arguments)
 
     def persistent_load(self, pid: Any) -> Any:
-        """Refuse what lies outside of the pickle."""
+        """Refuse objects that are stored outside of the pickle."""
         raise _Refused("data outside of it")
 
 
 def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
-    """Return what a pickle holds: plain Python values, arrays, and a `Record` for an object of one of ``classes``.
+    """Return the contents of a pickle: plain Python values, arrays, and a `Record` for an object of one of ``classes``.
 
     Raises
     ------
     UnsafeFileError
-        If it asks for anything else.
+        If the pickle names any other object.
     FileFormatError
         If it is damaged.
     """
@@ -147,11 +147,11 @@ def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
         return _resolved(_Reader(data, classes).load(), 0, {})
     except _Refused as error:
         raise UnsafeFileError.expected(
-            where, "numbers and arrays", f"a pickle that asks for {error}", "take the file from its source again"
+            where, "numbers and arrays", f"a pickle that asks for {error}", "get the file from its source again"
         ) from error
     except Exception as error:  # a damaged pickle raises whatever the step does that it broke
         raise FileFormatError.expected(
-            where, "an intact pickle", type(error).__name__, "take the file from its source again"
+            where, "an intact pickle", type(error).__name__, "get the file from its source again"
         ) from error
 
 

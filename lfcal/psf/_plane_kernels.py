@@ -43,7 +43,7 @@ def add_patterns(patterns: NDArray[Any], out: NDArray[np.float64], start: int, s
     traffic, and has the rounding error of a tree: at most n 2^-53 of a sum of n non-negative values.
     """
     n = patterns.shape[0]
-    eights = n // 8 * 8  # what is left over is added one by one
+    eights = n // 8 * 8  # the remaining patterns are added one by one
     total = out[start:stop]
     for k in range(0, eights, 8):
         a, b = patterns[k, start:stop], patterns[k + 1, start:stop]

@@ -1,4 +1,4 @@
-"""Where the values of H come from: an array, a file, or the transpose of either, one depth plane at a time."""
+"""Sources of the values of H, one depth plane at a time: an array, a file, or the transpose of either."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Index = tuple[int | slice, ...]
 
 @runtime_checkable
 class Planes(Protocol):
-    """The planes of one matrix ``(nz, ny, nx, nt, ns)``; what they return must not be written to."""
+    """The planes of one matrix ``(nz, ny, nx, nt, ns)``; returned arrays must not be modified."""
 
     shape: tuple[int, int, int, int, int]
     dtype: np.dtype[Any]
@@ -43,13 +43,13 @@ class Planes(Protocol):
         ...
 
     def transposed(self) -> Planes:
-        """Return the planes of the transposed matrix, computed when asked for."""
+        """Return the planes of the transposed matrix, computed when they are read."""
         ...
 
 
 @runtime_checkable
 class DerivedPlanes(Protocol):
-    """Planes that are made of others: scaled, transposed, in another order."""
+    """Planes that are computed from others: scaled, transposed, or in another order."""
 
     base: Planes
 
@@ -78,7 +78,7 @@ class ArrayPlanes:
 
 
 class FilePlanes(ArrayPlanes):
-    """Planes of a memory-mapped file, of which nothing is known but its shape."""
+    """Planes of a memory-mapped file of which only the shape is known."""
 
     def __init__(self, array: NDArray[Any], path: Path) -> None:
         super().__init__(array)
@@ -91,7 +91,7 @@ class FilePlanes(ArrayPlanes):
         return plane
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
-        """Return one pattern as a view; raises `FileFormatError` where it holds NaN or infinity."""
+        """Return one pattern as a view; raises `FileFormatError` if it contains NaN or infinity."""
         pattern = super().cutout(z, y, x)
         _check_finite(pattern, f"{self.path}, position ({z}, {y}, {x})")
         return pattern
@@ -104,7 +104,7 @@ class DatasetPlanes:
         self.dataset = data
         self.shape = _five(data.shape)
         self.dtype = data.dtype
-        # the kept plane is shared: a second thread must not replace it while it is filled
+        # threads share the kept plane: no other thread may replace it while it is being filled
         self._lock = threading.RLock()
         self._kept: tuple[int, NDArray[Any]] | None = None
 
@@ -122,7 +122,7 @@ class DatasetPlanes:
             return self._kept[1]
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
-        """Return one pattern: from the kept plane, else from its chunk alone."""
+        """Return one pattern, from the kept plane if possible, else from its chunk alone."""
         with self._lock:
             if self._kept is not None and self._kept[0] == z:
                 pattern: NDArray[Any] = self._kept[1][y, x]
@@ -152,7 +152,7 @@ class DatasetPlanes:
 
 
 def as_planes(data: Any) -> Planes:
-    """Return the planes of an array of numbers, a memory map, a dataset, or of what is planes already.
+    """Return the planes of an array of numbers, a memory map, a dataset, or an object that already provides planes.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def as_planes(data: Any) -> Planes:
 
 
 def as_stored(planes: Planes) -> Planes:
-    """Return planes as they are stored, before scales, transposes and another code's order."""
+    """Return planes as they are stored, before scales, transposes and the order of another code are applied."""
     while isinstance(planes, DerivedPlanes):
         planes = planes.base
     return planes
@@ -189,7 +189,7 @@ def _check_finite(values: NDArray[Any], where: str) -> None:
     """Raise `FileFormatError` if ``values`` ``(…, nt, ns)`` contain NaN, infinity, or impossible counts."""
     if values.dtype.kind not in "fc":
         return
-    # extremes are NaN if a value is, and need no additional array
+    # minimum and maximum are NaN if any value is, and need no additional array
     parts = (values.real, values.imag) if values.dtype.kind == "c" else (values,)
     ends = [end for part in parts for end in (part.max(axis=(-2, -1)), -part.min(axis=(-2, -1)))]
     with np.errstate(invalid="ignore"):  # converting some kinds of NaN warns
@@ -230,7 +230,7 @@ class TransposedPlanes:
         return ht_slice(self.base.plane(z), y, x)
 
     def transposed(self) -> Planes:
-        """Return the planes this is the transpose of."""
+        """Return the planes that these are the transpose of."""
         return self.base
 
 
@@ -243,7 +243,7 @@ class ScaledPlanes:
         self.dtype = np.dtype(np.float32)
 
     def _values(self, stored: NDArray[Any], z: int) -> NDArray[np.float32]:
-        with np.errstate(over="ignore"):  # of stored floats; integers were checked when the file was opened
+        with np.errstate(over="ignore"):  # only for stored floats; integers were checked when the file was opened
             values = stored.astype(np.float32)
             # in place: a plane may be several GB
             values *= np.float32(self.scale[z])

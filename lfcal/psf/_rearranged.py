@@ -1,4 +1,4 @@
-"""The planes of H out of the order and size that another code keeps them in, and into it."""
+"""Convert the planes of H between lfcal's order and size and those of another code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Window = tuple[slice, slice]
 
 
 def placed(values: NDArray[Any], window: Window, cutout: tuple[int, int]) -> NDArray[Any]:
-    """Return a window of patterns ``(…, t, s)`` in the middle of a ``cutout`` of zeros, as a new array.
+    """Return patterns ``(…, t, s)``, cropped to a window, in the middle of a ``cutout`` of zeros, as a new array.
 
     The middle pixel of the new cutout is pixel ``L // 2`` of a window of L pixels. MATLAB's ``conv2(…, 'same')`` uses
     it as the middle of a kernel, also for even L.
@@ -36,7 +36,7 @@ def placed(values: NDArray[Any], window: Window, cutout: tuple[int, int]) -> NDA
 
 
 def padding_note(shape: tuple[int, int]) -> str:
-    """Return how patterns of an even number of pixels become odd; empty where ``shape`` is odd."""
+    """Return a note on how patterns with an even number of pixels become odd; empty if ``shape`` is odd."""
     rows, columns = (n + 1 - n % 2 for n in shape)
     if (rows, columns) == shape:
         return ""
@@ -91,7 +91,7 @@ class PlacedPlanes:
 
 
 class MirroredPlanes:
-    """A matrix whose file contains the first half of the positions each way; the others are mirror images.
+    """A matrix whose file contains the first half of the positions along each axis; the others are mirror images.
 
     ``H[z, ny - 1 - y, x, t, s] = H[z, y, x, nt - 1 - t, s]``, and the same for x and s; ny = 2 rows - 1.
     """

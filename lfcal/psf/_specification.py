@@ -1,4 +1,4 @@
-"""An H file compared with the published specification of its version, in ``schema/``."""
+"""Check an H file against the published specification of its version, in ``schema/``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def schema(version: int = VERSION) -> dict[str, Any]:
 
 
 def deviations_of(file: H5File) -> list[str]:
-    """Return each deviation of an H file from the specification of its version, a line each that names the place."""
+    """Return the deviations of an H file from the specification of its version, one line each with its place."""
     unread: list[str] = []
     description = describe(file, unread)
     found = list(deviations(description, schema(file.attributes().integer("version") or VERSION)))
@@ -38,9 +38,9 @@ def deviations_of(file: H5File) -> list[str]:
 
 
 def describe(file: H5File, unread: list[str]) -> dict[str, Any]:
-    """Return an H file as the schema describes it: names, types, shapes and attributes, no data.
+    """Return an H file in the form that the schema describes: names, types, shapes and attributes, without data.
 
-    Entries that cannot be read are left out, and named in ``unread``.
+    Entries that cannot be read are left out and listed in ``unread``.
     """
     whole = _matrix(file, "", unread)
     if REGIONS in file:

@@ -1,4 +1,4 @@
-"""Where the point's pattern is in a few frames of a scan, whatever way these lie."""
+"""Find the point's pattern in a few frames of a scan, in any orientation of the frames."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from lfcal.frames import FrameInfo, FrameSource
 __all__ = ["SpotPath", "iter_spot_path", "path_frames"]
 
 GRIDS = {1: (4, 5), 2: (3, 3), 3: (2, 3)}
-"""Rows and columns of positions looked at in each of so many planes: about 20 frames in all."""
+"""Number of rows and columns of positions examined in each plane, by number of planes: about 20 frames in all."""
 
 SIDE = 512
-"""Larger frames are averaged over blocks down to this many pixels a side."""
+"""Side to which larger frames are reduced by averaging blocks (pixels)."""
 
 DETECT = 6.0
-"""Ratio of light to noise above which light counts."""
+"""Signal-to-noise ratio above which light counts."""
 
 FAINT = 0.05
-"""Share of the peak below which light does not count: the wings of the noise would pull a centroid."""
+"""Share of the peak below which light is ignored, because fluctuations of the noise would shift a centroid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,8 @@ class SpotPath:
 def path_frames(infos: Sequence[FrameInfo], shape: tuple[int, int, int]) -> list[int]:
     """Return about 20 frames spread over a scan of ``shape`` (nz, ny, nx): first, middle and last plane, wide apart.
 
-    Frames of many points and those beyond the scan are passed over; of missing positions the nearest ones are taken.
+    Frames of many points and frames beyond the scan are skipped. Instead of a missing position, the nearest one is
+    used.
     """
     known = [k for k, info in enumerate(infos) if len(info.points) == 1]
     at = np.array([infos[k].points[0] for k in known], np.intp).reshape(-1, 3)
@@ -74,8 +75,8 @@ def path_frames(infos: Sequence[FrameInfo], shape: tuple[int, int, int]) -> list
 def iter_spot_path(source: FrameSource, shape: tuple[int, int, int], cutout: tuple[int, int]) -> Work[SpotPath]:
     """Read about 20 frames and find the pattern in each.
 
-    Static content (background, reflections, hot pixels) is subtracted. The pattern is where a window of the cutout's
-    size contains most of the remaining light; its place is the centroid in that window.
+    Static content (background, reflections, hot pixels) is subtracted. The pattern is in the window of the cutout's
+    size that contains most of the remaining light; its place is the centroid in that window.
 
     Parameters
     ----------
@@ -95,9 +96,9 @@ def iter_spot_path(source: FrameSource, shape: tuple[int, int, int], cutout: tup
         yield clock.at(done)
         small.append(_averaged(source.read(index), block))
     yield clock.at(len(chosen))
-    # frames that are cutouts show another part of the sensor each: none of their pixels can be compared
+    # each cutout shows a different part of the sensor, so none of their pixels can be compared
     still = len(small) >= 6 and len({infos[k].origin for k in chosen}) == 1
-    # a third: above the dark frames among them, below a pattern that is in most of them
+    # a third: above the dark frames among them, below a pattern that appears in most of them
     low = len(small) // 3
     common = np.partition(np.stack(small), low, axis=0)[low] if still else np.float32(0)
     side = max(3, round(max(cutout) / block) | 1)
@@ -136,7 +137,7 @@ def _place(frame: NDArray[np.float32], side: int) -> tuple[float, float] | None:
         return None
     light = np.where(smooth - level > max(DETECT * noise, FAINT * peak), smooth - level, 0)
     crowd = ndimage.uniform_filter(light, side, mode="constant")
-    # a plateau has many highest places: their mean, not the first of them
+    # a plateau has many highest places: use their mean, not the first
     at = np.argwhere(crowd >= crowd.max() * (1 - 1e-4)).mean(axis=0)
     half = side / 2
     for _ in range(4):

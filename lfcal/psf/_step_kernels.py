@@ -1,4 +1,4 @@
-"""Compiled loops over single patterns: their light by row and column, and their values in whole steps."""
+"""Compiled loops over single patterns: their light by row and column, and their values rounded to steps."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["add_rounded", "error_of_step", "light_by_line", "round_pattern", "va
 
 @njit(error_model="numpy")
 def light_by_line(pattern: NDArray[Any], rows: NDArray[Any], columns: NDArray[Any]) -> tuple[float, float, float]:
-    """Fill ``rows`` (nt,) and ``columns`` (ns,) with sums of sizes of ``pattern`` (nt, ns).
+    """Fill ``rows`` (nt,) and ``columns`` (ns,) with the sums of the magnitudes of ``pattern`` (nt, ns).
 
     Returns
     -------
     tuple of float
-        Sum of all sizes, lowest and highest value.
+        Sum of all magnitudes, lowest and highest value.
     """
     rows[:] = 0
     columns[:] = 0
@@ -37,7 +37,7 @@ def light_by_line(pattern: NDArray[Any], rows: NDArray[Any], columns: NDArray[An
 
 @njit(error_model="numpy")
 def error_of_step(pattern: NDArray[Any], window: tuple[int, int, int, int], step: float) -> float:
-    """Return the sum of what values within ``window`` (first and last row, column) lack in whole steps."""
+    """Return the total rounding error of values within ``window`` (first and last row, column) in whole steps."""
     error, each = 0.0, 1 / step
     for t in range(window[0], window[1] + 1):
         line, lacking = pattern[t], 0.0
@@ -73,14 +73,14 @@ def write_steps(
             count = np.rint(line[s] * each)
             if abs(count) > most:
                 lost += 1
-            to[s] = np.float32(count * step + 0.0)  # no negative zero, which would cost a bit
+            to[s] = np.float32(count * step + 0.0)  # no negative zero, which would cost one bit
             error += abs(line[s] - np.float64(to[s]))
     return outside, error, total, lost
 
 
 @njit(error_model="numpy")
 def round_pattern(pattern: NDArray[Any], step: float, out: NDArray[Any]) -> None:
-    """Fill ``out`` (nt, ns), float32, with ``pattern`` in whole steps, a power of two wide."""
+    """Fill ``out`` (nt, ns), float32, with ``pattern`` rounded to whole steps whose width is a power of two."""
     each = 1 / step
     for t in range(pattern.shape[0]):
         line, to = pattern[t], out[t]
@@ -90,7 +90,7 @@ def round_pattern(pattern: NDArray[Any], step: float, out: NDArray[Any]) -> None
 
 @njit(error_model="numpy")
 def add_rounded(pattern: NDArray[Any], step: float, total: NDArray[np.float64]) -> tuple[float, float]:
-    """Add ``pattern`` in whole steps to ``total`` (nt, ns); return the sums of errors and of sizes."""
+    """Add ``pattern`` in whole steps to ``total`` (nt, ns); return the sums of errors and of magnitudes."""
     error, size, each = 0.0, 0.0, 1 / step
     for t in range(pattern.shape[0]):
         line, to = pattern[t], total[t]
@@ -106,7 +106,7 @@ def add_rounded(pattern: NDArray[Any], step: float, total: NDArray[np.float64]) 
 def values_of_steps(stored: NDArray[Any], step: NDArray[Any], zero: NDArray[Any], out: NDArray[Any]) -> None:
     """Fill ``out`` ``(n, pixels)`` with ``(stored - zero) * step``, float32; ``step`` and ``zero`` are ``(n,)``.
 
-    So patterns are stored in files of version 3.
+    Patterns are stored like this in files of version 3.
     """
     for k in range(stored.shape[0]):
         line, to, by, nothing = stored[k], out[k], step[k], np.int32(zero[k])

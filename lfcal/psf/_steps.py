@@ -1,4 +1,4 @@
-"""Patterns in whole steps with a separate step for each pattern, as in an H file within a tolerance.
+"""Patterns in whole steps, with a separate step for each, as they are stored in an H file with a tolerance.
 
 A pattern loses the light outside its plane's window, and the rounding of its values to whole steps. Both are measured
 on the values as read back, as shares (L1) of the pattern. Since an image is a sum of patterns, |(H - Hs) g|_1 is at
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 MOST = 65535
-"""Steps that a stored value has at most."""
+"""Largest number of steps of a stored value."""
 
 CUT = 0.1
 """Share of the tolerance spent on light outside the window, if that saves rows or columns."""
@@ -40,7 +40,7 @@ CLOSE = 0.97
 """Share of the allowed rounding error above which no larger step is searched for."""
 
 TRIALS = 24
-"""Steps that are tried at most; five do nearly always."""
+"""Number of steps that are tried at most; five are nearly always enough."""
 
 DIGITS = 2
 """Binary digits of a step: multiples of a step of 24 digits would fill the mantissa of a float32 with noise."""
@@ -73,31 +73,31 @@ class SteppedPlane:
 
     @property
     def bound(self) -> NDArray[np.float64]:
-        """Largest share that a pattern lacks: by cutting, by rounding, and of both together ``(3,)``."""
+        """Largest share that a pattern loses: by cutting, by rounding, and by both together ``(3,)``."""
         return np.array([self.cut.max(), self.rounding.max(), (self.cut + self.rounding).max()])
 
 
 def check_store_tolerance(tolerance: float) -> float:
-    """Return a tolerance of storage; raises `InputError` unless it lies between 0 and 1."""
+    """Return a tolerance of storage; raises `InputError` unless it is between 0 and 1."""
     if not 0 < tolerance < 1:
         raise InputError.expected("tolerance of storage", "a share above 0 and below 1", tolerance, "0.005 is 0.5 %")
     return float(tolerance)
 
 
 def bits_at_most(tolerance: float) -> float:
-    """Return the bits an entry takes at most, whatever H holds: those of a Laplacian, and two to spare.
+    """Return the largest number of bits of an entry for any H: the entropy of a Laplacian, and two bits to spare.
 
-    Of all values of a mean size b a Laplacian's have the most entropy, log2(2 e b) bits; steps that lack
-    tolerance * b in the mean are 4 * tolerance * b wide. Exponents and mantissas are compressed apart, which costs
-    about five bits.
+    Of all distributions with mean magnitude b, the Laplacian has the most entropy, log2(2 e b) bits. Steps with a
+    mean error of tolerance * b are 4 * tolerance * b wide. Exponents and mantissas are compressed separately, which
+    costs about five bits.
     """
     return min(24.0, math.log2(math.e / 2 / tolerance) + 7)
 
 
 def bound_after(before: NDArray[np.float64] | None, bound: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the bound (cut, rounding, both) of values within ``bound`` of those that were within ``before`` of H.
+    """Return the bound (cut, rounding, both) of values within ``bound`` of values that were within ``before`` of H.
 
-    What was left has patterns of at most ``1 + before`` times the light of H's.
+    The patterns after the first loss have at most ``1 + before`` times the light of H's patterns.
     """
     if before is None or not np.isfinite(before).all():
         return bound
@@ -148,9 +148,9 @@ def stepped_plane(
                 if lost or cut[y, x] + rounding[y, x] > limit:
                     raise InputError.expected(
                         f"{what}, position ({y}, {x}), tolerance of storage",
-                        f"what {MOST} steps of float32 can keep",
+                        f"a tolerance that {MOST} steps of float32 can keep",
                         f"{100 * limit:.3g} %",
-                        "take a larger tolerance, or store it as float32",
+                        "choose a larger tolerance, or store H as float32",
                     )
 
     for_each_chunk(write, ny, workers)
@@ -185,9 +185,9 @@ def _step(
     if total == 0 or window[1] < window[0]:
         return 1.0
     inner = pattern[window[0] : window[1] + 1, window[2] : window[3] + 1]
-    # values are read back as float32, whose rounding is part of what is measured
+    # values are read back as float32, so that this rounding is part of the measured error
     room = max(0.0, (tolerance - 2e-7) * total - max(0.0, total - float(np.abs(inner).sum())))
-    # the widest error of a step is half of it, in the mean a quarter
+    # rounding errors are at most half a step, and a quarter on average
     finest = (high - low) / (MOST - 1)
     step = max(finest, 4 * room / inner.size)
     good, bad, last = finest, math.inf, (0.0, 0.0)
@@ -204,7 +204,7 @@ def _step(
             power = float(np.clip(math.log(found / last[1]) / math.log(step / last[0]), 0.3, 3))
         last = (step, found)
         guess = step * (0.985 * room / found) ** (1 / power) if found > 0 else 16 * step
-        # between what is good and what is not, once both are known
+        # bisect between a good and a bad step once both are known
         step = guess if good < guess < bad else math.sqrt(good * bad) if math.isfinite(bad) else 4 * good
         if (math.isfinite(bad) and bad < 1.001 * good) or step > 4 * (high - low):
             break
@@ -229,9 +229,9 @@ def _of_few_digits(pattern: NDArray[np.float64], window: tuple[int, int, int, in
 
 
 def step_of_range(low: float, high: float) -> float:
-    """Return the power of two that leaves 65535 steps or more between ``low`` and ``high``, 0 among them; 0: none.
+    """Return the power of two that leaves at least 65535 steps between ``low`` and ``high`` (0 included); 0: none.
 
-    Values are rounded by a quarter of it in the mean, and whole numbers up to 65535 not at all.
+    The mean rounding error is a quarter of it; whole numbers up to 65535 are not rounded at all.
     """
     spread = max(high, 0.0) - min(low, 0.0)
     return 2.0 ** math.floor(math.log2(spread / MOST)) if spread / MOST >= LEAST_STEP else 0.0
@@ -272,5 +272,5 @@ class SteppedPlanes:
         return found
 
     def transposed(self) -> Planes:
-        """Return the planes of the transposed matrix: each of its patterns is of many steps."""
+        """Return the planes of the transposed matrix, whose patterns each contain values of many steps."""
         return TransposedPlanes(self)

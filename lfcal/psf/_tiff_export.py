@@ -1,7 +1,7 @@
 """H as TIFF that ImageJ opens as a hyperstack: Z is depth, T the source position, with µm and a label on each page.
 
-What ImageJ's own format cannot hold (other numbers than uint8, uint16 and float32; 4 GB and more) is OME-TIFF, which
-Fiji opens through Bio-Formats.
+ImageJ's own format holds only uint8, uint16 and float32 and less than 4 GB. Other H become OME-TIFF, which Fiji opens
+through Bio-Formats.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ __all__ = ["iter_write_tiff", "tiff_files"]
 Position = tuple[int, int]
 
 ONE_FILE_BYTES = 1 << 30
-"""Above this there is a file per depth plane: a hyperstack is put in order in memory, and so does ImageJ open it."""
+"""Size above which each depth plane is a separate file, because a hyperstack must fit into memory."""
 
 IMAGEJ_BYTES = 0xF000_0000
 IMAGEJ_TYPES = ("uint8", "uint16", "float32")
@@ -32,7 +32,7 @@ OME_TYPES = (*IMAGEJ_TYPES, "int8", "int16", "int32", "uint32", "float64")
 
 
 def tiff_files(matrix: PSFMatrix, path: str | os.PathLike[str], position: Position | None = None) -> list[Path]:
-    """Return the files that `iter_write_tiff` writes: ``path`` itself, or of a large H one for each plane."""
+    """Return the files that `iter_write_tiff` writes: ``path``, or for a large H one file for each plane."""
     target = Path(path)
     if position is not None or matrix.nbytes <= ONE_FILE_BYTES:
         return [target]
@@ -42,7 +42,7 @@ def tiff_files(matrix: PSFMatrix, path: str | os.PathLike[str], position: Positi
 def iter_write_tiff(
     matrix: PSFMatrix, path: str | os.PathLike[str], *, position: Position | None = None, quality: str = ""
 ) -> Work[Path]:
-    """Write patterns as hyperstacks; a word for the ``quality`` of H goes into the file's description.
+    """Write patterns as hyperstacks; ``quality``, the quality of H in words, goes into the file's description.
 
     With ``position`` (y, x), write a single stack over depth, ``ZYX``. Without it, write every position: one file
     ``TZYX`` (positions y slow, x fast), or for an H above 1 GiB one file ``TYX`` per plane, ``NAME_z000.tif`` …
@@ -50,7 +50,7 @@ def iter_write_tiff(
     Raises
     ------
     InputError
-        If there is no such position, or H has numbers that TIFF readers cannot show.
+        If there is no such position, or TIFF readers cannot show the type of H's numbers.
     """
     target = Path(path)
     if matrix.dtype.name not in OME_TYPES:
@@ -110,7 +110,7 @@ def _write(
         if spacing:
             known["spacing"] = spacing
         metadata = {"axes": "TZYX", "hyperstack": True, "mode": "grayscale", "Labels": labels, "Info": about, **known}
-        scale = (1 / pixel[1], 1 / pixel[0]) if pixel else None  # TIFF says x first
+        scale = (1 / pixel[1], 1 / pixel[0]) if pixel else None  # TIFF has x first
         write_tiff(file, pages, imagej=True, resolution=scale, metadata=metadata)
         return
     rows, columns = pixel or (None, None)
@@ -144,6 +144,10 @@ def _description(matrix: PSFMatrix, planes: Sequence[int]) -> str:
             f"PSF matrix {name} of lfcal; patterns of {matrix.cutout[0]} x {matrix.cutout[1]} pixels {where}",
             f"T: positions of {ny} x {nx}, y slow, x fast; Z: depth, away from the camera",
             f"depths (um): {' '.join(f'{z:g}' for z in depths)}" if matrix.knows_depths else "depths: not stated",
-            *([] if even else ["the depths are not evenly spaced: the spacing is their mean, the labels say each"]),
+            *(
+                []
+                if even
+                else ["the depths are not evenly spaced: the spacing is their mean, the labels give each depth"]
+            ),
         ]
     )

@@ -51,7 +51,7 @@ def transpose(
     ------
     InputError
         If the shape is not that of a PSF matrix, the dtype is not a number, ``out`` does not fit or overlaps H, or the
-        method needs an odd period and it is even.
+        method needs an odd period but it is even.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def _as_words(array: NDArray[Any], *, write: bool = False) -> NDArray[Any]:
     size = array.dtype.itemsize
     # same permutation for every type: a kernel compiled for each word size serves floats, integers and bool
     words = np.asarray(array).view(np.complex128 if size == 16 else f"u{size}")
-    words.flags.writeable = write  # what is read is always read-only, so that each kernel is compiled once
+    words.flags.writeable = write  # input is always read-only, so that each kernel is compiled only once
     return words
 
 
@@ -250,14 +250,14 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     _check_dtype(plane.dtype)
     plane = np.asarray(plane)
     kind: Any = np.complex128 if plane.dtype.kind == "c" else np.float64
-    # numpy's own sum knows strides and foreign byte order; float16 and long double have no kernel
+    # numpy's own sum handles strides and foreign byte order; float16 and long double have no kernel
     if not (_plain(plane) and plane.dtype.isnative) or plane.dtype in (np.float16, np.longdouble):
         strided: NDArray[Any] = plane.sum(axis=(0, 1), dtype=kind)
         return strided
     from lfcal.psf import _plane_kernels
 
     patterns = plane.reshape(ny * nx, nt * ns)
-    # real and imaginary parts add up separately, as twice as many real columns
+    # real and imaginary parts are added separately, as twice the number of real columns
     if kind is np.complex128:
         patterns = patterns.view(plane.real.dtype)
     elif plane.dtype == np.bool_:
@@ -280,7 +280,7 @@ def border_energy(H: Any) -> float:
     energy = np.zeros((nt, ns))
     for z in range(shape[0]):
         plane = np.asarray(H[z])
-        # unsigned values need no abs(), so the fast sum does
+        # unsigned values need no abs(), so the fast sum can be used
         if plane.dtype.kind in "bu":
             energy += depth_sum(plane)
         else:
@@ -293,7 +293,7 @@ def border_energy(H: Any) -> float:
 
 
 def border_warning(H: Any, limit: float = BORDER_LIMIT) -> str | None:
-    """Return a line for the user where more than ``limit`` of the energy lies near the edge, else None."""
+    """Return a warning if more than ``limit`` of the energy lies near the edge of the cutout, else None."""
     share = border_energy(H)
     if share <= limit:
         return None

@@ -1,4 +1,4 @@
-"""How an H travels to another process: as what opens its file again, or as its values where they are in memory."""
+"""Send an H to another process: as the call that opens its file again, or as its values if they are in memory."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def reduced(
     Raises
     ------
     InputError
-        For a dataset or memory map opened by the caller, which would be sent by value or not at all.
+        For a dataset or memory map that the caller opened: its file cannot be opened again.
     """
     if again is not None:
         return _turned, (again, transposed)
@@ -56,7 +56,10 @@ def reduced(
         stored = as_stored(one)
         if not isinstance(stored, ArrayPlanes) or isinstance(stored.array, np.memmap):
             raise InputError.expected(
-                "H for another process", "a file opened by open_psf, or an array", type(stored).__name__, "open it so"
+                "H for another process",
+                "a file opened by open_psf, or an array",
+                type(stored).__name__,
+                "open it with open_psf",
             )
     return _rebuilt, (kind, {key: value for key, value in state.items() if key not in _fresh()})
 

@@ -1,4 +1,4 @@
-"""Every plane of an H file compared with its checksum; damage is located as far as that is possible."""
+"""Compare every plane of an H file with its checksum, and locate damage as closely as possible."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ __all__ = ["DamagedPlane", "MatrixCheck", "iter_verify", "verify"]
 
 @dataclass(frozen=True, slots=True)
 class DamagedPlane:
-    """A plane that differs from what was written.
+    """A plane that differs from the plane that was written.
 
     Attributes
     ----------
     region
-        Region of the field, empty for the only one.
+        Region of the field; empty if there is only one.
     z
         Depth plane.
     what
-        ``"damaged"``: patterns cannot be decoded; ``"changed"``: all can, but their checksum differs;
-        ``"not finite"``: there are NaN or infinite values; ``"depth sum changed"``: the stored sum over all positions
-        differs from that of the patterns; ``"uncertainty damaged"``: stated standard deviations cannot be decoded.
+        ``"damaged"``: patterns cannot be decoded; ``"changed"``: all can, but their checksum differs; ``"not
+        finite"``: there are NaN or infinite values; ``"depth sum changed"``: the stored sum over all positions is not
+        the sum of the patterns; ``"uncertainty damaged"``: stored standard deviations cannot be decoded.
     positions
         The affected patterns (z, y, x); empty if only the plane is known.
     """
@@ -86,25 +86,25 @@ class MatrixCheck:
 
     @property
     def ok(self) -> bool:
-        """Whether everything that could be checked is as it was written, and as the format says."""
+        """Whether everything that can be checked is as it was written and follows the format."""
         return not self.damaged and not self.deviations
 
     def lines(self, most: int = 20) -> Iterator[str]:
-        """Yield every damaged plane, with ``most`` of its positions, and each deviation from the format, in words."""
+        """Yield each damaged plane with up to ``most`` positions, and each deviation from the format, in words."""
         for found in self.damaged:
             name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
             listed = ", ".join(str(tuple(p)) for p in found.positions[:most])
             more = f" and {len(found.positions) - most} more" if len(found.positions) > most else ""
             yield f"{name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else "")
         for line in self.deviations:
-            yield f"not as the format says: {line}"
+            yield f"not as the format requires: {line}"
 
     @property
     def known(self) -> str:
-        """How many planes are whole, for a verdict."""
+        """Number of intact planes in words, for a verdict."""
         bad = len({(one.region, one.z) for one in self.damaged})
         how = "compared with their checksums" if self.compared else "read; a file of version 1 has no checksums"
-        return f"whole in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
+        return f"intact in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:
@@ -136,7 +136,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
         raise StorageError(f"{source}: no such file or folder; check the path")
     if source.suffix.lower() in FOREIGN:
         got = f"a {source.suffix.lower()} file, which has no checksums"
-        raise FileFormatError.expected(str(source), "an H file of lfcal (.h5)", got, "look at it by lfcal inspect")
+        raise FileFormatError.expected(str(source), "an H file of lfcal (.h5)", got, "check it with lfcal inspect")
     regions = regions_of(source)
     with H5File(source) as file:
         strays = deviations_of(file) if (file.attributes().integer("version") or 0) >= CHECKED_VERSION else []
@@ -151,7 +151,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
         except InputError as error:
             if not strays:
                 raise
-            # what is wrong with it has been named already
+            # the deviations above already say what is wrong with it
             strays.append(f"{f'region {region}' if region else 'H'} cannot be opened: {error}")
             continue
         with H5File(source) as file:
@@ -197,7 +197,7 @@ class _Stored(NamedTuple):
 
     @classmethod
     def of(cls, file: H5File, prefix: str, data: H5Data) -> _Stored:
-        """Read it."""
+        """Read the dataset."""
         planes = data.shape[0]
         checksum = file.values(f"{prefix}checksum", (planes,), kinds="u")
         sums = file.values(f"{prefix}depth_sum", (planes, *data.shape[3:]))
@@ -205,7 +205,7 @@ class _Stored(NamedTuple):
         return cls(checksum, sums, scale, offset, steps_in(file, prefix, data))
 
     def sums_agree(self, z: int, plane: NDArray[Any], workers: int | None) -> bool:
-        """Return whether the stored sum of plane ``z`` is that of its patterns, to rounding."""
+        """Return whether the stored sum of plane ``z`` equals the sum of its patterns, up to rounding."""
         count = plane.shape[0] * plane.shape[1]
         if self.steps is not None:
             plane = plane_of_steps(plane, self.steps[0][z], self.steps[1][z], workers)

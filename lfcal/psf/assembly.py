@@ -1,4 +1,4 @@
-"""Assembly of H from frames: the frames are checked first, then gathered plane by plane.
+"""Assemble H from frames: the frames are checked first, then assembled plane by plane.
 
 `iter_assemble_plan` is used by the command line, the window and scripts; `iter_assemble` needs no plan.
 """
@@ -50,18 +50,18 @@ __all__ = [
 ]
 
 FRAME_FACTS = ("codec", "origin")
-"""Metadata of a frame source that H keeps with the number of frames."""
+"""Metadata of a frame source that H stores besides the number of frames."""
 
 SAMPLED = 24
-"""Frames that a cutout is chosen by."""
+"""Number of frames from which an automatic cutout is found."""
 
 QUICK_S = 2e-3
-"""Processor time of a frame (s) below which more threads assemble no faster."""
+"""Processor time of a frame (s) below which more threads do not make an assembly faster."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssemblyProgress(Progress):
-    """Progress of an assembly, with the content of H so far for all planes; each record is complete in itself.
+    """Progress of an assembly. Each record contains the light of all patterns assembled so far.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class AssemblyProgress(Progress):
 
 
 class Assembly:
-    """The frames of a scan, sorted by position, from which any plane of H can be made.
+    """The frames of a scan, sorted by position, from which any plane of H can be assembled.
 
     Parameters
     ----------
@@ -87,19 +87,20 @@ class Assembly:
     cutout
         The shifting cutout.
     drift
-        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses that of the
+        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses the drift stated
+        by the
         source, which may come from its manifest.
     strict
         Treat missing and repeated positions as errors.
     noise
         Noise of the samples, if the frames do not state it.
-    measured
+    Whether ``noise`` was already measured, so that it is not measured here.
         ``noise`` was measured before, so it is not measured here.
 
     Raises
     ------
     InputError
-        If a frame is outside the plan, or its cutout leaves the sensor (with the position).
+        If a frame is outside the plan, or its cutout leaves the sensor; the message states the position.
     """
 
     def __init__(
@@ -122,20 +123,20 @@ class Assembly:
         self._gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
         self._energy = np.full(shape, np.nan)
         self.filled: tuple[int, NDArray[np.float64]] | None = None
-        """The plane at work here, and the light of all patterns so far, as in `AssemblyProgress`; None: none yet."""
+        """The plane being assembled, and the light of all patterns so far, as in `AssemblyProgress`; None: none yet."""
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
         self.noise = noise if measured else measure_noise(self._gatherer, self._order, self._counts)
-        """Noise of the samples, None where it could not be measured."""
+        """Noise of the samples, None if it could not be measured."""
         if self.noise is not None and self.noise.of_samples is not None:
             self._gatherer = replace(self._gatherer, noise=self.noise.of_samples)
 
     @property
     def frames(self) -> int:
-        """Frames that are read."""
+        """Number of frames that are read."""
         return len(self._order)
 
     def frames_of(self, z: int) -> int:
-        """Return how many of them belong to plane ``z``."""
+        """Return the number of frames of plane ``z``."""
         return int(self._counts[z].sum())
 
     @property
@@ -145,7 +146,7 @@ class Assembly:
         return len(self.source) - (0 if copied is None else copied["frames"])
 
     def history(self, provenance: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Return what H keeps of how it was made."""
+        """Return the provenance of H: how it was assembled."""
         known, cutout = self.source.metadata, self.cutout
         found = {
             "frames": {"count": self.recorded, **known.stated(FRAME_FACTS)},
@@ -167,22 +168,22 @@ class Assembly:
         camera: Camera | None = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> Header:
-        """Return what H is, besides its values; ``provenance`` is kept with `history`."""
+        """Return the description of H without its values; `history` is added to ``provenance``."""
         shape = (*self.shape, *self.cutout.shape)
         return Header(shape, depths, camera, self.cutout.anchor, self.history(provenance))
 
     def iter_plane(
         self, z: int, clock: Clock, *, values: NDArray[np.float32], before: int = 0, workers: int | None = None
     ) -> Work[Facts]:
-        """Gather plane ``z`` by rows in threads; yields progress in frames as `AssemblyProgress`.
+        """Assemble plane ``z`` by rows in threads; yields progress in frames as `AssemblyProgress`.
 
         Parameters
         ----------
         z
             Number of the plane.
-        clock, before
+        Clock that counts frames, and the number of frames of the planes ``before`` this one.
             Clock that counts frames, and the number ``before`` of those in other planes.
-        values
+        Array of zeros ``(ny, nx, nt, ns)`` to fill with values.
             Array of zeros ``(ny, nx, nt, ns)`` for its values.
         workers
             Number of threads; None: all processors.
@@ -225,7 +226,7 @@ class Assembly:
 
 
 class AssembledPlanes(PlaneSource):
-    """The planes of H from frames.
+    """The planes of an H that is assembled from frames.
 
     Parameters
     ----------
@@ -234,7 +235,7 @@ class AssembledPlanes(PlaneSource):
     header
         Description of H, besides its values.
     fill
-        Source of missing positions, which stay marked as never recorded; None leaves them 0.
+        Source of missing positions, which stay marked as never recorded; None: they are 0.
     reopening
         How other processes open the same frames; None: H cannot be made in units.
     close
@@ -257,7 +258,7 @@ class AssembledPlanes(PlaneSource):
         self._clock = Clock("assemble frames", assembly.frames)
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Gather plane ``z``; progress counts its frames, or those of all planes."""
+        """Assemble plane ``z``; progress counts its frames, or those of all planes."""
         assembly = self.assembly
         clock = Clock(f"assemble plane {z}", assembly.frames_of(z)) if alone else self._clock
         if alone or z == 0:
@@ -271,14 +272,14 @@ class AssembledPlanes(PlaneSource):
         return Plane(values, filled.facts, filled.uncertainty)
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return how others open the frames: once for all planes."""
+        """Return how other processes open the frames; each opens them once for all planes."""
         if self._reopening is None:
             remedy = "state what distinguishes these frames from any others (reopening=)"
             raise InputError.expected("H in units", "how its frames are opened again", "none", remedy)
         return replace(self._reopening, held=True)
 
     def shown(self, record: Progress) -> Progress:
-        """Return progress with what is there of H, as far as this process makes it."""
+        """Return progress with the light of H so far, as far as this process assembles it."""
         if (at := self.assembly.filled) is None:
             return record
         known = (record.done, record.total, record.stage, record.seconds, record.note, record.per)
@@ -302,7 +303,7 @@ class _Gathered:
         self.invalid: dict[tuple[int, int], NDArray[np.bool_]] = {}
 
     def fill_row(self, gatherer: Gatherer, order: NDArray[np.int64], starts: NDArray[np.int64], y: int) -> int:
-        """Gather the positions of one row; return how many frames that took."""
+        """Assemble the positions of one row; return the number of frames read."""
         columns = self.recorded.shape[1]
         row = starts[y * columns : (y + 1) * columns + 1]
         for x in np.flatnonzero(np.diff(row)).tolist():
@@ -315,7 +316,7 @@ class _Gathered:
         return int(row[-1] - row[0])
 
     def facts(self) -> Facts:
-        """Return what is known of the positions; what is unknown is left out."""
+        """Return the known facts of the positions; unknown facts are left out."""
         valid = None
         if self.invalid:
             masks = np.full((*self.recorded.shape, len(pack_valid(np.ones(self.cutout, bool)))), 255, np.uint8)
@@ -354,13 +355,13 @@ def _check_complete(
     strict: bool,
 ) -> None:
     if not counts.any():
-        raise InputError.expected("frames", f"some of {int(np.prod(shape))}", "none", "check folder and pattern")
+        raise InputError.expected("frames", f"some of {int(np.prod(shape))}", "none", "check the folder and --pattern")
     if strict and missing:
         what = f"{len(missing)} missing, first (z, y, x) = {tuple(missing[0])}"
-        raise InputError.expected("positions", "a frame at every one", what, "record them or drop strict")
+        raise InputError.expected("positions", "a frame at each", what, "record them, or leave strict out")
     if strict and repeated:
         what = f"{len(repeated)} given more than once, first (z, y, x) = {tuple(repeated[0])}"
-        raise InputError.expected("positions", "one frame at each", what, "remove one or drop strict")
+        raise InputError.expected("positions", "one frame at each", what, "remove one, or leave strict out")
 
 
 def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
@@ -381,7 +382,7 @@ def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[
                 f"cutout of {gatherer.where(index)}",
                 f"rows {top}..{top + height - 1}, columns {left}..{left + width - 1}",
                 f"rows {window.row}..{window.row + nt - 1}, columns {window.column}..{window.column + ns - 1}",
-                "move the anchor, shrink the cutout, or pad",
+                "move the anchor, choose a smaller cutout, or pad",
             )
         padded[info.position] = None
     return tuple(padded), (largest[0], largest[1])
@@ -406,7 +407,7 @@ def iter_assemble(
     run: RunChoice | None = None,
     reopening: Reopening | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H from frames, streaming: one plane is in memory, and the file is written atomically.
+    """Assemble H from frames, with one plane in memory at a time; the file is complete or not written at all.
 
     Parameters
     ----------
@@ -421,12 +422,13 @@ def iter_assemble(
     depths, camera, provenance
         Stored with H.
     drift
-        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses that of the
+        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses the drift stated
+        by the
         source, which may come from its manifest.
     strict
         Treat missing and repeated positions as errors, instead of recording them in the file.
     fill
-        Source of missing positions, which stay marked as never recorded; None leaves them 0.
+        Source of missing positions, which stay marked as never recorded; None: they are 0.
     dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
     run
@@ -439,7 +441,7 @@ def iter_assemble(
     Raises
     ------
     InputError
-        If a frame is outside the plan or not finite, or its cutout leaves the sensor (with the position).
+        If a frame is outside the plan or not finite, or its cutout leaves the sensor; the message states the position.
 
     Examples
     --------
@@ -488,7 +490,7 @@ def iter_assemble_plan(
     reopening: Reopening | None = None,
     workers: int | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H of ``plan`` from the frames of ``source``, which are used unchanged.
+    """Assemble H of ``plan`` from the frames of ``source``, which are not corrected further.
 
     Parameters
     ----------
@@ -530,7 +532,7 @@ def iter_assemble_plan(
     assembly = Assembly(source, plan.shape[:3], cutout, strict=settings.strict)
     header = assembly.header(plan.depths_um, plan.camera, known_of(source, plan, provenance))
     if reopening is not None:
-        # what was found from many frames is not looked for again by others
+        # facts found from many frames are passed on, so that other processes do not search for them again
         found = replace(settings, cutout=cutout.shape, keep_pedestal=True)
         noise = None if assembly.noise is None else list(assembly.noise)
         reopening = replace(reopening, values={**reopening.values, "settings": plain(found), "noise": noise})
@@ -559,7 +561,7 @@ assemble_plan = drained(
 
 
 def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, workers: int | None = None) -> float:
-    """Return about how many seconds it takes to assemble H, from a few frames that are read, corrected and cropped.
+    """Return the time (s) expected for assembling H, from a few frames that are read, corrected and cropped.
 
     Parameters
     ----------
@@ -568,14 +570,14 @@ def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, w
     plan
         Positions, anchor and cutout.
     count
-        Number of frames that are timed, spread over the scan; the median of their processor times counts.
+        Number of frames that are timed, spread over the scan; the median of their processor times is used.
     workers
-        Threads that will assemble; None: every processor.
+        Number of threads that will assemble; None: all processors.
 
     Raises
     ------
     InputError, FileFormatError, StorageError
-        What reading the frames raises.
+        The errors of reading the frames.
 
     Examples
     --------
@@ -592,18 +594,18 @@ def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, w
     infos = tuple(source.info(k) for k in range(len(source)))
     gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))
     times = []
-    # the first one pays for what is loaded or compiled once
+    # the first frame includes the time for loading and compiling
     for index in (0, *np.linspace(0, len(source) - 1, min(count, len(source)), dtype=int).tolist()):
         start = time.thread_time()
         gatherer.pattern(np.array([index]))
         times.append(time.thread_time() - start)
     each = float(np.median(times[1:]))
-    # threads hold each other up where a frame is quicker than what the interpreter does for it
+    # threads block each other if a frame takes less time than the interpreter needs for it
     return each * len(source) / (worker_count(workers) if each > QUICK_S else 1)
 
 
 def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySettings) -> Cutout:
-    """Return the cutout that ``settings`` ask for; raises `InputError` where a pedestal would stay in H, or lack."""
+    """Return the cutout that ``settings`` request; raises `InputError` if H would contain a pedestal."""
     check_stated(source, plan.camera)
     outside = "zero" if settings.pad else "error"
     cutout = Cutout.for_plan(plan, interpolation=settings.interpolation, outside=outside)
@@ -611,7 +613,7 @@ def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySett
         cutout = replace(cutout, shape=_cutout_shape(source, cutout, settings))
     _check_filter(source, plan)
     keeps_level = source.metadata.keeps_level
-    # of frames that went through no corrections nothing is known
+    # nothing is known about frames that were not corrected
     if keeps_level is not None and not settings.keep_pedestal:
         infos = tuple(source.info(k) for k in range(len(source)))
         check_pedestal(Gatherer(source, infos, cutout), plan.shape[0], subtracted=not keeps_level)
@@ -635,7 +637,7 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
 
 
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return what H keeps of the scan that it is made of."""
+    """Return what H stores about the scan that it is assembled from."""
     told = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside", "earlier_tasks")
     return {**source.metadata.stated(told), "plan": plan.to_dict(), **(provenance or {})}
 
@@ -643,7 +645,7 @@ def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] 
 def planes_of_frames(
     source: FrameSource, plan: ScanPlan, values: Mapping[str, Any], fill: Fill | None, close: Callable[[], None]
 ) -> AssembledPlanes:
-    """Return the planes of frames that another process assembles in units, of the ``values`` of its `Reopening`.
+    """Return the planes that another process assembles in units, from the ``values`` of its `Reopening`.
 
     ``close`` closes the frames when the planes are made.
     """

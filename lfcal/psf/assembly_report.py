@@ -1,4 +1,4 @@
-"""What an assembly of H made, and what a user should know of it."""
+"""Report on an assembled H, with notes for the user."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["AssemblyReport"]
 
 @dataclass(frozen=True)
 class AssemblyReport:
-    """Report on an assembled H: what was used, and what is missing.
+    """Report on an assembled H: what was used and what is missing.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class AssemblyReport:
     padded
         Positions whose cutout leaves the sensor and was padded with zeros.
     residual_px
-        Largest sub-pixel distance (rows, columns) that ``nearest`` left between point and cutout.
+        Largest sub-pixel distance (rows, columns) between point and cutout that ``nearest`` does not correct.
     spread
         Median relative difference between repeated frames; None without repeats.
     left_out
-        Damaged frames of positions, and dark frames, that were left out.
+        Damaged frames of positions and dark frames that were not used.
     orientation
         How the frames were flipped or turned, one of `lfcal.frames.orientation.ORIENTATIONS`.
 
@@ -70,14 +70,14 @@ class AssemblyReport:
 
     @property
     def known(self) -> str:
-        """How many frames and positions H is made of, for a verdict."""
+        """Numbers of frames and positions of H in words, for a verdict."""
         positions = math.prod(self.matrix.shape[:3])
         there = f"{positions - len(self.missing)} of {format_count(positions, 'position', 'positions')}"
         return f"made of {format_count(self.frames, 'frame', 'frames')}, which show {there}"
 
     @property
     def filled(self) -> int:
-        """Number of positions without a frame that the model of a fit filled."""
+        """Number of missing positions that were filled from the model of a fit."""
         origin = self.matrix.facts.origin
         return 0 if origin is None else int((origin == Origin.MODEL).sum())
 
@@ -112,7 +112,7 @@ class AssemblyReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How frames were turned and averaged, a line each."""
+        """How frames were turned and averaged, one line each."""
         notes = []
         if self.orientation != AS_IS:
             notes.append(f"the frames are {ORIENTATIONS[self.orientation].words}: turned upright ({self.orientation})")

@@ -1,4 +1,4 @@
-"""The deconvolution codes that H is exported for: the layout that each reads, and what it cannot use.
+"""The deconvolution codes that H is exported for, the layout of each, and the H that it cannot use.
 
 The layouts follow the public sources of these codes (`Code.source`).
 """
@@ -39,9 +39,9 @@ class Code:
     use
         Instruction to users of the code; empty: none.
     source
-        Where its source is published.
+        Address of its published source code.
     one_lens
-        Whether it repeats one lens of a square grid, whose period has an odd number of pixels; otherwise it has one
+        Whether it repeats one lens of a square grid, whose period has an odd number of pixels. Otherwise it needs one
         pattern for each plane.
     """
 
@@ -82,7 +82,7 @@ CODES = {
             ".npz",
             "H[y,x,z][t,s]",
             "float32, NumPy",
-            "make the sparse patterns as docs/matlab.md shows, and call pyolaf's projections with crange 'full'",
+            "make the patterns sparse as docs/matlab.md shows, and call pyolaf's projections with crange 'full'",
             "https://github.com/lambdaloop/pyolaf",
         ),
         Code(
@@ -123,7 +123,7 @@ def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None =
 
     ny, nx = matrix.period
     if matrix.is_transposed:
-        return needs("H", "HT", "export H, which brings HT along")
+        return needs("H", "HT", "export H; HT is exported with it")
     if matrix.dtype != np.float32:
         return needs("float32 values", str(matrix.dtype), "make an H file with the stored type float32 first")
     if not code.one_lens:
@@ -152,7 +152,7 @@ def _written(matrix: PSFMatrix) -> PSFMatrix:
 def write_cells(file: Any, name: str, matrix: PSFMatrix, *, compress: bool = True) -> Iterator[int]:
     """Write ``matrix`` into an open MATLAB file as the cell array ``name{y,x,z}`` of patterns ``(t, s)``.
 
-    Yields the number of planes that are written.
+    Yields the number of planes written so far.
     """
     import h5py
 

@@ -1,4 +1,4 @@
-"""The cutout that shifts along with the point (Eberhart, section 2.1, figure 4).
+"""The cutout that moves with the image of the point (Eberhart, section 2.1, figure 4).
 
 `Cutout` defines the pixels; `Gatherer` reads them from the frames of a position, moves them, and averages repeats.
 """
@@ -21,13 +21,13 @@ from lfcal.frames import FrameInfo, FrameSource, Noise, Position, Samples
 __all__ = ["INTERPOLATIONS", "Cutout", "Gatherer", "Pattern", "Window", "by_position", "find_cutout"]
 
 INTERPOLATIONS = ("nearest", "linear", "cubic", "fourier")
-"""How a window that lies between pixels is taken; ``nearest`` moves no light and reports what is left."""
+"""Interpolation of a window between pixels; ``nearest`` moves no light and reports the remaining shift."""
 
 _MARGIN = {"nearest": 0, "linear": 1, "cubic": 12, "fourier": 0}
-"""Pixels around the window that an interpolation looks at; a cubic spline's memory is 1e-6 after 11."""
+"""Number of pixels around the window that an interpolation uses; a cubic spline's influence is 1e-6 after 11."""
 
 PROBE, WIDE_PROBE = (21, 21), (201, 201)
-"""Pixels of a cutout on which the weights of an interpolation are found, moving and scaling."""
+"""Side of the cutout on which the weights of an interpolation are computed, for moving and scaling (pixels)."""
 
 
 class Window(NamedTuple):
@@ -41,7 +41,7 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cutout:
-    """A window of odd x odd pixels around the paraxial image of the source.
+    """A window with odd numbers of rows and columns around the paraxial image of the source.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Cutout:
             if value not in choices:
                 raise InputError.expected(what, " or ".join(choices), repr(value), "choose one of these")
         object.__setattr__(self, "scale", tuple(float(v) for v in self.scale))
-        # a smaller or larger factor means a wrong period, not a rounding of it to whole pixels
+        # a factor far from 1 means a wrong period, not one that is rounded to whole pixels
         if not all(0.5 <= v <= 2 for v in self.scale):
             raise InputError.expected("resampling factor", "between 0.5 and 2", self.scale, "check the period")
         if self.resamples and self.interpolation not in ("linear", "cubic"):
@@ -103,14 +103,14 @@ class Cutout:
 
     @property
     def resamples(self) -> bool:
-        """Whether frames are scaled, not only moved."""
+        """Whether frames are scaled as well as moved."""
         return self.scale != (1.0, 1.0)
 
     def window(self, position: Position, drift: tuple[float, float] = (0.0, 0.0)) -> Window:
-        """Return the window of ``position``; ``drift`` (rows, columns) is how far the image is off (px)."""
+        """Return the window of ``position``; ``drift`` (rows, columns) is the displacement of the image (px)."""
         row = self.anchor[0] + position.y / self.scale[0] + drift[0]
         column = self.anchor[1] + position.x / self.scale[1] + drift[1]
-        # ceil(v - 0.5) rounds halves down, so that the residual lies in (-0.5, 0.5]; round() would take halves to
+        # ceil(v - 0.5) rounds halves down, so that the residual lies in (-0.5, 0.5]; round() would round halves to
         # even numbers and alternate between neighbours
         whole_row, whole_column = math.ceil(row - 0.5), math.ceil(column - 0.5)
         nt, ns = self.reach
@@ -121,13 +121,13 @@ class Cutout:
         """Sensor pixels ``(rows, columns)``, both odd, that the cutout covers."""
         if not self.resamples:
             return self.shape
-        # the cutout's own edge may lie between pixels of the sensor, so the reach is rounded up
+        # the cutout's edge may lie between sensor pixels, so the reach is rounded up
         rows, columns = (2 * math.ceil(centre(n) / f) + 1 for n, f in zip(self.shape, self.scale, strict=True))
         return rows, columns
 
     def region(self, window: Window) -> tuple[slice, slice]:
-        """Return the rows and columns of the sensor that ``window`` and its interpolation look at."""
-        # a window on whole pixels is copied as it is: no interpolation touches its noise
+        """Return the rows and columns of the sensor that ``window`` and its interpolation need."""
+        # a window on whole pixels is copied unchanged: no interpolation affects its noise
         still = window.row_residual == window.column_residual == 0 and not self.resamples
         margin = 0 if still else _MARGIN[self.interpolation]
         nt, ns = self.reach
@@ -148,7 +148,7 @@ class Cutout:
             return _fourier_shift(data, shift)
         from scipy import ndimage
 
-        # scipy shifts towards larger indices, the window moves the other way
+        # scipy shifts towards larger indices, the window moves in the opposite direction
         moved: NDArray[np.float32] = ndimage.shift(data, (-shift[0], -shift[1]), order=self._order, mode="nearest")
         margin = _MARGIN[self.interpolation]
         return moved[margin : margin + self.shape[0], margin : margin + self.shape[1]]
@@ -167,14 +167,14 @@ class Cutout:
         )
         at = np.meshgrid(rows, columns, indexing="ij")
         values = ndimage.map_coordinates(data, at, order=self._order, mode="nearest")
-        # a resampled pixel covers 1/(fy fx) of a sensor pixel, and holds that share of its light
+        # a resampled pixel covers 1/(fy fx) of a sensor pixel, and contains that share of its light
         scaled: NDArray[np.float32] = (values / (self.scale[0] * self.scale[1])).astype(np.float32)
         return scaled
 
 
 def _fourier_shift(data: NDArray[np.float32], shift: tuple[float, float]) -> NDArray[np.float32]:
     """Return ``data`` moved by ``-shift`` pixels as a band-limited, periodic image (odd sizes: exact)."""
-    # at an odd size there is no Nyquist term, whose phase would be ambiguous
+    # an odd size has no Nyquist term, whose phase would be ambiguous
     rows, columns = np.fft.fftfreq(data.shape[0]), np.fft.rfftfreq(data.shape[1])
     phase = np.exp(2j * np.pi * (shift[0] * rows[:, None] + shift[1] * columns))
     moved = np.fft.irfft2(np.fft.rfft2(data.astype(np.float64)) * phase, s=data.shape)
@@ -195,12 +195,12 @@ def find_cutout(
     images
         Frames ``(rows, columns)`` of single positions, or depth-plane sums; corrected.
     centres
-        The paraxial image of the point in each of them, (row, column) in pixels.
+        The paraxial image of the point in each image, (row, column) in pixels.
     lost
-        Largest share of the energy outside the cutout; each direction uses half of it.
+        Largest share of the energy outside the cutout; half of it is used for each direction.
     background
-        Background subtracted from every pixel first; None: the median of each image's border, to which a sum over many
-        pixels is sensitive.
+        Background subtracted from every pixel first; None: the median of each image's border. A sum over many pixels
+        is sensitive to this value.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def find_cutout(
         data = data - level
         # 1.4826 times the median absolute deviation is the standard deviation of Gaussian noise
         noise = 1.4826 * np.median(np.abs(_border(data)))
-        data = np.where(data > 3 * noise, data, 0.0)  # noise far from the spots would count as energy
+        data = np.where(data > 3 * noise, data, 0.0)  # otherwise noise far from the spots would count as energy
         if not data.sum() > 0:
             raise InputError.expected("frame", "light from the point", "none", "check exposure and position")
         height = max(height, _half_width(data.sum(axis=1), row, lost / 2))
@@ -262,7 +262,7 @@ class Pattern(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Gatherer:
-    """Converts the frames of a scan to patterns; shared by the threads.
+    """Converts the frames of a scan to patterns; one object serves all threads.
 
     Attributes
     ----------
@@ -294,19 +294,19 @@ class Gatherer:
         return window, moved(self.cutout.region(window), (-info.origin[0], -info.origin[1]))
 
     def outside(self, index: int) -> bool:
-        """Return whether the cutout of frame ``index`` leaves the frame."""
+        """Return whether the cutout of frame ``index`` extends beyond the frame."""
         info, (window, _) = self.infos[index], self.place(index)
         top, left = window.row - info.origin[0], window.column - info.origin[1]
         (nt, ns), (height, width) = self.cutout.reach, self.source.shape
         return top < 0 or left < 0 or top + nt > height or left + ns > width
 
     def where(self, index: int) -> str:
-        """Return frame and position for messages."""
+        """Return the name and position of a frame for messages."""
         info = self.infos[index]
         return f"{info.label}, (z, y, x) = {tuple(info.position)}"
 
     def cut(self, index: int) -> Samples:
-        """Return the cutout of frame ``index``, ``(nt, ns)``; beyond the frame it is zero and not valid."""
+        """Return the cutout ``(nt, ns)`` of frame ``index``; pixels beyond the frame are zero and not valid."""
         window, region = self.place(index)
         inside = clipped(region, self.source.shape)
         if min(region_shape(inside)) < 1:
@@ -335,7 +335,7 @@ class Gatherer:
     def _blended(self, noise: Noise, window: Window) -> Noise:
         """Return the noise of samples that interpolation blends: with weights w, sum w^2 of the variance is left."""
         if self.cutout.resamples:
-            # the grids pass through all phases within a cutout, wherever it lies
+            # the grids pass through all phases within a cutout, wherever it is
             weight, square = _weights_of_phases(replace(self.cutout, shape=WIDE_PROBE))
         else:
             moved_by = window.row_residual, window.column_residual
@@ -374,7 +374,7 @@ def _weights_of_phases(cutout: Cutout) -> tuple[float, float]:
     rows, columns = cutout.region(Window(0, 0, 0.0, 0.0))
     shape = (rows.stop - rows.start, columns.stop - columns.start)
     level = cutout.resample(np.ones(shape, np.float32), Window(0, 0, 0.0, 0.0))
-    # white noise of variance 1, the same every time: what is left of its variance is the mean of sum w^2
+    # white noise of variance 1, always the same: the variance that remains is the mean of sum w^2
     noise = np.random.default_rng(0).standard_normal(shape, np.float32)
     left = cutout.resample(noise, Window(0, 0, 0.0, 0.0)).astype(np.float64)
     return float(level.mean()), float(np.mean(left**2))
@@ -406,7 +406,7 @@ def _mean(cuts: list[Samples]) -> Pattern:
     share = weights[:, None, None] * masks
     total = share.sum(axis=0)
     valid = total > 0
-    # where no repeat is valid the plain mean stands, marked as not valid
+    # where no repeat is valid, the plain mean is used and marked as not valid
     share[:, ~valid] = weights[:, None]
     total = np.where(valid, total, weights.sum())
     mean = (share * values).sum(axis=0) / total
@@ -449,7 +449,7 @@ def _noise_of_mean(
 def by_position(
     infos: tuple[FrameInfo, ...], shape: tuple[int, int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return frame numbers sorted by position, and where each position's begin: ``(n,)`` and ``(positions + 1,)``.
+    """Return frame numbers sorted by position ``(n,)``, and where each position begins in them ``(positions + 1,)``.
 
     Raises
     ------

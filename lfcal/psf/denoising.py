@@ -22,13 +22,14 @@ from lfcal.psf.matrix import PSFMatrix
 __all__ = ["denoised", "mean_noise", "noise_of_positions"]
 
 RULE = NoiseRule(reach=3, certain=2.0)
-"""How noise is reduced: by means of 7 x 7 positions, those of fewer than two standard errors being zero."""
+"""Noise reduction by means of 7 x 7 positions; a mean below two standard errors becomes zero."""
 
 
 def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
-    """Return variance without light and per unit of signal of each position ``(ny, nx, 2)`` of plane ``z``.
+    """Return variance without light and variance per unit of signal for each position of plane ``z``, ``(ny, nx, 2)``.
 
-    NaN where it is not known or the pattern is not measured; None where that is all of them, as of arrays and HT.
+    NaN if the noise is unknown or the pattern is not measured; None if this holds for all positions, as for arrays
+    and HT.
     """
     if not isinstance(H, PSFMatrix) or H.is_transposed or (stored := H.facts.noise) is None:
         return None
@@ -40,12 +41,12 @@ def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
     if known.origin is not None:
         bad |= known.origin[z] != Origin.MEASURED
     noise[bad] = np.nan
-    # no noise at all is nothing to reduce
+    # without noise, there is nothing to reduce
     return noise if np.nansum(noise) > 0 else None
 
 
 def mean_noise(H: Any) -> NDArray[np.float64] | None:
-    """Return the mean noise of entries of each plane ``(nz, 2)``, as `noise_of_positions`; 0 if unknown."""
+    """Return the mean noise of each plane ``(nz, 2)``, in the form of `noise_of_positions`; 0: unknown."""
     planes = [noise_of_positions(H, z) for z in range(H.shape[0])]
     if all(noise is None for noise in planes):
         return None
@@ -53,7 +54,7 @@ def mean_noise(H: Any) -> NDArray[np.float64] | None:
 
 
 def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
-    """Return ``plane`` ``(ny, nx, nt, ns)``, number ``z`` of ``H``, with less noise; itself where that is not known.
+    """Return ``plane`` ``(ny, nx, nt, ns)``, number ``z`` of ``H``, with less noise; unchanged if noise is unknown.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What is known of the patterns of H besides their values."""
+"""Facts about the patterns of H besides their values."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ class Origin(IntEnum):
     """Where the pattern of a position comes from."""
 
     MEASURED = 0
-    """Recorded frames alone; nothing if there are none."""
+    """Only recorded frames; zeros if there are none."""
     HYBRID = 1
-    """A model, and what was measured beyond it."""
+    """A model plus the measured deviation from it."""
     MODEL = 2
-    """A model alone."""
+    """Only a model."""
     OUTLIER = 3
-    """A model alone, because the recorded pattern differs from the others."""
+    """Only a model, because the recorded pattern differs from the others."""
 
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """Facts of every position of a matrix ``(nz, ny, nx)``, or of one plane ``(ny, nx)``; None: unknown.
+    """Facts about every position of a matrix ``(nz, ny, nx)``, or of one plane ``(ny, nx)``; None: unknown.
 
     Attributes
     ----------
@@ -50,8 +50,9 @@ class Facts:
     origin
         Origin of each pattern, as numbers of `Origin`; None: all are measured.
     bound
-        ``(…, 3)``, per plane: the largest share (L1) that any pattern has lost because H was stored within a
-        tolerance, by cutting, by rounding and by both (see `lfcal.psf._steps`); NaN otherwise.
+        ``(…, 3)``, the same for all positions of a plane: the largest share (L1) that a pattern lost because H was
+        stored within a tolerance, by cutting, by rounding and by both (see `lfcal.psf._steps`); NaN: nothing was
+        lost.
 
     Examples
     --------
@@ -99,7 +100,7 @@ class Facts:
         return Facts(**{name: value[z] for name, value in self.known().items()})
 
     def known(self) -> dict[str, NDArray[Any]]:
-        """Return the measured facts, by name."""
+        """Return the known facts by name."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
 

@@ -1,4 +1,4 @@
-"""Which patterns of H are those of another position: the partners of a half-cell scan, by its provenance."""
+"""Find the patterns of H that are copies of another position's, in a half-cell scan."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["copied_positions"]
 def copied_positions(matrix: PSFMatrix) -> NDArray[np.bool_]:
     """Return the positions ``(nz, ny, nx)`` of H whose pattern was recorded half a period away.
 
-    They are no further measurements: neither a fit nor a figure of repeatability may count them.
+    They are not independent measurements: neither a fit nor a repeatability may count them.
     """
     shape = (matrix.shape[0], *matrix.period)
     flat = np.zeros(int(np.prod(shape)), np.bool_)

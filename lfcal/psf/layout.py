@@ -1,4 +1,4 @@
-"""What a matrix is besides its values, how they are stored, and the planes that it is made of."""
+"""Description of a matrix besides its values, how the values are stored, and its planes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 __all__ = ["ROUNDED", "STORED_TYPES", "Header", "Plane", "Stored", "StoredPlane"]
 
 ROUNDED = "rounded"
-"""float32 in steps of a power of two, as wide as 16 bits for a plane allow: small, and exact for whole numbers."""
+"""float32 in steps of a power of two, with 16 bits for a plane: small, and exact for whole numbers."""
 
 STORED_TYPES = ("float32", ROUNDED, "float64", "uint16", "uint8")
 
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What a matrix is, besides its values.
+    """Description of a matrix besides its values.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Header:
     Raises
     ------
     InputError
-        If the shape is not that of a matrix, or depths are not one for each plane.
+        If the shape is not that of a PSF matrix, or there is not one depth for each plane.
     """
 
     shape: tuple[int, ...]
@@ -59,7 +59,7 @@ class Header:
 
     @property
     def plane_depths(self) -> NDArray[np.float64]:
-        """Depth of each plane, not-a-number where it is not known."""
+        """Depth of each plane, NaN if unknown."""
         return np.asarray(np.full(self.shape[0], np.nan) if self.depths is None else self.depths, np.float64)
 
 
@@ -93,7 +93,7 @@ class Stored:
 
     @property
     def rounded(self) -> bool:
-        """Whether all values of a plane are rounded to one step."""
+        """Whether all values of a plane are rounded to the same step."""
         return self.dtype == ROUNDED and self.store_tolerance is None
 
     @property
@@ -142,7 +142,7 @@ class StoredPlane:
     uncertainty
         Standard deviations of its entries; None if not stated.
     step
-        Step ``(ny, nx)`` that the values of each pattern are multiples of; None if they are not rounded.
+        Step ``(ny, nx)``: the values of each pattern are multiples of it; None if they are not rounded.
     simulated
         How it was simulated, as plain JSON types; None if it was not.
     """

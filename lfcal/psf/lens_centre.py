@@ -1,4 +1,4 @@
-"""The centre of a micro-image among the positions of H, and H with it where other codes expect it.
+"""Find the centre of a micro-image among the positions of H, and move it to where other codes expect it.
 
 The codes based on Prevedel et al. 2014 (LFDM, oLaF and their descendants) rectify an image so that the centre of a
 micro-image is on pixel ceil(Nnum/2) of each period, counted from 1. They use position (aa, bb) of H for pixel (aa, bb)
@@ -24,7 +24,7 @@ from lfcal.psf.matrix import PSFMatrix
 __all__ = ["TOLERANCE_PX", "LensCentre", "first_pixel", "lens_centre_of", "lens_centred", "sampling"]
 
 TOLERANCE_PX = 0.05
-"""A micro-image centre this far from where a code expects it is said to be there (pixels)."""
+"""Largest distance of a micro-image centre from the expected place at which it counts as being there (pixels)."""
 
 Pair = tuple[float, float]
 
@@ -52,24 +52,24 @@ class LensCentre:
 
     @property
     def shift(self) -> tuple[int, int]:
-        """Whole positions ``(rows, columns)`` by which H is rolled to bring it there as nearly as they can."""
+        """Whole positions ``(rows, columns)`` by which H is rolled to bring the centre close to `expected`."""
         rows, columns = (math.ceil(off - 0.5) for off in self._off())
         return -rows, -columns
 
     @property
     def rest(self) -> Pair:
-        """What is left after `shift`, each in (-0.5, 0.5] pixels; positive: the centre lies below, to the right."""
+        """Distance that remains after `shift`, in (-0.5, 0.5] pixels; positive: the centre lies below, to the right."""
         rows, columns = (off - math.ceil(off - 0.5) for off in self._off())
         return rows, columns
 
     @property
     def agrees(self) -> bool:
-        """Whether H already is as other codes take it, to `TOLERANCE_PX`."""
+        """Whether H is already as other codes expect it, to within `TOLERANCE_PX`."""
         return self.shift == (0, 0) and self.is_whole
 
     @property
     def is_whole(self) -> bool:
-        """Whether whole positions bring it there, to `TOLERANCE_PX`."""
+        """Whether rolling by whole positions is sufficient, to within `TOLERANCE_PX`."""
         return max(map(abs, self.rest)) <= TOLERANCE_PX
 
     def _off(self) -> tuple[float, float]:
@@ -78,16 +78,16 @@ class LensCentre:
             (at - wanted + n / 2) % n - n / 2
             for at, wanted, n in zip(self.position, self.expected, self.period, strict=True)
         )
-        # numbers off by rounding must not turn into a whole period
+        # rounding errors must not become a whole period
         return round(rows, 9), round(columns, 9)
 
 
 def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
-    """Return where a type-0 micro-image centre lies in ``matrix``, None where nothing says so.
+    """Return where the centre of a type-0 micro-image lies in ``matrix``; None if this is unknown.
 
-    From camera and anchor; of an H from another code's file, by what that file or the convention of its code says
-    (provenance ``lens_centre``). The pixels of H are the sensor's, counted from the whole pixel next to the anchor,
-    unless the frames were interpolated or resampled when H was assembled.
+    It is computed from camera and anchor. For an H from another code's file, that file or the convention of its code
+    determines it (provenance ``lens_centre``). The pixels of H are those of the sensor, counted from the whole pixel
+    next to the anchor, unless the frames were interpolated or resampled when H was assembled.
     """
     ny, nx = matrix.period
     if matrix.camera is None:
@@ -100,7 +100,7 @@ def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
 
 
 def first_pixel(matrix: PSFMatrix) -> Pair:
-    """Return the sensor position (row, column) of pixel 0 of H's images: that of source position (0, 0) (pixels)."""
+    """Return the sensor position (row, column) of pixel 0 of H's images, which belongs to source position (0, 0)."""
     if sampling(matrix)[0]:
         return matrix.anchor
     row, column = matrix.anchor
@@ -125,7 +125,7 @@ def _pair(value: Any) -> Pair | None:
 
 
 def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "nearest") -> PSFMatrix:
-    """Return ``matrix`` with the micro-image centre ``lens`` on the position where other codes expect it, lazily.
+    """Return a view of ``matrix`` in which the micro-image centre ``lens`` is where other codes expect it.
 
     Positions are rolled around the period by whole numbers. Their patterns are unchanged, because the cutout belongs
     to the source and only its number changes. ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` then holds for images and
@@ -143,7 +143,7 @@ def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "near
     """
     planes = _Centred(matrix, lens.shift, lens.rest, interpolation)
     facts = {} if matrix.is_transposed else _rolled(matrix.facts, lens.shift)
-    if planes.moves:  # a pixel of a moved pattern is part of several that were measured or were not
+    if planes.moves:  # a pixel of a moved pattern combines several pixels, measured or not
         facts.pop("valid", None)
     steps = zip(matrix.anchor, lens.shift, sampling(matrix)[1], strict=True)
     row, column = (at - step / factor for at, step, factor in steps)
@@ -198,6 +198,6 @@ class _Centred:
 
     def _moved(self, pattern: NDArray[Any]) -> NDArray[np.float32]:
         window = self._cutout.window(Position(0, 0, 0))
-        # beyond the cutout there is no light: that is what made it the cutout
+        # there is no light beyond the cutout: it was chosen that way
         margin = window.row - self._cutout.region(window)[0].start
         return self._cutout.resample(np.pad(pattern, margin), window)

@@ -1,4 +1,4 @@
-"""Planes and positions of H that hold no light: nothing can be reconstructed with them."""
+"""Find planes and positions of H without light, with which nothing can be reconstructed."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["dark_planes", "empty_positions", "empty_words"]
 
 
 def dark_planes(matrix: PSFMatrix) -> tuple[int, ...]:
-    """Return the depth planes whose entries sum to zero or less; a file's own depth sums are believed."""
+    """Return the depth planes whose entries sum to zero or less; depth sums stored in a file are used."""
     return tuple(z for z in range(len(matrix)) if not matrix.depth_sum(z).sum() > 0)
 
 
 def empty_positions(matrix: PSFMatrix) -> NDArray[np.intp]:
-    """Return the positions ``(n, 3)`` of H, as (z, y, x), that were neither recorded nor filled: their entries are 0.
+    """Return the positions ``(n, 3)`` (z, y, x) of H that were neither recorded nor filled: their entries are 0.
 
     ``matrix`` may be H or HT.
     """
@@ -32,7 +32,7 @@ def empty_positions(matrix: PSFMatrix) -> NDArray[np.intp]:
 
 
 def empty_words(matrix: PSFMatrix) -> str:
-    """Return the number of empty positions, the total, and the first empty ones; an empty text if there is none."""
+    """Return in words how many positions of H are empty, and the first of them; an empty text if there are none."""
     empty = empty_positions(matrix)
     if not len(empty):
         return ""

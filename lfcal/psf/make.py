@@ -1,6 +1,6 @@
-"""The one way a matrix is made: planes from any source go into memory, into a file, or are made in units by others.
+"""Make a matrix from planes of any source: in memory, in a file, or in units by other processes.
 
-A `PlaneSource` makes planes: of frames, by simulation, of another matrix. `iter_make` and `iter_write` take them.
+A `PlaneSource` makes planes: from frames, by simulation, or from another matrix. `iter_make` and `iter_write` use it.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ __all__ = [
 ]
 
 Zeros = Callable[[], NDArray[np.float32]]
-"""Gives a plane of zeros ``(ny, nx, nt, ns)`` to compute into; the next call may give the same memory again."""
+"""Returns zeros ``(ny, nx, nt, ns)`` for a plane to be computed; the next call may return the same memory again."""
 
 
 @dataclass(frozen=True)
 class Reopening:
-    """How another process opens the source of a plane.
+    """How another process opens the source of a plane again.
 
     Attributes
     ----------
@@ -74,13 +74,13 @@ class Reopening:
 
 
 class PlaneSource:
-    """What makes the planes of a matrix. A subclass sets the header and has `iter_plane`."""
+    """A source of the planes of a matrix. A subclass sets the header and implements `iter_plane`."""
 
     header: Header
     title: str = "make"
-    """What a run of units does, for people: ``"assemble"``."""
+    """Word for the work of a run of units in messages, such as ``"assemble"``."""
     in_order: bool = False
-    """Whether planes of a run of units are joined while others are made."""
+    """Whether finished planes of a run of units are joined while others are being made."""
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
         """Make plane ``z``; yields progress.
@@ -94,31 +94,31 @@ class PlaneSource:
         workers
             Number of threads; None: all processors.
         alone
-            Report the progress of this plane, as needed for a unit of a run; otherwise that of all planes.
+            Report the progress of this plane alone, for a unit of a run; otherwise that of all planes.
         """
         raise NotImplementedError
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
         """Return how another process opens the source of plane ``z``.
 
-        None: the plane is made here when planes are joined.
+        None: the plane is made by this process when planes are joined.
         """
         raise NotImplementedError
 
     def named(self, out: Path) -> str:
-        """Return what a run of units makes, for people."""
+        """Return a description of what a run of units makes, for messages."""
         return f"{self.title} {out.name}"
 
     def shown(self, record: Progress) -> Progress:
-        """Return the progress of a run of units with what this process knows of its planes."""
+        """Return the progress of a run of units, with what this process knows about its planes."""
         return record
 
     def late_provenance(self) -> Mapping[str, Any]:
-        """Return provenance that is known only once all planes are made here; it is kept with the header's."""
+        """Return provenance that is known only after all planes were made here; it is added to that of the header."""
         return {}
 
     def close(self) -> None:
-        """Release the files that the source has opened itself; called before the new file takes its name."""
+        """Close the files that the source has opened itself; called before the new file gets its name."""
 
 
 def iter_make(
@@ -129,12 +129,12 @@ def iter_make(
     run: RunChoice | None = None,
     workers: int | None = None,
 ) -> Work[PSFMatrix]:
-    """Make a matrix in memory, as float32, or in a file as `iter_write` does; return it, opened.
+    """Make a matrix in memory as float32, or in a file as `iter_write` does; return it opened.
 
     Raises
     ------
     InputError
-        If a plane holds no finite values, or a ``run`` is given without a file.
+        If a plane contains values that are not finite, or a ``run`` is given without a file.
     """
     if out is not None:
         return open_psf((yield from iter_write(source, out, stored, run=run, workers=workers)))
@@ -152,7 +152,7 @@ def iter_write(
     keep: bool = False,
     workers: int | None = None,
 ) -> Work[Path]:
-    """Write a matrix to an H file atomically, with one plane in memory at a time.
+    """Write a matrix to an H file, one plane in memory at a time; the file is complete or not written at all.
 
     Parameters
     ----------
@@ -190,9 +190,9 @@ def iter_write(
 def iter_write_regions(
     sources: Mapping[str, tuple[PlaneSource, Stored]], out: str | os.PathLike[str], *, workers: int | None = None
 ) -> Work[Path]:
-    """Write the matrices of several regions of the field, by name, to one H file; `iter_write` writes one matrix.
+    """Write the matrices of several regions of the field, by name, to one H file; see `iter_write` for one matrix.
 
-    The file opens with the first region.
+    When the file is opened, the first region is the default.
     """
     target = Path(out)
     need = sum(stored_bytes(source.header.shape, stored) for source, stored in sources.values())
@@ -262,7 +262,7 @@ def _iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, 
     from lfcal.work import iter_made
 
     check_storable(source.header, stored)
-    # before any plane is made: planes are separate files until all are complete
+    # before any plane is made: planes stay in separate files until all are complete
     require_space(out.parent, stored_bytes(source.header.shape, stored), what=out.name)
     units = units_of(source, stored)
     writer = PSFWriter.of(out, source.header, stored, run.workers)
@@ -283,7 +283,7 @@ def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManage
 
 
 def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
-    """Return the units that make planes, by the number of the plane; those that are made here have none.
+    """Return the units that make planes, by plane number; planes that this process makes have none.
 
     Examples
     --------
@@ -300,7 +300,7 @@ def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
         if reopening is None:
             continue
         shared = {"opener": reopening.opener, "values": reopening.values, "held": reopening.held}
-        # plain lists and numbers, as they are on the other side of a file or a network
+        # plain lists and numbers, as they arrive through a file or a network
         arguments = plain({**shared, "stored": asdict(stored), "z": z})
         task = f"{__name__}:{do_plane.__name__}"
         beside = reopening.concurrent_bytes
@@ -326,7 +326,7 @@ def _iter_joined(
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Make one plane into a separate H file: the task of every unit."""
+    """Make one plane into a separate H file: the task of each unit."""
     z, stored = int(arguments["z"]), Stored(**arguments["stored"])
     with _opened(arguments, workers) as source:
         of = source.header

@@ -1,8 +1,9 @@
-"""H out of MATLAB v7.3 files: those of lfcal, and of the codes after Prevedel et al. 2014.
+"""Import H from MATLAB v7.3 files: those of lfcal, and those of the codes based on Prevedel et al. 2014.
 
-The images of those codes are MATLAB's, rows first, and so is their ``H(t, s, y, x, z)``. Of each plane they use the
-window ``CAindex`` alone. What is computed by fast-light-field holds a quarter of the positions (``ReducedMatrix``).
-A file that says nothing of its axes is read columns first, ``H(s, t, x, y, z)``. Which order was taken is always noted.
+The images of those codes have rows first, as in MATLAB, and so has their ``H(t, s, y, x, z)``. They use only the
+window ``CAindex`` of each plane. Files of fast-light-field hold a quarter of the positions (``ReducedMatrix``). If a
+file does not state the order of its axes, columns first is assumed, ``H(s, t, x, y, z)``. The order used is always
+noted.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from lfcal.psf.matrix import PSFMatrix
 __all__ = ["MAT_ORDERS", "check_mat_order", "open_mat"]
 
 THEIRS = ("ReducedMatrix", "settingPSF", "MLARRAY", "OSR", "x1objspace", "fml", "MLPitch", "Nnum", "CAindex")
-"""Variables that identify a file of Prevedel's code, or one written after it."""
+"""Variables by which a file of Prevedel's code, or of a code based on it, is recognised."""
 
 MAT_ORDERS = {"rows-first": ROWS_FIRST, "columns-first": COLUMNS_FIRST}
-"""Orders of the axes of H that a reader may state, as the variable ``axisOrder`` writes them."""
+"""Orders of the axes of H that the caller may state, as written in the variable ``axisOrder``."""
 
 _WORDS = {
     ROWS_FIRST: ("rows-first", "H(t, s, y, x, z), rows first"),
@@ -36,7 +37,7 @@ _WORDS = {
 
 
 def check_mat_order(mat_order: str) -> str:
-    """Return ``mat_order``; raises `InputError` unless it is empty or one of `MAT_ORDERS`."""
+    """Return ``mat_order`` unchanged; raises `InputError` unless it is empty or one of `MAT_ORDERS`."""
     if mat_order and mat_order not in MAT_ORDERS:
         raise InputError.expected("order of a .mat file's axes", " or ".join(MAT_ORDERS), mat_order, "choose one")
     return mat_order
@@ -45,20 +46,20 @@ def check_mat_order(mat_order: str) -> str:
 def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
     """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` gives its depths.
 
-    A 4-D H is a single plane; MATLAB drops trailing axes of length one. The provenance states how the file was read:
-    ``notes`` for a reader, ``lens_centre`` where the file or its code's convention says it.
+    A 4-D H is a single plane, because MATLAB drops trailing axes of length one. The provenance states how the file
+    was read: ``notes`` are for the user, ``lens_centre`` is set if the file or its code's convention determines it.
 
     Parameters
     ----------
     path
         The file.
     mat_order
-        Order of the axes of H, one of `MAT_ORDERS`; empty: as the file says, or as its variables suggest.
+        Order of the axes of H, one of `MAT_ORDERS`; empty: as the file states, or else as its variables suggest.
 
     Raises
     ------
     FileFormatError
-        If it is of version 5 to 7, or has no H that can be read, with the reason.
+        If it is of version 5 to 7, or has no H that can be read; the message says why.
     InputError
         For an unknown ``mat_order``, or one that the file contradicts.
     """
@@ -77,7 +78,7 @@ def _check_version(path: Path) -> None:
     if path.is_file():
         with storage_errors(path), path.open("rb") as raw:
             head = raw.read(128)
-    # MATLAB 5.0 files are no HDF5 at all, and h5py would only say that a signature is missing
+    # MATLAB 5.0 files are not HDF5, and h5py would only report a missing signature
     if head.startswith(b"MATLAB 5.0"):
         raise FileFormatError.expected(
             str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')"
@@ -91,7 +92,7 @@ class _Reader:
         self._file = file
         self._order = self._text("axisOrder")
         if stated and self._order not in ("", stated):
-            wanted = f"{_WORDS[self._order][0]}, as its axisOrder says"
+            wanted = f"{_WORDS[self._order][0]}, as its axisOrder states"
             raise InputError.expected(
                 f"{file.path}, order of its axes", wanted, _WORDS[stated][0], "leave the order out"
             )
@@ -105,9 +106,9 @@ class _Reader:
         """Return which order the axes were read in, and why; where it was inferred, how to state the other one."""
         read = f"read as {_WORDS[taken][1]}"
         if self._order or stated:
-            return f"{read}, as {'its axisOrder says' if self._order else 'stated'}"
+            return f"{read}, as {'its axisOrder states' if self._order else 'you stated'}"
         other, axes = _WORDS[COLUMNS_FIRST if taken == ROWS_FIRST else ROWS_FIRST]
-        why = f"as codes that write {known[0]} do" if known else "because nothing in the file states the order"
+        why = f"as in codes that write {known[0]}" if known else "because nothing in the file states the order"
         return f"{read}, {why}; if it is {axes}, import it with `lfcal export --mat-order {other}`"
 
     def matrix(self) -> PSFMatrix:
@@ -116,7 +117,9 @@ class _Reader:
         nz, _, _, nt, ns = base.shape
         if self._flag("ReducedMatrix"):
             base = MirroredPlanes(base)
-            self._notes.append("a quarter of the positions (ReducedMatrix) was mirrored, as its code does")
+            self._notes.append(
+                "the file holds a quarter of the positions (ReducedMatrix); the others were mirrored, as its code does"
+            )
         windows = self._windows(nz, nt, ns)
         if self._swapped or windows or not (nt % 2 and ns % 2):
             base = self._placed(base, windows)
@@ -127,7 +130,7 @@ class _Reader:
         provenance["mat_order"] = _WORDS[ROWS_FIRST if self._swapped else COLUMNS_FIRST][0]
         provenance["mat_order_open"] = not self._order
         provenance["notes"] = self._notes
-        if isinstance(stored, FilePlanes):  # read whole
+        if isinstance(stored, FilePlanes):  # the whole matrix is read
             self._file.close()
         return PSFMatrix(base, depths=depths, anchor=anchor, provenance=provenance)
 
@@ -135,7 +138,7 @@ class _Reader:
         where = f"{self._file.path}: H"
         if (kind := self._class("H")) in ("cell", "struct"):
             raise FileFormatError.expected(
-                where, "an array of numbers", f"a {kind} array", "write it as one: H = full(H{aa,bb,cc}) for each"
+                where, "an array of numbers", f"a {kind} array", "convert it: H = full(H{aa,bb,cc}) for each"
             )
         if "H" in self._file and self._file.attributes("H").integer("MATLAB_sparse") is not None:
             raise FileFormatError.expected(
@@ -168,7 +171,7 @@ class _Reader:
 
     def _windows(self, nz: int, nt: int, ns: int) -> list[Window] | None:
         """Return the pixels of each plane that count, None where all do."""
-        if self._order:  # files of lfcal state the cutout; CAindex leaves out only zeros
+        if self._order:  # files of lfcal state the cutout; CAindex excludes only zeros
             whole: Window = (slice(0, nt), slice(0, ns))
             return [whole] * nz if self._cutout((nt, ns)) not in (None, (nt, ns)) else None
         if "CAindex" not in self._file or nt != ns:
@@ -182,7 +185,7 @@ class _Reader:
     def _crops(self, nz: int, n: int) -> NDArray[np.int64]:
         """Return first and last pixel of each plane, counted from 1, ``(2, nz)``."""
         found = self._file.values("CAindex", finite=True)
-        # MATLAB's (nz, 2) is (2, nz) here; fast-light-field has written both
+        # MATLAB's (nz, 2) is (2, nz) here; fast-light-field has written both orders
         table = found.T if found.shape == (nz, 2) and nz != 2 else found
         whole = table.astype(np.int64) if table.shape == (2, nz) else np.zeros((2, nz), np.int64)
         if (whole != table).any() or (whole[0] < 1).any() or (whole[1] > n).any() or (whole[0] > whole[1]).any():
@@ -197,7 +200,7 @@ class _Reader:
         """Return the depths (µm); None if the file has none, or another number than planes."""
         if "x3objspace" not in self._file:
             return None
-        # beyond a million kilometres it is no depth of optics, and could overflow
+        # beyond a million kilometres a value is not a depth of optics, and could overflow
         values = self._file.values("x3objspace", finite=True, at_most=1e9).astype(np.float64).ravel() * 1e6  # m to µm
         if values.size != nz:
             return None

@@ -23,7 +23,7 @@ __all__ = ["PSFMatrix"]
 
 
 class PSFMatrix:
-    """The PSF matrix ``H[z, y, x, t, s]`` over an array, a memory map or an H file.
+    """The PSF matrix ``H[z, y, x, t, s]`` in an array, a memory map or an H file.
 
     Slicing follows numpy's basic rules (integers, slices, ellipsis) and reads only what it needs.
     ``H.T`` is the transposed matrix as a view: each slice is computed from H on demand, and ``H.T.T`` is H. Values
@@ -42,13 +42,13 @@ class PSFMatrix:
     scale, offset
         For stored integers: value = stored * scale + offset, one number or one per plane.
     recorded
-        How often each position ``(nz, ny, nx)`` was recorded (0: missing); by default once.
+        Number of times each position ``(nz, ny, nx)`` was recorded (0: missing); by default once.
     saturated
-        Saturated pixels in each position's pattern ``(nz, ny, nx)``, -1 where unknown; None: not counted.
+        Number of saturated pixels in each pattern ``(nz, ny, nx)``, -1 if unknown; None: not counted.
     facts
         All facts about the positions, instead of ``recorded`` and ``saturated``.
     uncertainty
-        Stated standard deviation of every entry, of the same shape, 0 if none is stated in addition to the noise; or
+        Standard deviation of every entry, in the shape of ``data``, 0 if none is stated in addition to the noise; or
         None.
     depth_sums
         Depth-plane sums ``(nz, nt, ns)``, if they are already known.
@@ -93,7 +93,7 @@ class PSFMatrix:
         planes = _as_planes(data)
         shape = check_psf_shape(planes.shape)
         per_plane = (shape[0],)
-        # one number or one per plane comes out as one per plane
+        # one number, or one per plane, becomes one per plane
         scales = np.broadcast_to(np.asarray(scale, np.float64), per_plane)
         offsets = np.broadcast_to(np.asarray(offset, np.float64), per_plane)
         if (scales != 1).any() or (offsets != 0).any():
@@ -104,7 +104,9 @@ class PSFMatrix:
         if np.isnan(self._depths).any() and not np.isnan(self._depths).all():
             raise InputError.expected("depths", "one for each plane, or none", self._depths.tolist(), "complete them")
         if camera is not None and not self.knows_depths:
-            raise InputError.expected("depths of a camera's planes", f"{shape[0]} in µm", "none", "give depths, too")
+            raise InputError.expected(
+                "depths of a camera's planes", f"{shape[0]} in µm", "none", "state the depths as well"
+            )
         self._camera = camera
         self._anchor = (float(anchor[0]), float(anchor[1]))
         given = {"recorded": recorded, "saturated": saturated} if facts is None else facts.known()
@@ -124,7 +126,7 @@ class PSFMatrix:
         self._opened: Callable[[], PSFMatrix] | None = None
 
     def opened_by(self, again: Callable[[], PSFMatrix]) -> PSFMatrix:
-        """Note how it is opened again from its file, in another process, too; return it."""
+        """Store how the matrix is opened again from its file, also by another process; return the matrix."""
         self._opened = again
         return self
 
@@ -147,7 +149,7 @@ class PSFMatrix:
 
     @property
     def ndim(self) -> int:
-        """Five."""
+        """Number of axes: 5."""
         return 5
 
     @property
@@ -157,32 +159,32 @@ class PSFMatrix:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of the values read."""
+        """Type of the values when they are read."""
         return self._planes.dtype
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the whole matrix in memory."""
+        """Size of the whole matrix in memory (bytes)."""
         return self.size * self.dtype.itemsize
 
     @property
     def period(self) -> tuple[int, int]:
-        """Source positions ``(ny, nx)`` in one period (sensor pixels)."""
+        """Number of source positions ``(ny, nx)`` in one period (sensor pixels)."""
         return self._shape[1], self._shape[2]
 
     @property
     def cutout(self) -> tuple[int, int]:
-        """Pixels ``(nt, ns)`` of a pattern."""
+        """Rows and columns ``(nt, ns)`` of a pattern (pixels)."""
         return self._shape[3], self._shape[4]
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Object-space depth of each plane (µm), positive away from the camera; plane numbers where none is known."""
+        """Object-space depth of each plane (µm), positive away from the camera; plane numbers if depths are unknown."""
         return self._depths if self.knows_depths else np.arange(self._shape[0], dtype=np.float64)
 
     @property
     def known_depths(self) -> NDArray[np.float64]:
-        """Object-space depth of each plane (µm); not-a-number where H states none, as files of other codes do."""
+        """Object-space depth of each plane (µm); NaN if H states none, as in files of other codes."""
         return self._depths
 
     @property
@@ -192,12 +194,12 @@ class PSFMatrix:
 
     @property
     def camera(self) -> Camera | None:
-        """The camera H belongs to, where known."""
+        """The camera of H, if known."""
         return self._camera
 
     @property
     def pixel_scale(self) -> tuple[float, float]:
-        """Pixels of H per sensor pixel (rows, columns): not 1 where frames were resampled to a whole period."""
+        """Pixels of H per sensor pixel (rows, columns); not 1 if frames were resampled to a whole period."""
         cutout = self._provenance.get("cutout")
         scale = cutout.get("scale", (1.0, 1.0)) if isinstance(cutout, Mapping) else (1.0, 1.0)
         # provenance comes from a file that anyone may have written
@@ -211,7 +213,7 @@ class PSFMatrix:
 
     @property
     def facts(self) -> Facts:
-        """What is known of the positions of H; of the view ``H.T`` nothing is, for its positions are pixels of H.
+        """Facts about the positions of H; the view ``H.T`` has none, because its positions are pixels of H.
 
         Raises
         ------
@@ -220,19 +222,19 @@ class PSFMatrix:
         """
         if self._is_transposed:
             raise InputError.expected(
-                "facts of the positions", "those of H", "those of HT, whose positions are pixels", "ask HT.T for them"
+                "facts of the positions", "H", "HT, whose positions are pixels of H", "use HT.T.facts"
             )
         return self._facts
 
     @property
     def recorded(self) -> NDArray[np.uint16]:
-        """How often each position ``(nz, ny, nx)`` was recorded; 0: missing. For H only."""
+        """Number of times each position ``(nz, ny, nx)`` was recorded; 0: missing. For H only."""
         known = self.facts.recorded
         return np.ones(self._shape[:3], np.uint16) if known is None else known
 
     @property
     def saturated(self) -> NDArray[np.int32] | None:
-        """Saturated pixels in each pattern ``(nz, ny, nx)``, -1 where unknown, or None. For H only."""
+        """Number of saturated pixels in each pattern ``(nz, ny, nx)``, -1 if unknown, or None. For H only."""
         return self.facts.saturated
 
     @property
@@ -241,26 +243,27 @@ class PSFMatrix:
         return np.argwhere(self.recorded == 0)
 
     def valid(self, z: int, y: int, x: int) -> NDArray[np.bool_]:
-        """Return which pixels ``(nt, ns)`` of a pattern of H carry a measurement: not saturated, not masked."""
+        """Return which pixels ``(nt, ns)`` of a pattern of H are measurements, neither saturated nor masked."""
         packed = self.facts.valid
         if packed is None:
             return np.ones(self.cutout, np.bool_)
         return unpack_valid(packed[z, y, x], self.cutout)
 
     def variance(self, z: int, y: int, x: int) -> NDArray[np.float64] | None:
-        """Return the variance of each sample ``(nt, ns)`` of a pattern of H, or None where it is not known."""
+        """Return the variance of each sample ``(nt, ns)`` of a pattern of H, or None if it is unknown."""
         noise = self.facts.noise
         if noise is None or not np.isfinite(noise[z, y, x]).all():
             return None
         constant, slope = noise[z, y, x].astype(np.float64)
-        # variance grows with the signal, which noise may have pushed below zero: the photon part is never negative
+        # the variance grows with the signal; noise may make a sample negative, but the photon part never is
         variance: NDArray[np.float64] = constant + slope * np.maximum(self[z, y, x].astype(np.float64), 0)
         return variance
 
     def uncertainty(self, z: int, y: int, x: int) -> NDArray[np.float32] | None:
-        """Return the standard deviation of each entry ``(nt, ns)`` of a pattern of H, or None where it is not known.
+        """Return the standard deviation of each entry ``(nt, ns)`` of a pattern of H, or None if it is unknown.
 
-        As it is stated, for a pattern of which a model has its share; of a measured one that of its noise.
+        For a pattern that is at least partly modelled, it is the stated uncertainty; for a measured one, it is the
+        noise.
         """
         stated = self._uncertainty
         if stated is not None:
@@ -272,7 +275,7 @@ class PSFMatrix:
 
     @property
     def stated_uncertainty(self) -> Planes | None:
-        """Stated standard deviations of every entry of H, 0 where only the noise is stated; None: there are none."""
+        """Stated standard deviation of every entry of H, 0 where only the noise is stated; None: none is stated."""
         return self._uncertainty
 
     @property
@@ -282,7 +285,7 @@ class PSFMatrix:
 
     @property
     def path(self) -> str:
-        """The file behind H, or behind the H that HT is computed from; empty for an array in memory."""
+        """The file of H, or of the H that HT is computed from; empty for an array in memory."""
         stored = self._stored()
         return str(stored.path) if isinstance(stored, DatasetPlanes | FilePlanes) else ""
 
@@ -292,13 +295,13 @@ class PSFMatrix:
 
     @property
     def is_transposed(self) -> bool:
-        """Whether this is the view ``H.T``."""
+        """Whether this matrix is the view ``H.T``."""
         return self._is_transposed
 
     # -- values ----------------------------------------------------------------------------------------
     @property
     def planes(self) -> Planes:
-        """Where the values come from, one depth plane at a time."""
+        """Source of the values, one depth plane at a time."""
         return self._planes
 
     @property
@@ -307,16 +310,16 @@ class PSFMatrix:
         with self._lock:
             if self._other is None:
                 other = PSFMatrix.__new__(PSFMatrix)
-                # the transpose shares data and facts, but has separate sums, fits and lock
+                # the transpose shares data and facts, but has separate sums, fits and locks
                 other.__dict__.update(self.__dict__)
                 other._planes = self._planes.transposed()
-                # HT = H^T turns each pattern, so its depth-plane sums are those of H turned by 180 degrees; no plane
-                # is read
+                # HT = H^T rotates each pattern, so its depth-plane sums are those of H rotated by 180 degrees; no
+                # plane is read
                 other._sums = {z: s[::-1, ::-1] for z, s in self._sums.items()}
                 other._apertures = {}
                 other._lock = threading.Lock()
                 other._is_transposed = not self._is_transposed
-                # both refer to each other, so that H.T.T is H itself and a kept plane is not held twice
+                # both refer to each other, so that H.T.T is H itself and a kept plane is stored only once
                 other._other = self
                 self._other = other
             return self._other
@@ -328,7 +331,7 @@ class PSFMatrix:
     def depth_sum(self, z: int) -> NDArray[np.float64]:
         """Return the sum of plane ``z`` over all positions, ``(nt, ns)``: the aperture seen from that depth.
 
-        Computed once, kept, and read-only; the sum of the transposed matrix is the same turned by 180 degrees.
+        It is computed once, kept, and read-only. The sum of the transposed matrix is the same, rotated by 180 degrees.
         """
         z = in_range(z, 0, self._shape[0])
         if z not in self._sums:
@@ -372,7 +375,7 @@ class PSFMatrix:
             return _read_only(self._planes.cutout(z, y, x))[pixels]
         rows = [y] if isinstance(y, int) else list(range(*y.indices(self._shape[1])))
         columns = [x] if isinstance(x, int) else list(range(*x.indices(self._shape[2])))
-        # above a quarter of a plane one pass over its chunks is quicker than single chunks
+        # to read more than a quarter of a plane, one pass over its chunks is faster than single chunks
         if len(rows) * len(columns) * 4 > self._shape[1] * self._shape[2]:
             return _read_only(self._planes.plane(z))[(y, x, *pixels)]
         block = np.empty((len(rows), len(columns), *self._shape[3:]), self.dtype)
@@ -395,7 +398,7 @@ class PSFMatrix:
         return out
 
     def close(self) -> None:
-        """Close the file behind H, if there is one; values can no longer be read then."""
+        """Close the file of H, if there is one; values can no longer be read then."""
         stored = self._stored()
         if isinstance(stored, DatasetPlanes):
             stored.close()

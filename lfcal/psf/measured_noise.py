@@ -1,4 +1,4 @@
-"""Noise measured on the frames themselves, if no file states it.
+"""Measure the noise in the frames themselves, if no file states it.
 
 Repeated frames of a position, and the reference frames of a session, differ only by their noise. Frames of
 neighbouring positions also differ by signal. At a fixed pixel of the sensor, however, the signal is a smooth function
@@ -29,35 +29,35 @@ __all__ = ["measure_noise", "scan_noise"]
 F8 = NDArray[np.float64]
 
 FEW_BLOCKS, BLOCKS = 4, 16
-"""Blocks of neighbouring positions that are examined: at least of a small scan, and at most."""
+"""Smallest and largest number of blocks of neighbouring positions that are examined."""
 
 PER_BLOCK = 250
-"""Frames of a scan for each block: measuring reads a tenth of the frames once more, or 100."""
+"""Frames of a scan for each block, so that measuring reads a tenth of the frames again, or 100 of them."""
 
 PAIRS = 32
-"""Pairs of repeated frames that are looked at, at most."""
+"""Largest number of pairs of repeated frames that are compared."""
 
 FEWEST = 1000
-"""Samples that a measurement needs."""
+"""Number of samples needed for a measurement."""
 
 ALIKE = 60
-"""Samples of like brightness whose roughness is compared."""
+"""Number of samples of similar brightness whose roughness is compared."""
 
 BETTER = 3.0
-"""Standard errors that the term of signal² must exceed to be fitted."""
+"""Number of standard errors that the term of signal² must exceed to be fitted."""
 
 CLIPPED = 0.9950
-"""Mean square of a normal number whose squares beyond 9 count as 9."""
+"""Mean square of a standard normal variable whose squares above 9 count as 9."""
 
 CERTAIN = 0.25
-"""Largest relative standard error of the slope that counts as measured."""
+"""Relative standard error of the slope up to which it counts as measured."""
 
 SMOOTH = 0.5
-"""Share of the pixels of like brightness that is kept: those whose signal is smoothest."""
+"""Share of the pixels of similar brightness that is kept: those with the smoothest signal."""
 
 
 ROUGH, TURNS = 2.5, 2
-"""Roughness over the noise up to which a sample is smooth, and how often the noise is measured on such samples."""
+"""Ratio of roughness to noise up to which a sample is smooth, and number of noise measurements on such samples."""
 
 
 class _Samples(NamedTuple):
@@ -75,13 +75,13 @@ class _Samples(NamedTuple):
     own: F8
 
     def of_those(self, kept: NDArray[np.intp]) -> _Samples:
-        """Return the samples of these numbers."""
+        """Return the samples with these indices."""
         mean, around, difference, roughness, own = (one[kept] for one in self)
         return _Samples(mean, around, difference, roughness, own)
 
     @classmethod
     def of(cls, mean: F8, around: F8, difference: F8, roughness: F8, own: float, valid: NDArray[np.bool_]) -> _Samples:
-        """Return the valid ones of samples ``(rows, columns)``; those without a brightness ``around`` are left out."""
+        """Return the valid samples of ``(rows, columns)``, without those whose surroundings have no brightness."""
         difference = _unexplained(difference, mean, valid)
         kept = valid & np.isfinite(around)
         every = np.full(int(kept.sum()), own)
@@ -89,16 +89,16 @@ class _Samples(NamedTuple):
 
 
 def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> FrameNoise | None:
-    """Return the noise of the frames of a scan, None where too few of them are alike.
+    """Return the noise of the frames of a scan, None if too few of them are similar.
 
     Parameters
     ----------
     gatherer
         The frames, corrected.
     order
-        Their numbers, sorted by position.
+        Frame numbers, sorted by position.
     counts
-        How many belong to each position ``(nz, ny, nx)``.
+        Number of frames at each position ``(nz, ny, nx)``.
     """
     said = _stated(gatherer, order)
     if said is not None:
@@ -126,7 +126,7 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
 
 
 def scan_noise(source: FrameSource, plan: ScanPlan) -> FrameNoise | None:
-    """Return the noise of the corrected frames of a scan, None where too few of them are alike."""
+    """Return the noise of the corrected frames of a scan, None if too few of them are similar."""
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
     gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))
@@ -141,7 +141,7 @@ def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> FrameNoise | None:
         return None
     if found is None:
         return None
-    return FrameNoise(float(found.constant), float(found.slope), 0.0, "as the camera is described", stated=True)
+    return FrameNoise(float(found.constant), float(found.slope), 0.0, "as in the camera's description", stated=True)
 
 
 def _repeated(
@@ -161,7 +161,7 @@ def _references(source: FrameSource) -> Iterator[_Samples]:
     """Yield samples of pairs of the frames that a session took of one place again and again."""
     try:
         again = source.repeats() if isinstance(source, Frames) else None
-        # each frame is in one pair: the noise of two pairs that share a frame is not independent
+        # each frame is in one pair, because the noise of two pairs that share a frame is not independent
         for k in range(0, min(2 * PAIRS, 0 if again is None else len(again) - 1), 2):
             assert again is not None
             if again.info(k).origin != again.info(k + 1).origin:
@@ -171,11 +171,11 @@ def _references(source: FrameSource) -> Iterator[_Samples]:
             valid = np.ones(again.shape, np.bool_)
             for frame in (one, other):
                 valid &= np.isfinite(frame.values) if frame.valid is None else frame.valid
-            # equal frames are copies
+            # identical frames are copies
             if valid.any() and (values[0] != values[1])[valid].any():
                 yield _pair(values, valid)
     except LfcalError:
-        return  # damaged reference frames: neighbouring positions show the noise, too
+        return  # damaged reference frames: the noise is measured on neighbouring positions
 
 
 def _pair(values: F8, valid: NDArray[np.bool_]) -> _Samples:
@@ -198,7 +198,7 @@ def _unexplained(difference: F8, light: F8, valid: NDArray[np.bool_]) -> F8:
     own = own[:, sizes > 1e-9 * max(float(sizes.max(initial=0.0)), 1e-300)]
     apart = difference[valid]
     out = np.zeros(difference.shape)
-    # what is explained takes a share of the noise with it
+    # the part that is explained takes a share of the noise with it
     out[valid] = (apart - own @ (own.T @ apart)) / np.sqrt(np.maximum(1.0 - np.square(own).sum(axis=1), 0.5))
     return out
 
@@ -207,11 +207,11 @@ def _neighbours(
     gatherer: Gatherer, order: NDArray[np.int64], first: NDArray[np.int64], counts: NDArray[np.int64], side: int
 ) -> Iterator[_Samples]:
     """Yield samples of blocks of ``side`` x ``side`` neighbouring positions."""
-    # orthogonal polynomials over the positions: the last one is the difference that cancels all others
+    # orthogonal polynomials over the positions: the last one is the difference that cancels all the others
     basis = np.linalg.qr(np.vander(np.arange(side) - side // 2, increasing=True).astype(np.float64))[0].T
     both = np.kron(basis[-1], basis[-1])
     single = np.stack([np.kron(*pair) for one in basis[:-1] for pair in ((basis[-1], one), (one, basis[-1]))])
-    # a mean whose noise is neither that of the other mean nor that of the difference
+    # a mean whose noise is independent of both the other mean and the difference
     apart = np.linalg.pinv(np.stack([np.ones(side * side), both**2, both])) @ np.array([1.0, 0.0, 0.0])
     for z, y, x in _blocks(counts, side):
         numbers = order[first[z, y : y + side, x : x + side].ravel()].tolist()
@@ -284,7 +284,7 @@ def _fitted(samples: _Samples, floor: float | None) -> tuple[float, float, float
     kept = samples.of_those(_smooth(samples))
     terms, sigmas = _terms(kept, floor)
     for _ in range(TURNS):
-        # the smoothest of bright samples may all be rough: what counts is roughness beyond the noise
+        # even the smoothest of bright samples may be rough: only roughness beyond the noise counts
         variance = np.maximum(samples.around, 0.0)[:, None] ** np.arange(2) @ terms[:2]
         kept = samples.of_those(np.flatnonzero(samples.roughness <= ROUGH * variance))
         if kept.mean.size < FEWEST:
@@ -299,7 +299,7 @@ def _fitted(samples: _Samples, floor: float | None) -> tuple[float, float, float
 def _terms(samples: _Samples, floor: float | None) -> tuple[F8, F8]:
     """Return the terms of the variance that the samples need, and their standard errors."""
     fits = [_likely(samples, floor, count) for count in (2, 3)]
-    # a term that they do not need would take part of the slope
+    # an unnecessary term would take part of the slope
     return fits[1] if fits[1][0][-1] > BETTER * fits[1][1][-1] else fits[0]
 
 
@@ -315,7 +315,7 @@ def _likely(samples: _Samples, floor: float | None, count: int) -> tuple[F8, F8]
 
     square, known = np.square(samples.difference), floor or 0.0
     free = slice(0 if floor is None else 1, count)
-    # the square of a mean has its variance in it
+    # the square of a mean includes its variance
     light = np.stack([np.ones_like(square), samples.mean, samples.mean**2 - samples.own * square], axis=1)[:, free]
     around = np.maximum(samples.around, 0.0)[:, None] ** np.arange(count)[free]
     variance = np.full(len(square), max(known, float(np.median(square)) / 0.455))

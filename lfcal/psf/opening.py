@@ -1,4 +1,4 @@
-"""H from a file: that of lfcal, of other codes, or a plain array."""
+"""Open H from a file of lfcal, from a file of another code, or from a plain array."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ __all__ = [
 
 
 VERSIONS = (1, CHECKED_VERSION, STEPPED_VERSION, VERSION)
-"""Versions of the format that are read; what version 1 does not hold is unknown."""
+"""Versions of the format that can be read; facts that version 1 does not store are unknown."""
 
 FOREIGN = (".npy", ".mat", ".lfc")
 """Suffixes of the files of other codes that `open_psf` reads."""
@@ -76,7 +76,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     Raises
     ------
     StorageError
-        If the file does not exist or must not be read.
+        If the file does not exist or cannot be read.
     FileFormatError, UnsafeFileError
         If it is damaged, has another format, or is unsafe.
     InputError
@@ -139,9 +139,9 @@ def _of_npy(source: Path) -> PSFMatrix:
 
 
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return how another code's file was read, a line each: what it left open and lfcal took for granted.
+    """Return notes on how another code's file was read, one line each: what the file left open and lfcal assumed.
 
-    An H file that was imported from one has none; its provenance keeps them.
+    An H file made from such a file has none; its provenance keeps the notes.
     """
     if matrix.path and Path(matrix.path).suffix.lower() not in FOREIGN:
         return ()
@@ -152,13 +152,13 @@ def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
 def mat_order_of(matrix: PSFMatrix) -> str:
     """Return the ``mat_order`` with which another process opens the file of ``matrix``.
 
-    Empty unless it is ``.mat``.
+    It is empty unless the file is a ``.mat`` file.
     """
     return str(matrix.provenance.get("mat_order", "")) if Path(matrix.path).suffix.lower() == ".mat" else ""
 
 
 def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return the order in which a ``.mat`` file was read, and the other one; none where the file states it."""
+    """Return the order in which a ``.mat`` file was read, and the other order; empty if the file states its order."""
     from lfcal.psf.mat_import import MAT_ORDERS
 
     order = mat_order_of(matrix) if matrix.provenance.get("mat_order_open") else ""
@@ -166,9 +166,9 @@ def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return the names of the regions of the field in an H file, the one it opens with first (``""`` if unnamed).
+    """Return the names of the regions of the field in an H file, its default region first (``""`` if unnamed).
 
-    Files of other codes, as `open_psf` reads them, hold one.
+    Files of other codes, as `open_psf` reads them, have one region.
 
     Examples
     --------
@@ -193,7 +193,7 @@ def _check_format(file: H5File) -> int:
     if found != FORMAT:
         what = f"format {found[:60]!r}" if found is not None else "an HDF5 file of another kind"
         theirs = {".mat": "H" in file, ".lfc": "optics" in file}
-        named = next((f"name it {suffix}" for suffix, known in theirs.items() if known), "")
+        named = next((f"rename it to {suffix}" for suffix, known in theirs.items() if known), "")
         raise FileFormatError.expected(
             str(file.path), "an H file of lfcal", what, named or "import it as frames instead"
         )
@@ -271,12 +271,12 @@ class MatrixHead:
 
 
 def head_of(file: H5File) -> MatrixHead:
-    """Return what an H file says, of which nothing but ``depths`` is read; see ``only`` of `lfcal.base.h5.H5File`.
+    """Return the description of an H file, for which only ``depths`` are read; see ``only`` of `lfcal.base.h5.H5File`.
 
     Raises
     ------
     FileFormatError
-        If it is no H file, of a newer version, or damaged.
+        If it is not an H file, of a newer version, or damaged.
     """
     _check_format(file)
     shape = check_psf_shape(file.dataset_shape("H"))
@@ -293,7 +293,7 @@ def head_of(file: H5File) -> MatrixHead:
 
 
 def depth_sums_of(file: H5File, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the sums of the planes of an H file of ``shape``, none larger than its samples can add up to."""
+    """Return the depth-plane sums of an H file of ``shape``; raises an error for values that are too large."""
     most = MAX_SAMPLE * shape[1] * shape[2]
     return file.values(name, (shape[0], *shape[3:]), finite=True, at_most=most).astype(np.float64)
 
@@ -305,15 +305,15 @@ def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
     depths = file.values(f"{prefix}depths", (planes,), finite=True, at_most=1e15).astype(np.float64)
     if np.unique(depths).size < planes:
         raise FileFormatError.expected(
-            f"{file.path}:/{prefix}depths", "a depth for each plane", "one twice", "take the file from its source again"
+            f"{file.path}:/{prefix}depths", "a depth for each plane", "one twice", "get the file from its source again"
         )
     return depths
 
 
 def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return scale and offset, one number or one per plane; every stored value must stay a finite float32.
+    """Return scale and offset, one number or one per plane; all values must be finite in float32.
 
-    One number, and no offset, from version 4 on.
+    Since version 4 there is one scale and no offset.
     """
     given: Iterable[NDArray[np.float64] | None]
     if _check_format(file) >= VERSION:
@@ -327,7 +327,7 @@ def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray
             f"{data.where}, scale and offset",
             "numbers that give finite values",
             f"{scale[0]:g} and {offset[0]:g}",
-            "take the file from its source again",
+            "get the file from its source again",
         )
     return scale, offset
 
@@ -345,7 +345,7 @@ def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float3
     shape = data.shape
     if _check_format(file) != STEPPED_VERSION:
         return None
-    where, remedy = f"{file.path}:/{prefix}step", "take the file from its source again"
+    where, remedy = f"{file.path}:/{prefix}step", "get the file from its source again"
     if f"{prefix}step" not in file or f"{prefix}zero" not in file or data.dtype != np.uint16:
         raise FileFormatError.expected(where, "steps of uint16 patterns, step and zero", f"{data.dtype} alone", remedy)
     step = file.values(f"{prefix}step", shape[:3], kinds="f", finite=True).astype(np.float32)
@@ -362,14 +362,14 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
         found = attributes.text(key, wanted[0])
         if found not in wanted:
             raise FileFormatError.expected(
-                f"{file.path}, attribute {key}", " or ".join(wanted), repr(found[:60]), "take it from its source again"
+                f"{file.path}, attribute {key}", " or ".join(wanted), repr(found[:60]), "get it from its source again"
             )
 
 
 def provenance_of(file: H5File, group: str = "") -> dict[str, Any]:
-    """Return the provenance of the matrix in a group; raises `FileFormatError` where it is no JSON object."""
+    """Return the provenance of the matrix in a group; raises `FileFormatError` if it is not a JSON object."""
     attributes = file.attributes(group)
-    what, remedy = f"{file.path}, attribute provenance", "take it from its source again"
+    what, remedy = f"{file.path}, attribute provenance", "get it from its source again"
     found = parse_json(attributes.text("provenance", "{}"), what, remedy=remedy, finite=False)
     if not isinstance(found, dict):
         raise FileFormatError.expected(what, "a JSON object", "other text", remedy)
@@ -390,11 +390,11 @@ _KINDS = {
 
 
 def facts_in(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapping[str, Any]) -> Facts:
-    """Return what the file says of its positions."""
+    """Return the facts that the file states about its positions."""
     names = [entry.name for entry in fields(Facts) if prefix + entry.name in file]
     found = {name: file.values(prefix + name, kinds=_KINDS[name]) for name in names}
     if _check_format(file) == 1 and "saturated" in found and not provenance.get("corrections"):
-        # assembly without corrections did not count then, and wrote zeros
+        # at that time, assembly without corrections did not count saturated pixels, and wrote zeros
         found["saturated"] = np.where(found["saturated"] == 0, -1, found["saturated"].astype(np.int32))
     return Facts.of(shape[:3], (shape[3], shape[4]), **found)
 
@@ -409,7 +409,7 @@ def _uncertainty(file: H5File, prefix: str, data: H5Data) -> Planes | None:
     if found.shape != data.shape or found.dtype.kind != kind:
         wanted = f"{'numbers' if kind == 'f' else 'integers'} {data.shape}"
         raise FileFormatError.expected(
-            found.where, wanted, f"{found.dtype} {found.shape}", "take the file from its source again"
+            found.where, wanted, f"{found.dtype} {found.shape}", "get the file from its source again"
         )
     if kind == "f":
         return DatasetPlanes(found)

@@ -1,4 +1,4 @@
-"""Which way the frames of a scan lie: the path of the pattern against the one that the plan predicts."""
+"""Find the orientation of the frames of a scan by comparing the pattern's path with the path that the plan predicts."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ __all__ = [
 ]
 
 CERTAIN = 4.0
-"""The second best orientation must fit so many times worse."""
+"""Factor by which the second best orientation must fit worse."""
 
 MOST = 10.0
-"""Residuals count at most as this multiple of the best, because larger ones contain no further evidence."""
+"""Residuals count at most as this multiple of the best residual; larger ones contain no further evidence."""
 
 KEPT = 0.7
-"""Share of the frames of a plane that must agree; the others may be dark, stray or exchanged."""
+"""Share of the frames of a plane that must agree; the others may be dark, wrong or exchanged."""
 
 FLOOR_PX = 0.3
-"""Centroids of patterns of lenslet spots are not better than this (pixels)."""
+"""Smallest error of a centroid of a pattern of lenslet spots (pixels)."""
 
 FEW = 5
-"""Fewer frames of a plane fit any orientation, with step and offset free, once some are left out."""
+"""Number of frames of a plane below which any orientation would fit, because step and offset are free."""
 
 GAINS = (0.3, 3.0)
-"""The image may move by so much of what was planned: a wrong step, or part of the light standing still."""
+"""Ratio of measured to planned motion that is accepted: a step may be wrong, or part of the light not move."""
 
 SCAN = {
     "as is": "",
@@ -51,11 +51,11 @@ SCAN = {
     "transpose": "x and y of stage or scan are swapped",
     "anti-transpose": "x and y of stage or scan are swapped and both reversed",
 }
-"""What would make an image move as it does in frames that need an orientation."""
+"""What would make the image move as in frames with this orientation."""
 
 
 def either_words(name: str) -> str:
-    """Return what may be wrong where the image moves as in frames that need orientation ``name``."""
+    """Return what may be wrong if the image moves as in frames with orientation ``name``."""
     return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} against the plan"
 
 
@@ -93,12 +93,12 @@ class FoundOrientation:
 
     @property
     def wrong(self) -> bool:
-        """Whether it is certain that frames and plan do not agree as they are."""
+        """Whether it is certain that frames and plan do not agree."""
         return self.name not in ("", AS_IS)
 
     @property
     def words(self) -> str:
-        """What was found, for people."""
+        """What was found, in words."""
         if not self.name:
             return f"the orientation of the frames cannot be determined: {self.reason}"
         if not self.wrong or self.cause == "frames":
@@ -114,7 +114,7 @@ def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrie
     Parameters
     ----------
     source
-        Frames as they lie, best corrected; whole ones, or cutouts that know their place.
+        Frames as delivered, preferably corrected; whole frames, or cutouts with a known place on the sensor.
     plan
         Where the image should be at each position.
     """
@@ -135,7 +135,7 @@ def orientation_of_path(
     """Return the orientation of frames of shape ``frame`` that showed the pattern along ``path``.
 
     The direction of the motion is compared with that of the plan separately in each plane; step and offset are free.
-    Orientations with equal motion are distinguished by the place of the path. So are turned frames, and a scan along
+    Orientations with the same motion are distinguished by the place of the path, as are turned frames and a scan along
     other axes in upright frames.
 
     Parameters
@@ -156,7 +156,7 @@ def orientation_of_path(
     order = sorted(fits, key=lambda name: fits[name].misfit)
     best = fits[order[0]]
     alike = [name for name in order if fits[name].misfit < CERTAIN * best.misfit]
-    # a stage's origin is not better than that, nor is the place of a path than what the path leaves
+    # neither the origin of a stage nor the place of a path is more accurate than the residual of the path
     slack = max(2.0, 0.1 * max(plan.cutout), 2 * best.residual_px)
     name, reason = order[0], ""
     if len(alike) > 1:
@@ -191,7 +191,7 @@ def _fits(path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int])
     planes = [path.positions[:, 0] == z for z in np.unique(path.positions[:, 0])]
     turned = {name: one.places(path.seen, frame) for name, one in ORIENTATIONS.items()}
     left = {name: [_residual(seen[p], expected[p]) for p in planes] for name, seen in turned.items()}
-    # what the best leaves in a plane is what can be seen there: a plane whose pattern stands still says nothing
+    # the residual of the best orientation is the accuracy in a plane: a plane whose pattern does not move says nothing
     least = [max(FLOOR_PX, min(values)) for values in zip(*left.values(), strict=True)]
     weights = [int(p.sum()) for p in planes]
     found = {}
@@ -230,7 +230,7 @@ def _by_place(
     sensor: tuple[int, int],
 ) -> tuple[str, str]:
     """Return the one of the orientations that move alike whose path lies where the plan has it, or why none does."""
-    # frames whose shape fits are never turned on their side
+    # frames whose shape fits the sensor are never turned by 90 degrees
     shaped = [one for one in alike if ORIENTATIONS[one].shape(frame) == sensor] or alike
     away = sorted((math.hypot(*fits[name].offset_px), name) for name in shaped)
     near, name = away[0]
@@ -255,14 +255,19 @@ def _cause(
     by_frames, by_scan = ORIENTATIONS[name].shape(frame) == sensor, frame == sensor
     if name == AS_IS:
         known = by_scan or not _some_turn_fits(frame, sensor)
-        return "", "" if known else f"their shape is that of turned frames, {frame}, but the pattern moves as planned"
+        return (
+            "",
+            ""
+            if known
+            else f"their shape is that of frames turned by 90 degrees, {frame}, but the pattern moves as planned",
+        )
     if not by_frames and not by_scan:
         if _some_turn_fits(frame, sensor):
             return (
                 "",
-                f"their shape is that of frames on their side, {frame}, but the pattern moves along rows as planned",
+                f"they have the shape of turned frames, {frame}, but the pattern moves along rows as planned",
             )
-        # cropped or binned by others: the places mean nothing
+        # frames cropped or binned by other programs: places have no meaning
         return "either", ""
     if by_frames != by_scan:
         return ("frames" if by_frames else "scan"), ""

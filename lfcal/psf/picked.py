@@ -1,4 +1,4 @@
-"""Patterns of a few positions of a scan, as an H of which the others were never recorded."""
+"""Patterns of a few positions of a scan, as an H whose other positions are missing."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def iter_pick(
         flat = int(np.ravel_multi_index(place, shape))
         own = order[starts[flat] : starts[flat + 1]]
         if not len(own):
-            raise InputError.expected("position (z, y, x)", "one with a frame", place, "choose another")
+            raise InputError.expected("position (z, y, x)", "a position with a frame", place, "choose another")
         found = gatherer.pattern(own)
         patterns[place] = found.values
         recorded[place], variances[place], saturated[place] = len(own), found.noise, found.saturated

@@ -1,4 +1,4 @@
-"""Facts from the provenance of H about its frames, its simulation and its quality, read defensively.
+"""Read facts about frames, simulation and quality from the provenance of H, without trusting it.
 
 Provenance comes from a file that anyone may have written, and older files lack most of it: entries without the
 expected form count as unknown. ``docs/files.md`` lists the entries.
@@ -28,11 +28,11 @@ __all__ = [
 
 
 OF_FRAMES = ("frames", "noise", "optics")
-"""Entries that describe the frames, and stay with whatever is made of their patterns."""
+"""Entries that describe the frames; they are passed on to all that is made from the patterns."""
 
 
 class Codec(NamedTuple):
-    """How the files of the frames store their samples.
+    """How the files of the frames store samples.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class FrameNoise(NamedTuple):
     floor
         Variance without light (counts²).
     slope
-        Growth of the variance per count of signal (counts).
+        Increase of the variance per count of signal (counts).
     black
         Value without light (counts).
     source
@@ -71,18 +71,18 @@ class FrameNoise(NamedTuple):
 
     @property
     def of_samples(self) -> Noise | None:
-        """The variance of every sample; None where frames state their own."""
+        """The variance of every sample; None if the frames state it themselves."""
         from lfcal.frames import Noise  # an H is opened without the readers of frames
 
         return None if self.stated else Noise(self.floor, self.slope, self.black)
 
     def record(self) -> dict[str, Any]:
-        """Return what H keeps of it, as `noise_of` reads it."""
+        """Return the entry that H stores, which `noise_of` reads."""
         return {"floor": self.floor, "slope": self.slope, "black": self.black, "from": self.source}
 
 
 def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
-    """Return how the frames were stored, None where it is unknown.
+    """Return how the frames were stored, None if unknown.
 
     Examples
     --------
@@ -115,9 +115,9 @@ def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
-    """Return the noise of the frames, None where it was not measured.
+    """Return the noise of the frames, None if it was not measured.
 
-    A value of no light that is not stated, as in files of lfcal 0.1, is 0.
+    If the value without light is not stated, as in files of lfcal 0.1, it is 0.
 
     Examples
     --------
@@ -133,15 +133,15 @@ def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
 
 
 def optics_of(provenance: Mapping[str, Any]) -> str | None:
-    """Return which optics the simulator computed the frames with; None: real frames, or unknown."""
+    """Return the optics with which the simulator computed the frames; None: real frames, or unknown."""
     found = provenance.get("optics")
     return found if isinstance(found, str) and found else None
 
 
 def light_shares(provenance: Mapping[str, Any]) -> bool:
-    """Return whether H is computed, so that its values are shares of the light and no counts.
+    """Return whether H is computed, so that its values are shares of the light and not counts.
 
-    Simulated frames are counts, and note the seed of their noise.
+    H of simulated frames has counts; such frames state the seed of their noise.
     """
     simulated = provenance.get("simulated")
     return isinstance(simulated, Mapping) and "seed" not in simulated
@@ -156,7 +156,7 @@ def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[st
 
 
 def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Return provenance with how each plane was simulated, as `simulated_planes` reads it."""
+    """Return provenance with an entry on how each plane was simulated, which `simulated_planes` reads."""
     return {**provenance, "simulated": {**provenance.get("simulated", {}), "planes": list(planes)}}
 
 

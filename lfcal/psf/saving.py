@@ -1,4 +1,4 @@
-"""Saving a matrix: unchanged, transposed, within a tolerance, or together with other regions in one file."""
+"""Save a matrix unchanged, transposed, within a tolerance, or together with other regions in one file."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 __all__ = ["MatrixPlanes", "iter_save", "iter_save_regions", "iter_transpose_file", "save", "save_regions"]
 
 TRANSPOSED = "transpose"
-"""Key of provenance: the method of a transpose that cannot be turned back into H."""
+"""Provenance key for the method of a transpose that cannot be turned back into H."""
 
 
 class MatrixPlanes(PlaneSource):
-    """The planes of a matrix, or of its transpose by another method than the exact one.
+    """The planes of a matrix, or of its transpose by a method other than the exact one.
 
     Parameters
     ----------
     matrix
         H, or the view ``H.T``.
     method
-        Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: those of its transpose, as in
+        Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: the planes of its transpose, as in
         `lfcal.psf.transpose`.
     title
         As in `PlaneSource`.
@@ -56,7 +56,7 @@ class MatrixPlanes(PlaneSource):
         known = {**matrix.provenance, **(provenance or {})}
         self.header = replace(header_of(matrix), provenance=known)
         if method:
-            # it cannot be made back into H
+            # it cannot be converted back to H
             known[TRANSPOSED] = method
             self.header = replace(self.header, provenance=known, transposed=True, region="")
         self._clock = Clock(f"{title.partition(' ')[0]} planes", len(matrix))
@@ -77,10 +77,10 @@ class MatrixPlanes(PlaneSource):
         return made
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return how others read plane ``z``: from the same file."""
+        """Return how other processes read plane ``z``: from the same file."""
         matrix = self.matrix
         if not matrix.path:
-            raise InputError.expected("H", "one opened from a file", repr(matrix), "save it first")
+            raise InputError.expected("H", "a matrix opened from a file", repr(matrix), "save it first")
         source = os.path.abspath(matrix.path)
         values = {
             "source": source,
@@ -93,7 +93,7 @@ class MatrixPlanes(PlaneSource):
         return Reopening(f"{__name__}:{open_planes.__name__}", values, (source,))
 
     def close(self) -> None:
-        """Close the file where it was opened by `open_planes`."""
+        """Close the file if it was opened by `open_planes`."""
         if self._own:
             self.matrix.close()
 
@@ -117,7 +117,7 @@ def iter_save(
     provenance: Mapping[str, Any] | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
-    """Write ``matrix`` (H, or the view ``H.T``) to an H file, one plane in memory at a time.
+    """Write ``matrix`` (H, or the view ``H.T``) to an H file, with one plane in memory at a time.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def iter_save_regions(
     Raises
     ------
     InputError
-        If there is no matrix, or a name cannot be that of a group.
+        If there is no matrix, or a name contains a slash.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""The H file: written plane by plane, whole or not at all; what is written when, and what every entry means.
+"""Write H files plane by plane; a file is complete or not written at all.
 
-Version 4 of the format; ``docs/files.md`` describes it for other programs. Stored zero means value zero, and one
-number scales the whole matrix, so that every HDF5 reader sees the right shapes and ratios.
+This is version 4 of the format; ``docs/files.md`` describes it for other programs. A stored zero means value zero,
+and one number scales the whole matrix, so every HDF5 reader shows the correct shapes and ratios.
 """
 
 from __future__ import annotations
@@ -56,25 +56,25 @@ __all__ = [
 FORMAT = "lfcal-psf"
 VERSION = 4
 STEPPED_VERSION = 3
-"""Version whose patterns were stored as numbers of steps, each pattern with its own step and zero."""
+"""Version in which patterns are stored as numbers of steps, each pattern with a separate step and zero."""
 CHECKED_VERSION = 2
 """First version with checksums and a specification."""
 ROUNDED_BITS = 21
-"""Bits that an entry of a rounded H takes at most: 17 of the number of steps, and of sign and exponent what is left."""
+"""Largest number of bits of an entry of a rounded H: 17 for the number of steps, the rest for sign and exponent."""
 REGIONS = "regions"
-"""Group of the matrices of further regions of the field, by name."""
+"""Group that contains the matrices of further regions of the field, by name."""
 CENTRE_RULE = "(n - 1) // 2"
 CHECKSUM_RULE = "CRC-32 over the little-endian CRC-32 of every stored pattern, y slow, x fast"
 PLANE_NUMBER = "plane"
-"""Unit of depths that are not stated: they are numbers of planes."""
+"""Unit of depths if none are stated: plane numbers."""
 UNCERTAINTY_DIGITS = 8
-"""Binary digits of a stated standard deviation, which is rounded up: by 1/128 at most."""
+"""Binary digits of a stored standard deviation, which is rounded up by 1/128 at most."""
 
 Convert = Callable[[NDArray[Any]], NDArray[Any]]
 
 
 class MatrixGroup:
-    """Write one matrix into an open HDF5 group, plane by plane in any order, then `complete` it."""
+    """Write one matrix into an open HDF5 group, plane by plane in any order, and then `complete` it."""
 
     def __init__(self, group: Any, header: Header, stored: Stored, workers: int | None = None) -> None:
         self._group, self._header, self._stored, self._workers = group, header, stored, workers
@@ -94,7 +94,7 @@ class MatrixGroup:
 
     @property
     def lacking(self) -> list[int]:
-        """Planes that were not written yet."""
+        """Planes that have not been written yet."""
         return np.flatnonzero(~self._written).tolist()
 
     def _create_dataset(self, name: str, dtype: np.dtype[Any]) -> Any:
@@ -110,7 +110,7 @@ class MatrixGroup:
         return self._group.create_dataset(name, header.shape, dtype, chunks=chunk, track_times=False, **options)
 
     def write_plane(self, z: int, plane: Plane) -> None:
-        """Write plane ``z`` and what is known of it."""
+        """Write plane ``z`` and its facts."""
         self._write_values(z, plane.values, plane.facts)
         if plane.uncertainty is not None:
             self._write_uncertainty(z, plane.uncertainty)
@@ -124,7 +124,7 @@ class MatrixGroup:
         if plane.shape != shape[1:]:
             raise InputError.expected(f"plane {z}", f"shape {shape[1:]}", plane.shape, "check the assembly")
         if not 0 <= z < shape[0] or self._written[z]:
-            raise InputError.expected("plane number", "each of them once", z, "write every plane once")
+            raise InputError.expected("plane number", "each number once", z, "write every plane once")
         if plane.dtype.kind == "c":
             raise InputError.expected(
                 f"plane {z}", "real numbers", f"{plane.dtype}", "export a complex H as .npy, or store its parts"
@@ -142,7 +142,7 @@ class MatrixGroup:
         error = 0.0
         self._sums[z] = sums
         if step:
-            # the sums in the file are those of the values in the file
+            # the stored sums are computed from the stored values
             self._step[z] = step
             self._sums[z], error = _rounded_sums(plane, step, self._workers)
         each = np.zeros(shape[1:3], "<u4")
@@ -188,7 +188,7 @@ class MatrixGroup:
         self._uncertain[z] = True
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Take plane ``z`` over as another file has it: its bytes are neither unpacked nor rounded again."""
+        """Copy plane ``z`` from another file as it is stored: its bytes are neither decompressed nor rounded again."""
         if stored.data.shape[1:] != self._header.shape[1:] or self._written[z]:
             raise InputError.expected(
                 f"plane {z}", f"{self._header.shape[1:]} once", stored.data.shape, "write it again"
@@ -219,11 +219,11 @@ class MatrixGroup:
         known = facts.known()
         if bound is not None:
             known["bound"] = bound
-        elif rounding > 0:  # what is rounded to steps of the plane has no bound for each pattern
+        elif rounding > 0:  # values rounded to the step of the plane have no bound for each pattern
             known.pop("bound", None)
         stated = known.pop("error", None)
         errors = [e for e in (rounding, np.nan if stated is None else float(stated)) if np.isfinite(e)]
-        # an unknown error must not be replaced by that of rounding alone
+        # the error of rounding alone must not replace an unknown error
         if errors and (rounding > 0 or (stated is not None and np.isfinite(stated))):
             self._error[z] = sum(errors)
         known.setdefault("recorded", np.ones(self._header.shape[1:3], np.uint16))
@@ -235,7 +235,7 @@ class MatrixGroup:
         if self._stored.rounded:
             low, high = _range(plane, self._workers)
             step = step_of_range(low, high)
-            # float32 holds whole numbers beyond 16 bits as well
+            # float32 also represents whole numbers above 16 bits
             step = 1.0 if step > 1 and max(-low, high) < 2**24 and _whole(plane) else step
             return (partial(_rounded, step=step), step) if step else (_single, 0.0)
         if plane.dtype == dtype:
@@ -247,13 +247,13 @@ class MatrixGroup:
             raise InputError.expected(
                 f"plane {z}, stored as {dtype}",
                 f"whole numbers from 0 to {np.iinfo(dtype).max}",
-                f"others, from {low:.6g} to {high:.6g}",
+                f"other values, from {low:.6g} to {high:.6g}",
                 f"store it as {ROUNDED} or float32 (--dtype)",
             )
         return (lambda pattern: pattern.astype(dtype)), 0.0
 
     def complete(self) -> None:
-        """Write everything but the values; every plane must be there."""
+        """Write everything except the values; every plane must have been written."""
         group, header = self._group, self._header
         self._complete_uncertainty()
         if self._simulated:
@@ -298,8 +298,8 @@ class MatrixGroup:
 class PSFWriter:
     """Write an H file plane by plane; it gets its name only when all planes are complete.
 
-    Used as a context manager. Each chunk is one pattern, ``(1, 1, 1, nt, ns)``, compressed by all
-    processors, with checksums.
+    Each chunk is one pattern, ``(1, 1, 1, nt, ns)``, compressed by all
+    processors, with checksums. Use it as a context manager.
 
     Parameters
     ----------
@@ -310,9 +310,9 @@ class PSFWriter:
     depths, camera, anchor, provenance, region
         As in `PSFMatrix`.
     dtype
-        Stored type: ``"float32"`` (default); ``"rounded"``, float32 in steps of a power of two, at most 1/65535 of
-        the plane's range, which takes about a third of the bytes of float32, keeps whole numbers and states its error;
-        or ``"float64"``, ``"uint16"`` or ``"uint8"``, the latter for whole numbers that fit.
+        Stored type. ``"float32"`` is the default. ``"rounded"`` is float32 in steps of a power of two, at most
+        1/65535 of the plane's range. It takes about a third of the space, keeps whole numbers exactly and states its
+        error. ``"float64"``, ``"uint16"`` or ``"uint8"``: the latter two only for whole numbers that fit.
     compression
         ``"gzip"`` (level 1 with shuffle), ``"zstd"`` or ``"none"``.
     transposed
@@ -320,8 +320,8 @@ class PSFWriter:
     workers
         Number of compressing threads; None: all processors.
     store_tolerance
-        Instead of ``dtype``: the largest share (L1) that a pattern may lose; see `lfcal.psf._steps`. The largest loss
-        in each plane is stated as its ``bound``.
+        Used instead of ``dtype``: the largest share (L1) that a pattern may lose; see `lfcal.psf._steps`. The largest
+        loss in each plane is stored as its ``bound``.
 
     Raises
     ------
@@ -368,12 +368,12 @@ class PSFWriter:
     def of(
         cls, path: str | os.PathLike[str], header: Header, stored: Stored | None = None, workers: int | None = None
     ) -> Self:
-        """Return what writes a matrix of this header, stored that way; None: as by default."""
+        """Return a writer for a matrix with this header, stored as ``stored`` says; None: the defaults."""
         return cls(path, **vars(header), **vars(stored or Stored()), workers=workers)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """``(nz, ny, nx, nt, ns)``."""
+        """Shape ``(nz, ny, nx, nt, ns)`` of the matrix."""
         return self._header.shape
 
     def __enter__(self) -> Self:
@@ -400,9 +400,9 @@ class PSFWriter:
     ) -> None:
         """Write plane ``z``, ``(ny, nx, nt, ns)``.
 
-        ``recorded`` and ``saturated`` are ``(ny, nx)`` counts per position (by default 1 and unknown); ``facts``
+        ``recorded`` and ``saturated`` are ``(ny, nx)`` counts for each position (default: 1, and unknown). ``facts``
         replaces both and may contain more. ``uncertainty`` is the standard deviation of every entry, 0 if none is
-        stated besides the noise. ``simulated`` describes how a plane was simulated, as plain JSON types.
+        stated besides the noise. ``simulated`` describes how the plane was simulated, as plain JSON types.
         """
         if facts is None:
             _, ny, nx, nt, ns = self.shape
@@ -410,15 +410,15 @@ class PSFWriter:
         self.write(z, Plane(plane, facts, uncertainty, simulated))
 
     def write(self, z: int, plane: Plane) -> None:
-        """Write plane ``z`` and what is known of it."""
+        """Write plane ``z`` and its facts."""
         self._matrix.write_plane(z, plane)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Take plane ``z`` over as another file has it, byte for byte; see `lfcal.psf._joining`."""
+        """Copy plane ``z`` from another file, byte for byte; see `lfcal.psf._joining`."""
         self._matrix.adopt_plane(z, stored)
 
     def note(self, provenance: Mapping[str, Any]) -> None:
-        """Keep more provenance, known only after the planes were."""
+        """Add provenance that is known only after the planes were written."""
         self._matrix.note(provenance)
 
     def __exit__(
@@ -442,7 +442,7 @@ class PSFWriter:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Any]:
-    """Give an H file to write, open, which takes its name at the end of the block or not at all."""
+    """Yield an open H file to write; it gets its name at the end of the block, or is removed after an error."""
     with new_h5(path) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION, "creator": f"lfcal {full_version()}"})
         yield file
@@ -457,7 +457,7 @@ def check_storable(header: Header, stored: Stored) -> None:
 
 
 def stored_bytes(shape: tuple[int, ...], stored: Stored) -> int:
-    """Return an estimate of the largest size of an H file (bytes)."""
+    """Return an upper estimate of the size of an H file (bytes)."""
     size = int(np.prod(shape, dtype=np.int64))
     if stored.store_tolerance is None and not stored.rounded:
         return size * stored.samples.itemsize
@@ -466,7 +466,7 @@ def stored_bytes(shape: tuple[int, ...], stored: Stored) -> int:
 
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
-    """Write one plane ``(ny, nx, nt, ns)`` into an HDF5 dataset, compressing in threads where that is possible."""
+    """Write one plane ``(ny, nx, nt, ns)`` into an HDF5 dataset, compressed in threads if possible."""
     if chunk_pipeline(data) is None:
         data[z] = plane
         return
@@ -479,7 +479,7 @@ def stored_type(matrix: PSFMatrix) -> str:
 
 
 def header_of(matrix: PSFMatrix) -> Header:
-    """Return what ``matrix`` is besides its values."""
+    """Return the description of ``matrix`` besides its values."""
     return Header(
         matrix.shape,
         matrix.known_depths,
@@ -492,14 +492,14 @@ def header_of(matrix: PSFMatrix) -> Header:
 
 
 def facts_of(matrix: PSFMatrix) -> Facts:
-    """Return the facts of the positions of H, whether ``matrix`` is H or HT; a file of HT keeps them for H."""
+    """Return the facts about the positions of H, whether ``matrix`` is H or HT; a file of HT stores them for H."""
     return matrix.T.facts if matrix.is_transposed else matrix.facts
 
 
 def plane_checksum(stored: NDArray[Any], workers: int | None = None) -> int:
     """Return the checksum of a plane ``(ny, nx, nt, ns)`` of stored samples.
 
-    It is a CRC-32 over the CRC-32 of each pattern, so that patterns can be checked in parallel and on their own.
+    It is a CRC-32 over the CRC-32 of each pattern, so that patterns can be checked in parallel and separately.
     """
     ny, nx = stored.shape[:2]
     each = np.zeros((ny, nx), "<u4")
@@ -527,7 +527,7 @@ def _range(plane: NDArray[Any], workers: int | None) -> tuple[float, float]:
     """Return lowest and highest value of a plane."""
 
     def rows(start: int, stop: int) -> tuple[float, float]:
-        # pattern by pattern, so that each is read once into the cache
+        # pattern by pattern, so that each is loaded into the cache only once
         low, high = np.inf, -np.inf
         for pattern in plane[start:stop].reshape(-1, plane[0, 0].size):
             low, high = min(low, float(pattern.min())), max(high, float(pattern.max()))

@@ -1,4 +1,4 @@
-"""Orientation of frames, checked against the plan's path before the frames are used."""
+"""Check the orientation of frames against the planned path before the frames are used."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
     plan
         Plan with the expected place of the image at each position.
     choice
-        Name of the orientation; ``"auto"``: find it; ``"check"``: leave the frames unchanged unless that is certainly
-        wrong.
+        Name of the orientation; ``"auto"``: find it; ``"check"``: leave the frames unchanged, unless this is
+        certainly wrong.
 
     Raises
     ------
     InputError
-        If the frames show an unknown part of the sensor (by their metadata or their light). With ``"check"``, if the
-        frames are certainly not as planned; with ``"auto"``, if their orientation is undetermined, or the scan and not
-        the frames is turned.
+        If the frames show an unknown part of the sensor (according to their metadata or their light). With
+        ``"check"``, if the frames certainly do not match the plan. With ``"auto"``, if their orientation cannot be
+        determined, or the scan is turned and not the frames.
     """
     check_stated(view, plan.camera)
     if choice not in (CHECK, AUTO):
@@ -63,7 +63,7 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
 def check_place(
     found: FoundOrientation | None, view: FrameSource, plan: ScanPlan, turn: Orientation = ORIENTATIONS[AS_IS]
 ) -> None:
-    """Raise `InputError` if frames smaller than the sensor show another part of it than stated, or none is stated.
+    """Raise `InputError` if frames smaller than the sensor show another part of it than stated, or no part is stated.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def check_place(
         Given orientation of the frames, if it was not determined.
     """
     sensor, known = plan.camera.sensor.shape, view.metadata
-    # channels have pixels of another size; a session, and who gives cutouts, knows their places
+    # channels have pixels of another size; the places of sessions and given cutouts are known
     if known.plan is not None or known.channel:
         return
     seen = found is not None and found.name in ("", AS_IS) and math.isfinite(found.offset_px[0])
@@ -86,7 +86,7 @@ def check_place(
             view.info(k).origin == (0, 0) for k in range(len(view))
         ):
             place = [-n for n in found.offset_px] if seen and found is not None else None
-            raise part_refusal(view.shape, sensor, place, "as the place of the light says (to a few pixels)")
+            raise part_refusal(view.shape, sensor, place, "according to the place of the light (to a few pixels)")
         return
     if found is None or found.name != AS_IS:
         return
@@ -96,20 +96,20 @@ def check_place(
         row, column = (round(a - b) for a, b in zip(first, found.offset_px, strict=True))
         raise InputError.expected(
             "origin of the frames (row, column)",
-            f"about {row},{column}, as the place of the light says",
+            f"about {row},{column}, according to the place of the light",
             f"{first[0]},{first[1]}",
             "correct it (row first), or the plan's anchor",
         )
 
 
 def check_found(found: FoundOrientation, choice: str) -> None:
-    """Raise `InputError` where nothing may be assembled by what was found; ``choice`` as in `iter_upright`."""
+    """Raise `InputError` if the found orientation does not allow an assembly; ``choice`` is as in `iter_upright`."""
     if choice not in (CHECK, AUTO):
         return
-    keep = "--orientation as-is takes them as they are"
+    keep = "--orientation as-is leaves them unchanged"
     if not found.name and choice == AUTO:
         raise InputError.expected(
-            "frames", "a path of the pattern that shows their orientation", found.reason, "name their --orientation"
+            "frames", "a path of the pattern that shows their orientation", found.reason, "state it with --orientation"
         )
     if not found.wrong or (choice == AUTO and found.cause != "scan"):
         return
@@ -117,5 +117,5 @@ def check_found(found: FoundOrientation, choice: str) -> None:
     turn = f"turn the frames with --orientation {ORIENTATIONS[found.name].option}"
     remedy = {"scan": scan, "frames": turn, "either": f"{turn}, or {scan}"}[found.cause]
     raise InputError.expected(
-        "frames", "an image that moves as the plan says", f"another: {found.words}", f"{remedy}; {keep}"
+        "frames", "an image that moves as planned", f"another motion: {found.words}", f"{remedy}; {keep}"
     )

@@ -1,4 +1,4 @@
-"""Sides of H's pixels and of the voxels that its positions represent."""
+"""Sizes of H's pixels and of the voxels at its positions."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ Pair = tuple[float, float]
 
 
 def pixel_um(matrix: PSFMatrix) -> Pair | None:
-    """Return the sides (rows, columns) of a pixel of H's images on the sensor (µm); None: H has no camera.
+    """Return the height and width of a pixel of H's images on the sensor (µm); None: H has no camera.
 
-    Frames that were resampled onto a whole period have other pixels than the sensor, along each axis.
+    If frames were resampled to a whole period, H's pixels differ from the sensor's pixels along each axis.
     """
     return None if matrix.camera is None else _scaled(matrix.camera.sensor.pixel_um, matrix.pixel_scale)
 
 
 def voxel_um(matrix: PSFMatrix, depth_um: float | None = None) -> Pair | None:
-    """Return the sides (rows, columns) of a voxel in object space (µm): a pixel's step of the source.
+    """Return the height and width of a voxel in object space (µm): the step of the source for one pixel.
 
-    None where H has no camera. Behind a main lens steps grow with distance; by default it is the median depth's.
+    None if H has no camera. Behind a main lens, steps grow with distance; by default the median depth is used.
     """
     if matrix.camera is None:
         return None

@@ -1,14 +1,14 @@
-"""Tasks: one record for each operation, from which command, form, script and job file are generated.
+"""Tasks: one record for each operation. Its command, form, Python call and job file are generated from the record.
 
 - ``task``: the base of all tasks, and how a task is run
 - ``sets``: all tasks by the names of their commands
 - ``text``: conversion of tasks to commands, Python and job files
 - ``assembly``: frames to H
 - ``transpose``, ``reduce``, ``export``, ``inspect``: H to HT, to a smaller file, to other programs, and its quality
-- ``reconstruct``: light-field frames to volumes
+- ``reconstruct``: light-field frames to volumes, or the expected time and memory
 - ``simulate``: a camera to H or frames
 - ``target_frames``, ``cameras``, ``matrices``: inputs as tasks open them
-- ``acquire``: recordings of scans, regions and targets, and until H is good enough
+- ``acquire``: recording of scans, regions and targets, for planned positions or until H is accurate enough
 - ``plan``, ``plan_fit``, ``plan_target``: scans, positions for a fit, frames of a target
 - ``outputs``: rules for output files
 """

@@ -1,4 +1,4 @@
-"""H of one colour of the frames, or one H file for each colour."""
+"""Assemble H from one colour of the frames, or one H file for each colour."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ __all__ = ["ChannelPart", "open_colour", "parts_of"]
 
 @dataclass(frozen=True)
 class ChannelPart:
-    """One H file to make.
+    """One H file to assemble.
 
-    ``name`` is the requested colour, empty for the frames unchanged. ``plan`` is the plan of this H, which the scan's
-    own plan may differ from. ``channel`` is the channel of a mosaic, empty if the frames already have one colour.
+    ``name`` is the requested colour; it is empty if the frames are used unchanged. ``plan`` is the plan of this H,
+    which may differ from the plan of the scan. ``channel`` is the channel of a mosaic; it is empty if the frames
+    already have one colour.
     """
 
     source: Frames
@@ -32,13 +33,13 @@ class ChannelPart:
 
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
-    """Return frames and plan; for colour images those of the component ``channel``, green for ``"each"``."""
+    """Return the frames and their plan. Of colour images, read the component ``channel`` (green for ``"each"``)."""
     from lfcal.frames import open_component
 
     try:
         return open_component(opened, channel)
     except FileFormatError as error:
-        # the library's word for the option is not the command's
+        # the message names the library's argument; users of the command need the option
         raise FileFormatError(str(error).replace(' (colour="G")', ", or an H of all: --channel each")) from None
 
 
@@ -81,7 +82,7 @@ def parts_of(
         rows, columns = scan.plan.cutout
         if not quiet:
             note(
-                f"channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of it; "
+                f"channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of this colour; "
                 f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
             )
         parts.append(ChannelPart(own, scan.plan, name, path, name))

@@ -1,4 +1,4 @@
-"""Patterns to fit or predict, from an H file or from frames of which only the chosen positions are cut out."""
+"""Read the patterns to fit or predict, from an H file or from the chosen positions of frames."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ SOME = 40
 """Number of positions used from a source that has more."""
 
 NO_PLACE = ", (z, y, x) = (0, 0, 0)"
-"""Words by which errors name a frame's position."""
+"""The position that errors name for a single frame; it is removed where positions have no meaning."""
 
 
 def _read_noise(text: str) -> tuple[float, float] | None:
@@ -70,7 +70,7 @@ def _read_noise(text: str) -> tuple[float, float] | None:
 
 def noise_field(empty: str = "as the source states") -> tuple[float, float] | None:
     """Declare the field ``noise`` of a task; ``empty`` says what applies if it is not set."""
-    words = "Variance of a sample as CONSTANT,SLOPE: a sample of value v has the variance constant + slope v."
+    words = "Noise variance of a sample of value v (counts²), as CONSTANT,SLOPE: the variance is constant + slope v."
     return opt(None, words, empty=empty, read=_read_noise, show=lambda value: f"{value[0]!r},{value[1]!r}")
 
 
@@ -86,7 +86,7 @@ def orientation_field() -> str:
 
 
 def most_taken(asked: int | None, aside: Sequence[object]) -> int:
-    """Return the number of positions to use, 0 for all; by default 40, or all in a session of chosen positions."""
+    """Return the number of positions to use (0: all); by default 40, or all in a session of chosen positions."""
     return (0 if aside else SOME) if asked is None else asked
 
 
@@ -97,11 +97,11 @@ class PatternReading:
     Attributes
     ----------
     camera
-        The camera as described; None takes that of H or of the plan.
+        The camera before the fit; None takes the camera of H or of the plan.
     most
-        Number of positions to use, spread evenly; 0: all; None: 40, or all of a session of chosen positions.
+        Number of positions to use, spread evenly. 0: all. None: 40, or all in a session of chosen positions.
     noise
-        Constant and slope of a sample's variance; None uses what the source states.
+        Constant and slope of a sample's variance (counts²); None uses the values that the source states.
     plan
         Scan plan of frames, or of an H that has no camera.
     recipe
@@ -109,7 +109,7 @@ class PatternReading:
     orientation
         Operation that turns the frames upright.
     fit
-        A fit whose positions are left out if the source is the scan that was fitted.
+        A fit. Its positions are left out if the source is the scan that was fitted.
     """
 
     camera: Camera | None = None
@@ -121,7 +121,7 @@ class PatternReading:
     fit: StoredFit | None = None
 
     def described(self, matrix: PSFMatrix, source: Path) -> PSFMatrix:
-        """Return H with a camera; without its own, camera, depths and anchor come from the plan."""
+        """Return H with its camera. If H has none, camera, depths and anchor are taken from the plan."""
         from lfcal.camera import ScanPlan
         from lfcal.psf import PSFMatrix
 
@@ -147,14 +147,14 @@ def names_of(sources: Sequence[Path]) -> list[str]:
     names = [path.stem if path.suffix else path.name for path in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise InputError.expected("sources", "regions of different names", f"{twice} twice", "rename a file")
+        raise InputError.expected("sources", "a different name for each region", f"{twice} twice", "rename a file")
     if REPORT in names:
         raise InputError.expected("sources", "a region of another name", f"{REPORT}, the folder of all", "rename it")
     return names
 
 
 def is_matrix(path: Path) -> bool:
-    """Return whether a file holds H; any other HDF5 file is treated as frames."""
+    """Return whether a file is an H file; any other HDF5 file is treated as frames."""
     suffix = path.suffix.lower()
     if path.is_dir() or suffix not in (".h5", ".hdf5", ".npy", ".mat", ".lfc"):
         return False
@@ -169,7 +169,7 @@ def is_matrix(path: Path) -> bool:
 
 @contextmanager
 def own_words(without: str = "") -> Iterator[None]:
-    """Remove from errors options that this command lacks, those in ``without``, and positions not given."""
+    """Remove from error messages the options that this command lacks (``without``), and meaningless positions."""
     try:
         yield
     except LfcalError as error:
@@ -189,7 +189,7 @@ def open_upright(path: Path, *, quiet: bool = False) -> PSFMatrix:
 
 
 def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dict[str, Any]]]:
-    """Return the patterns of a source, and what the provenance of results should say about it."""
+    """Return the patterns of a source, and an entry about the source for the provenance of results."""
     import numpy as np
 
     from lfcal.camera import ScanPlan
@@ -234,7 +234,7 @@ def _left(
     found = index[[tuple(at) not in without for at in index.tolist()]] if len(index) else index
     if not len(found):
         remedy = "fit fewer positions, or name another recording"
-        raise InputError.expected(f"{source}, recorded positions", "some besides those fitted", "none", remedy)
+        raise InputError.expected(f"{source}, recorded positions", "at least one that was not fitted", "none", remedy)
     return found[spread_out(found, most, plan.period)] if most and len(found) > most else found
 
 
@@ -260,18 +260,18 @@ def _noise_of(
     known = matrix.facts.noise
     stated = None if known is None else known[matrix.recorded > 0]
     if stated is not None and np.isfinite(stated).all():
-        # the variance of samples above a black level starts at that level; at 0 it would be negative
+        # with the black level, the variance is smallest at that level; extrapolated to 0 it would be negative
         if (stated[:, 0] < 0).any():
-            wanted, remedy = "without their black level", "name --dark, or --black-level"
-            raise InputError.expected(f"{source}, samples", wanted, "with it", remedy)
+            wanted, remedy = "without the black level", "subtract it with --dark or --black-level"
+            raise InputError.expected(f"{source}, samples", wanted, "samples that include it", remedy)
         return None, words
     if found is not None:
         return (found.floor, found.slope), words
-    got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
+    got, remedy = "none", "give it with --noise CONSTANT,SLOPE"
     marks = None if matrix.camera is None else matrix.camera.marks
     if marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
         got = "a sensor whose read noise or full well is assumed"
-        remedy = f"state them (camera new --set sensor.read_noise_e=…), or {remedy}"
+        remedy = f"set them (camera new --set sensor.read_noise_e=…), or {remedy}"
     raise InputError.expected(f"{source}, noise", "a variance of the samples", got, remedy)
 
 

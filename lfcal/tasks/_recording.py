@@ -1,4 +1,4 @@
-"""Supervising, stopping and finishing a recording, for every kind of plan."""
+"""Supervise, stop and finish a recording of any kind of plan."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def pairs(options: tuple[str, ...]) -> dict[str, str]:
 
 
 def check_ready(plan: ScanPlan, rig: Rig, options: Options, *, resumed: bool, begun: bool) -> None:
-    """Raise for a camera with automatic changes of samples, or for dark frames without a switchable light.
+    """Raise an error if the camera changes samples automatically, or if dark frames need a light that can be switched.
 
-    What is allowed to stay automatic is reported. A ``resumed`` session is first compared with its stored camera
-    settings, which gives the clearer message. A session that has ``begun`` already has its dark frames.
+    Settings that are allowed to stay automatic are reported. A ``resumed`` session is first compared with its stored
+    camera settings, which gives the clearer message. A session that has ``begun`` already has its dark frames.
     """
     from lfcal.acquire import check_devices, check_fixed, check_light
 
@@ -48,7 +48,7 @@ def check_ready(plan: ScanPlan, rig: Rig, options: Options, *, resumed: bool, be
     if not resumed:
         check_fixed(devices, options)
     if devices.automatic and options.allow_automatic:
-        note(f"{devices.automatic_words}: frames may not be proportional to light, and H with them")
+        note(f"{devices.automatic_words}: frames, and H made of them, may not be proportional to light")
     if options.darks and not begun:
         check_light(rig)
 
@@ -56,7 +56,7 @@ def check_ready(plan: ScanPlan, rig: Rig, options: Options, *, resumed: bool, be
 class Cover:
     """A person who covers the lens, instead of a switchable light."""
 
-    waits = False  # no driver: a person may take any time
+    waits = False  # a person, not a driver, covers the lens, and may take any time
 
     def switch(self, on: bool) -> None:
         """Ask the person, and wait for the Enter key."""
@@ -70,7 +70,7 @@ class Cover:
 
 @contextmanager
 def stoppable(control: Control) -> Iterator[list[int]]:
-    """Stop in order at Ctrl-C, hang-up or a request to end, abort at a second one; yield the signals."""
+    """Stop cleanly at Ctrl-C, hang-up or a request to end, and abort at a second one; yield the signals received."""
     came: list[int] = []
 
     def asked(number: int, _: object) -> None:
@@ -83,7 +83,7 @@ def stoppable(control: Control) -> Iterator[list[int]]:
 
     before = {}
     if threading.current_thread() is threading.main_thread():
-        # Windows has no hang-up
+        # Windows has no hang-up signal
         names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
         before = {name: signal.signal(getattr(signal, name), asked) for name in names}
     try:
@@ -94,7 +94,7 @@ def stoppable(control: Control) -> Iterator[list[int]]:
 
 
 def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding, ...]]) -> Work[R]:
-    """Pass on a recording; report alarms once, holds and their ends, and stage checks that were not done."""
+    """Pass on a recording's progress; report alarms, pauses and skipped stage checks once each."""
     from lfcal.acquire.setup import STAGE
 
     held, reported, look = "", set[str](), time.monotonic() + ALARM_EVERY_S
@@ -122,7 +122,7 @@ def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding
 
 
 def list_suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
-    """Write the list of suspect positions into the session's folder, if any; return it and its path."""
+    """Write the list of suspect positions, if any, into the session's folder; return the list and its path."""
     from lfcal.acquire import read_suspects
 
     path = out / SUSPECTS

@@ -1,4 +1,4 @@
-"""Frames of a scan together with their plan, as several commands receive them."""
+"""Open frames of a scan together with their plan, as several commands receive them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "origin_field",
 
 
 def orientations() -> tuple[str, ...]:
-    """Return the orientations that can turn frames upright, by the names of options."""
+    """Return the orientations that turn frames upright, by their names in options."""
     from lfcal.frames import ORIENTATIONS
     from lfcal.psf import AUTO, CHECK
 
@@ -34,7 +34,7 @@ def origin_field(empty: str) -> str:
 
 @dataclass(frozen=True)
 class ScanFrames:
-    """Location of frames and plan, and how frames are assigned to positions, as options of ``lfcal assemble``."""
+    """Where frames and plan are, and how frames are assigned to positions, as options of ``lfcal assemble``."""
 
     frames: Path
     plan: Path | None = None
@@ -50,18 +50,18 @@ class ScanFrames:
 
     @property
     def beside(self) -> Path | None:
-        """Folder of the frames that a list names."""
+        """Folder of the frames that a list refers to."""
         from lfcal.frames import TABLES
 
         return self.frames.parent if self.frames.suffix.lower() in TABLES else None
 
     def open(self, colour: str = "") -> tuple[Frames, ScanPlan]:
-        """Return the frames and their plan: the one named, their own, or the one found next to them.
+        """Return the frames and their plan: the named plan, else the recorded one, else one found near the frames.
 
         Raises
         ------
         InputError
-            If there is no plan, or the one named belongs to another scan.
+            If there is no plan, or the named plan belongs to another scan.
         """
         from lfcal.frames import open_frames
 
@@ -85,7 +85,7 @@ class ScanFrames:
         if own is None and found is None:
             source.close()
             raise no_plan(_folder(frames))
-        # a plan that is named replaces the recorded one: its cutout and anchor may have been corrected since.
+        # a named plan replaces the recorded one: its cutout and anchor may have been corrected since
         if own is None or plan is None:
             return source, own or found  # type: ignore[return-value]  # one of them is there
         assert found is not None
@@ -97,7 +97,7 @@ class ScanFrames:
         return source, found
 
     def files(self, source: Frames) -> list[str]:
-        """Return all files that the frames of ``source`` are read from, with lists and plan."""
+        """Return all files that the frames of ``source`` are read from, including lists and the plan."""
         from lfcal.frames import FolderSource, files_of
 
         named = [*files_of(self.frames), *_plans(self.frames, self.plan), *files_of(self.manifest)]
@@ -107,7 +107,7 @@ class ScanFrames:
 
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
-    """Return the plan in a file, or in ``plan.json`` in or above the folder of the frames; None without one."""
+    """Return the plan in ``plan``, or in ``plan.json`` in or above the folder of the frames; None without one."""
     from lfcal.camera import ScanPlan
 
     places = _plans(frames, plan)
@@ -130,14 +130,14 @@ def _folder(frames: Path) -> Path:
 
 
 def no_plan(folder: Path) -> InputError:
-    """Return the error for frames in a ``folder`` without a plan, with the command that makes one."""
+    """Return the error for frames in ``folder`` without a plan, with the command that makes a plan."""
     words = shlex.join(["lfcal", "plan", "CAMERA.json", "--virtual-depths", "3,4", "-o", str(folder / "plan.json")])
     remedy = f"type {words}, or name one with --plan"
     return InputError.expected("scan plan", f"plan.json in {folder} or above", "none", remedy)
 
 
 def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
-    """Warn if frames are not whole pictures of the camera's sensor, upright, turned or one colour of a mosaic."""
+    """Warn if frames do not show the whole sensor, which may be turned, or reduced to one colour of a mosaic."""
     from lfcal.frames import binned
 
     sizes = {shape, shape[::-1]}
@@ -146,17 +146,18 @@ def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
     if camera.sensor.shape in sizes:
         return
     (rows, columns), (tall, wide) = shape, camera.sensor.shape
-    what = f"{folder}: frames of {rows} x {columns} px, the camera's sensor has {tall} x {wide}"
+    what = f"{folder}: frames of {rows} x {columns} px, but the camera's sensor has {tall} x {wide}"
     times = next((n for one in sizes if (n := binned(camera.sensor.shape, one))), 0)
     if times:
         sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
         warn(
-            f"{what}, as if {times} x {times} pixels were one; if so make the camera of these: "
+            f"{what}, as after binning {times} x {times}; if they are binned, make a camera of the binned pixels: "
             f"lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o BINNED; "
-            "its array is measured by lfcal camera check BINNED WHITE"
+            "then measure its array with lfcal camera check BINNED WHITE"
         )
         return
     warn(
-        f"{what}, from whose middle micro-images are counted; if they are a part of it say which with "
-        "--origin ROW,COLUMN, else state its size with lfcal camera import CAMERA --frame FRAME"
+        f"{what}; micro-images are counted from the middle of the frames; if they show a part of the sensor, give "
+        "its first pixel with --origin ROW,COLUMN, else correct the sensor's size with "
+        "lfcal camera import CAMERA --frame FRAME"
     )

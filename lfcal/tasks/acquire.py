@@ -28,7 +28,7 @@ __all__ = ["ACQUIRE", "Acquire", "AcquireRegions", "AcquireTarget", "AcquireUnti
 TARGET, SESSION = "lfcal-target-plan", "session.json"
 
 NAMES = {"margin": "margin_px", "steady": "steady_s", "tolerance": "tolerance_um", "overshoot": "overshoot_um"}
-"""Units of options in a session whose names include the unit, by field name."""
+"""Names of options in a session that contain the unit, by the name of the field."""
 
 
 def _numbers(text: str) -> tuple[float, ...]:
@@ -68,9 +68,9 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedSession(TaskResult):
-    """Forecast cost of a recording into the folder ``out``; nothing was moved or written.
+    """Forecast cost of a recording into the folder ``out``, by a dry run that moves and writes nothing.
 
-    ``assumed`` names the assumed values of the camera, and ``optics`` how the simulator computes frames.
+    ``assumed`` lists the assumed values of the camera. ``optics`` says how the simulator computes frames.
     """
 
     out: Path
@@ -79,7 +79,7 @@ class PlannedSession(TaskResult):
     optics: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         from lfcal.base import plain
 
         return {**plain(self.forecast), "assumed": self.assumed}
@@ -87,10 +87,10 @@ class PlannedSession(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedSession(TaskResult):
-    """A session that was recorded, or stopped by the signal ``ended_by``.
+    """A recorded session, complete or stopped by the signal ``ended_by``.
 
-    ``facts`` holds observations and products by name. A session that ends at a target error of H states in ``adapted``
-    how it ended. ``error`` is one that occurred after the last frame; the recording is complete.
+    ``facts`` contains observations and products by name. ``adapted`` says why a session ended that records until H
+    reaches a target error. ``error`` is an error that occurred after the last frame, when the recording was complete.
     """
 
     out: Path
@@ -102,7 +102,7 @@ class RecordedSession(TaskResult):
     error: LfcalError | None
 
     def exit_code(self) -> int:
-        """Return 128 plus the signal number of a session that was stopped, so that scripts can detect it.
+        """Return 128 plus the signal number for a session that was stopped, so that scripts can detect it.
 
         Raises the error that occurred after the last frame, if any.
         """
@@ -112,7 +112,7 @@ class RecordedSession(TaskResult):
         return 0 if self.outcome.how == "complete" else 128 + self.ended_by
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         judgement = Judgement.of("recording", self.alarms, "without an alarm")
         return {"session": self.out, "outcome": self.outcome, **self.facts, **judgement.to_dict()}
 
@@ -130,7 +130,7 @@ class _Acquire(Task):
         file="in",
     )
     out: Path = required("Session folder.", label="Session folder", short="-o", file="out")
-    backend: str = opt("sim", "Devices; lfcal doctor lists them.", label="Devices", short="-b")
+    backend: str = opt("sim", "Devices to record with; lfcal doctor lists them.", label="Devices", short="-b")
     stage: str = opt(
         "",
         "Devices of the stage, if they differ from those of the camera.",
@@ -143,7 +143,7 @@ class _Acquire(Task):
     )
     bracket: str | tuple[float, ...] | None = opt(
         None,
-        "Exposures of each position as factors of the planned one, merged to a high dynamic range, e.g. 1,0.25.",
+        "Exposures of each position as factors of the planned exposure, e.g. 1,0.25; merged to a high dynamic range.",
         label="Exposure bracket",
         empty="1",
         **NUMBERS,
@@ -164,7 +164,10 @@ class _Acquire(Task):
         more=True,
     )
     cover: bool = opt(
-        False, "Ask to cover the lens for dark frames, if no light can be switched.", label="Cover the lens", more=True
+        False,
+        "Ask you to cover the lens for dark frames, if the light has no switch.",
+        label="Cover the lens",
+        more=True,
     )
     reference_every: int | None = opt(
         None,
@@ -179,7 +182,7 @@ class _Acquire(Task):
     )
     on_suspect: str | None = opt(
         None,
-        "What to do if the content of a frame stays suspicious: stop, or flag the position.",
+        "What to do if a repeated frame still looks wrong: stop, or flag the position.",
         label="Suspicious frames",
         choices=("stop", "flag"),
         empty="stop",
@@ -187,13 +190,13 @@ class _Acquire(Task):
     )
     allow_automatic: bool = opt(
         False,
-        "Record although the exposure, gain or black level of the camera stays automatic, or its gamma stays on.",
+        "Record even if the camera keeps exposure, gain or black level automatic, or gamma on.",
         label="Allow automatic",
         more=True,
     )
     suspend: tuple[str, ...] = opt(
         (),
-        "Hold the recording while a gauge, or the last number in a file, is out of bounds: GAUGE=LOW:HIGH.",
+        "Hold the recording while a gauge, or the last number in a file, is out of its bounds: GAUGE=LOW:HIGH.",
         label="Hold by gauges",
         empty="none",
         more=True,
@@ -217,7 +220,7 @@ class _Acquire(Task):
     )
     overshoot: str | tuple[float, ...] | None = opt(
         None,
-        "Approach positions from one side by this distance X,Y,Z; 0,0,0: directly.",
+        "Approach every position from the same side, over this distance X,Y,Z; 0,0,0: directly.",
         unit="µm",
         empty="20,20,20",
         **NUMBERS,
@@ -232,12 +235,12 @@ class _Acquire(Task):
         None,
         "Measure sign, scale, scatter and depth of the stage first.",
         label="Check the stage",
-        empty="as it began, else yes",
+        empty="as the session began, else yes",
         more=True,
     )
     check_origin: bool = opt(
         True,
-        "Do not compare the last position with its frame when a session continues.",
+        "When a session continues, do not record its last position again to check the origin.",
         label="Check the origin",
         more=True,
     )
@@ -251,7 +254,7 @@ class _Acquire(Task):
         "Largest frame rate of the camera, for the forecast time of a dry run.",
         unit="frames/s",
         above=0,
-        empty="readout is not counted",
+        empty="readout takes no time",
         needs=("dry_run", ""),
         more=True,
     )
@@ -272,7 +275,7 @@ class _Acquire(Task):
         return (*super().files("in"), self.out)
 
     def options(self, session: Path | None = None) -> Options:
-        """Return the options that ``session`` began with, or the defaults, changed by those given."""
+        """Return the options that ``session`` began with (else the defaults), replaced by those that are given."""
         from lfcal.acquire import Options, SessionFile
 
         values = {NAMES.get(row.name, row.name): (value_at(self, row), row.default) for row in rows_of(self)}
@@ -383,7 +386,7 @@ class _Acquire(Task):
             try:
                 facts |= {} if self.assemble is None else (yield from self._iter_assembled(self.assemble, run))
                 facts |= (yield from self._iter_packed()) if self.pack else {}
-            except LfcalError as caught:  # the frames are safe even if H failed
+            except LfcalError as caught:  # the frames are complete even if H failed
                 error = caught
         known: dict[str, Any] = {"facts": facts, "alarms": alarms, "adapted": adapted, "error": error}
         return RecordedSession(out=self.out, outcome=outcome, ended_by=ended_by, **known)
@@ -436,7 +439,7 @@ class _Acquire(Task):
 def _again() -> Path | None:
     return opt(
         None,
-        "List of positions to record again or in addition (from lfcal inspect or lfcal plan fit).",
+        "List of positions to record again, or to add (from lfcal inspect or lfcal plan fit).",
         label="Positions to record again",
         file="in",
         empty="none",
@@ -473,7 +476,7 @@ class AcquireTarget(_Acquire):
     def _assembly(self, out: Path) -> Assemble | AssembleTarget:
         from lfcal.tasks.assembly import AssembleTarget
 
-        # missing or displaced holes leave positions without a point: not strict
+        # missing or displaced holes leave positions without a point, so gaps are allowed
         return AssembleTarget(frames=self.out, out=out)
 
 
@@ -483,7 +486,7 @@ class _AcquireScan(_Acquire):
 
     order: str | None = opt(
         None,
-        "Order of the positions. plan: as planned. coarse: all planes coarsely first, then finer.",
+        "Order of the positions. plan: as planned. coarse: first a few positions of all planes, then those between.",
         choices=("plan", "coarse"),
         empty="plan",
     )
@@ -514,7 +517,7 @@ class AcquireRegions(_AcquireScan):
     def _begun(self, run: RunSettings) -> Path | None:
         from lfcal.campaign import first_begun, is_regions
 
-        # the recording refuses anything but a session of regions
+        # the recording itself refuses any session that does not consist of regions
         return first_begun(self.out) if run.resume and is_regions(self.out) else None
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
@@ -607,7 +610,7 @@ class AcquireUntil(_AcquireScan):
     def _places(self, plan: Any) -> tuple[Position, ...]:
         from lfcal.frames import Position
 
-        note("at most this many positions; the session ends when the wanted error of H is reached")
+        note("this is the largest number of positions; the session ends earlier if H reaches the wanted error")
         most = self.most or plan.n_positions
         return tuple(Position(*place) for place in plan.order_indices()[:most].tolist())
 
@@ -616,8 +619,8 @@ class AcquireUntil(_AcquireScan):
 class Acquire(_AcquireScan):
     """Record a frame at each position of a plan; a crash loses no completed frame.
 
-    Dark frames are taken first, with the light switched off. Ctrl-C ends after the current position, a second one
-    immediately; `--resume` continues.
+    Dark frames are taken first, with the light switched off. Ctrl-C stops after the current position, a second Ctrl-C
+    immediately. `--resume` continues the session.
 
     Examples
     --------

@@ -51,16 +51,16 @@ __all__ = [
 ]
 
 RATE = 100e6
-"""Approximate number of bytes of frames read, corrected and cropped per second of processor time."""
+"""Estimated number of bytes of frames read, corrected and cropped per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assembled(TaskResult):
     """One assembled H.
 
-    ``name`` is that of its region or colour. ``out`` is the file of all regions; the matrix of a region is closed. For
-    a target there are the plan, the points and the ``facts`` of its frames, and ``unused``, the number of points that
-    show no position.
+    ``name`` is the name of its region or colour. ``out`` is its file; all regions share one file, and their matrices
+    are closed. Of a target there are also the plan, the points and the ``facts`` of its frames. ``unused`` is the
+    number of points that show no position.
     """
 
     name: str = ""
@@ -77,7 +77,7 @@ class Assembled(TaskResult):
         self.report.matrix.close()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values; what was not measured is None or "unknown"."""
+        """Return all values as plain JSON types; a value that was not measured is None or "unknown"."""
         from lfcal.judge import judgement_of
 
         report, matrix = self.report, self.report.matrix
@@ -106,7 +106,7 @@ class Assembled(TaskResult):
 
 @dataclass(frozen=True)
 class AssemblyRun:
-    """Executor that assembles one H, and how other processes open its frames."""
+    """Executor that assembles one H, and how other processes open the frames."""
 
     choice: RunChoice | None = None
     reopening: Reopening | None = None
@@ -128,7 +128,7 @@ class _Assemble(Task):
     out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
     skip_damaged: bool = opt(
         False,
-        "Leave out frames that cannot be read, and list them. To find them, every frame is read twice.",
+        "Leave out frames that cannot be read, and list them. Takes longer, because every frame is read twice.",
         label="Leave out damaged frames",
         more=True,
     )
@@ -136,7 +136,7 @@ class _Assemble(Task):
 
 @record
 class AssembleTarget(_Assemble):
-    """Find the points of a target's frames, and assemble those that show positions."""
+    """Find the points in a target's frames, and assemble H from the points that show its positions."""
 
     input_words: ClassVar[str] = "frames of a target"
 
@@ -179,7 +179,7 @@ class AssembleRegions(_Assemble):
         read=read_orientation,
     )
     shift: str = opt(
-        "0", "Number of bits by which left-aligned samples are moved down, or auto.", unit="bit", examples=("auto",)
+        "0", "Number of bits by which to shift left-aligned samples down, or auto.", unit="bit", examples=("auto",)
     )
     channel: str = opt(
         "",
@@ -249,12 +249,17 @@ class Assemble(AssembleRegions):
         more=True,
     )
     first: int | None = opt(
-        None, "Number of the first position in names or lists.", at_least=0, at_most=1, empty="found", more=True
+        None,
+        "First number of positions in names or lists: 0 or 1.",
+        at_least=0,
+        at_most=1,
+        empty="found",
+        more=True,
     )
     origin: str = origin_field("the whole sensor, or as the session states")
     nan: str = opt(
         "auto",
-        "NaN in frames of floats. auto: mask pixels that never have a value, refuse others. mask: mask all.",
+        "NaN in floating-point frames. auto: mask pixels that are NaN in all frames, refuse others. mask: mask all.",
         label="NaN in frames",
         choices=("auto", "mask", "refuse"),
         more=True,
@@ -269,7 +274,7 @@ class Assemble(AssembleRegions):
     )
     leave_out: Path | None = opt(
         None,
-        "Positions whose frames are not used: a list (.json) as lfcal inspect writes it.",
+        "Positions whose frames are not used: a list (.json) written by lfcal inspect.",
         label="Leave out positions",
         file="in",
         empty="all are used",
@@ -279,7 +284,7 @@ class Assemble(AssembleRegions):
 
     @property
     def source(self) -> ScanFrames:
-        """How to open the frames."""
+        """Settings for opening the frames."""
         from lfcal.frames import parse_origin
 
         names = (
@@ -297,7 +302,7 @@ class Assemble(AssembleRegions):
         return ScanFrames(**{name: getattr(self, name) for name in names}, origin=parse_origin(self.origin))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; frames of a manifest are in its folder, and each colour has a separate H."""
+        """Return the task's files. A manifest's frames are in its folder; each colour has its own H file."""
         files, beside = super().files(way), self.source.beside
         if way == "out":
             return () if self.channel == "each" else files
@@ -312,7 +317,7 @@ class Assemble(AssembleRegions):
             frames, scan = open_colour(source.open, self.channel)
             stack.enter_context(frames)
             tell_assumed(scan.camera, "plan")
-            # a session knows which part of the sensor it recorded; for other frames this must be stated
+            # a session states which part of the sensor it recorded; for other frames the user must state it
             placed = frames.metadata.plan is not None or bool(self.origin)
             if not (placed or is_part_of_sensor(frames.shape, scan.camera)):
                 tell_size(frames.shape, scan.camera, folder=str(self.frames), channel=self.channel)
@@ -347,7 +352,7 @@ class Assemble(AssembleRegions):
         left_out = sorted(set(range(len(part.source))) - set(chosen))
         reopening: Reopening | None = None
         if choice is not None:
-            # the inputs of H, independent of the output path
+            # the inputs of H, without the output path
             found = {"channel": part.name, "left_out": left_out, "recipe": asdict(recipe)}
             task = self.to_dict(absolute=True, outputs=False)
             values = {"task": task, "found": found, "stamp": self._stamp(part.source)}
@@ -358,7 +363,7 @@ class Assemble(AssembleRegions):
         return replace(made, name=name, seconds=time.perf_counter() - start)
 
     def iter_used(self, frames: FrameSource, workers: int | None = None) -> Work[FrameSource]:
-        """Return the frames that H is made of: without damaged ones and positions to leave out, where that is asked."""
+        """Return the frames to assemble, without damaged frames and without positions to leave out, if requested."""
         from lfcal.frames import iter_undamaged, without_positions
 
         if self.skip_damaged:
@@ -367,7 +372,7 @@ class Assemble(AssembleRegions):
 
     @property
     def positions_left_out(self) -> tuple[Position, ...]:
-        """Positions whose frames are not used; raises `FileFormatError` where their file holds no such list."""
+        """Positions whose frames are not used; raises `FileFormatError` if their file holds no such list."""
         from lfcal.acquire import RedoList
 
         return () if self.leave_out is None else RedoList.read(self.leave_out).positions
@@ -384,7 +389,7 @@ class Assemble(AssembleRegions):
         scan
             The plan of the whole scan; a colour of a mosaic has only a part of it.
         recipe, view
-            Their corrections, and the corrected frames.
+            Corrections of the frames, and the corrected frames.
         how
             The executor.
         """
@@ -438,7 +443,7 @@ class Assemble(AssembleRegions):
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
-    """Return the planes of an H as another process makes them, from the task and from facts found in its frames.
+    """Return the planes of an H as another process computes them, from the task and from facts about its frames.
 
     Each process searches for defective pixels again.
     """
@@ -543,8 +548,8 @@ def assemble(
     Returns
     -------
     tuple of Assembled
-        One for each H: for each region, for each colour of ``channel="each"``, otherwise a single one. Its
-        ``report.matrix`` is H.
+        One for each region, or for each colour of ``channel="each"``; otherwise a single one. Its ``report.matrix``
+        is H.
 
     Raises
     ------

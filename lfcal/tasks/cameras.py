@@ -1,4 +1,4 @@
-"""Cameras of commands: presets and files; their assumed values are reported once."""
+"""Open the cameras of commands, presets or files, and report their assumed values once."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def preset_names() -> tuple[str, ...]:
 
 
 def is_camera_file(name: str) -> bool:
-    """Return whether a camera that is given by ``name`` is a file."""
+    """Return whether a camera given by ``name`` is a file."""
     from lfcal.camera import PRESETS
 
     return name not in PRESETS
 
 
 def load_camera(name: str) -> Camera:
-    """Return the camera of a preset or a file in any known format; report assumed and implausible values."""
+    """Return the camera of a preset, or of a file in any known format; report assumed and implausible values."""
     from lfcal.camera import PRESETS, preset
 
     if name in PRESETS:
@@ -65,7 +65,7 @@ def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
 
 
 def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> None:
-    """Report the assumed values of the camera stored in the plan or H ``where``."""
+    """Report the assumed values of the camera in ``where``, the name of a plan or an H."""
     if camera is not None and not quiet and camera.marks.paths("assumed"):
         note(f"{where}: assumed of the camera: {assumed_in_words(camera)}")
 

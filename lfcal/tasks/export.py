@@ -33,9 +33,9 @@ __all__ = ["EXPORT", "ExportFor", "ExportH5", "ExportMat", "ExportNpy", "ExportT
 
 @dataclass(frozen=True, kw_only=True)
 class ExportedFiles(TaskResult):
-    """Files written for ``out``: a large H as TIFF has one for each plane.
+    """Files written by an export to ``out``; a large H exported to TIFF has one file for each plane.
 
-    ``dark`` lists the planes without light. The ``notes`` are for users of the files.
+    ``dark`` lists the planes without light. ``notes`` describe the file for its users.
     """
 
     out: Path
@@ -51,7 +51,7 @@ class ExportedFiles(TaskResult):
         return sum(file.stat().st_size for file in self.files)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return {
             "out": self.out,
             "files": [{"file": file, "bytes": file.stat().st_size} for file in self.files],
@@ -81,7 +81,7 @@ class _Export(CopyTask):
         """Check every value."""
         super().__post_init__()
         if self.out.suffix.lower() not in self.suffixes:
-            raise InputError.expected("out", self.input_words, self.out.name, "name the file so")
+            raise InputError.expected("out", self.input_words, self.out.name, "give it this suffix")
 
     def options(self) -> ExportOptions:
         """Return the settings that differ from the defaults of the format."""
@@ -109,12 +109,12 @@ class _Export(CopyTask):
         from lfcal.psf import export_files, export_notes, opening_notes
 
         start, run, options = time.perf_counter(), run or RunSettings(), self.options()
-        # the notes of the result say how the file was read
+        # the notes of the result already say how the file was read
         with self.opened(quiet=True) as H:
             matrix = self.exported(H)
-            # long exports are done in units only on request: they need twice the space
+            # only on request, even for long exports: doing them in units needs twice the disk space
             choice = run.choice(self.out) if self.in_units else None
-            work = self._iter_write(matrix, run.workers, choice)  # refuses what the format cannot hold
+            work = self._iter_write(matrix, run.workers, choice)  # raises for what the format cannot hold
             dark = report_dark(matrix)
             yield from work
             made = ExportedFiles(
@@ -151,7 +151,7 @@ def _missing() -> bool:
 
 def _uncompressed() -> bool:
     """Declare the field of compressed formats."""
-    return opt(False, "Do not compress the file; it becomes larger, and faster to read.", more=True)
+    return opt(False, "Do not compress the file; it is larger, and faster to read.", more=True)
 
 
 @record
@@ -163,7 +163,7 @@ class ExportMat(_Export):
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
 
     no_ht: bool = opt(False, "Leave out Ht, which halves the file size.", label="Without Ht")
-    rows_first: bool = opt(False, "Store H(t,s,y,x,z), for codes whose images have rows first.")
+    rows_first: bool = opt(False, "Store H(t,s,y,x,z), for codes whose images have rows as the first axis.")
     lens_centred: bool = opt(
         False,
         "Put the centre of a lens on pixel ceil(Nnum/2), as codes based on that of Prevedel et al. expect.",
@@ -171,9 +171,9 @@ class ExportMat(_Export):
     )
     interpolation: str = opt(
         "",
-        "Interpolation for the fraction of a pixel that remains when a lens is centred.",
+        "Interpolation for shifts by a fraction of a pixel when a lens is centred.",
         choices=INTERPOLATIONS,
-        empty="nearest: not moved",
+        empty="nearest: whole pixels only",
         needs=("lens_centred", ""),
     )
     uncompressed: bool = _uncompressed()
@@ -235,14 +235,14 @@ class ExportNpy(_ExportView):
 
 @record
 class ExportTiff(_ExportView):
-    """Export H, or HT, to TIFF hyperstacks, which ImageJ shows; of a large H one for each plane."""
+    """Export H, or HT, to TIFF hyperstacks for ImageJ; a large H becomes one file for each plane."""
 
     input_words: ClassVar[str] = "a .tif file"
     suffixes: ClassVar[tuple[str, ...]] = (".tif", ".tiff")
 
     position: tuple[int, int] | None = opt(
         None,
-        "Write only the stack over depth of this position (Y,X).",
+        "Write only one position (Y,X), as a stack over depth.",
         empty="all positions",
         read=read_position,
         show=show_pair,
@@ -261,22 +261,22 @@ class ExportTiff(_ExportView):
 
 @record
 class ExportFor(_Export):
-    """Export H and Ht as one deconvolution code reads them."""
+    """Export H and Ht to a file for one deconvolution code."""
 
     input_words: ClassVar[str] = "a file for one code (--for)"
     suffixes: ClassVar[tuple[str, ...]] = (".mat", ".npz", ".tif")
 
     code: str = required(
-        "Code that reads the file. It states the order of axes, the centring and the names of variables.",
+        "Code that reads the file. It sets the order of axes, the centring and the names of variables.",
         flag="--for",
         choices=CODE_NAMES,
         chooses=True,
     )
     quality: str = opt("", "Word for the quality of H, such as good, written into the file.", empty="none")
-    no_ht: bool = opt(False, "Leave out Ht, which halves the file.", label="Without Ht")
+    no_ht: bool = opt(False, "Leave out Ht, which halves the file size.", label="Without Ht")
     position: tuple[int, int] | None = opt(
         None,
-        "For FLFM, of an H with several positions: the one (Y,X) whose patterns are written.",
+        "For FLFM: the position (Y,X) whose patterns are written, if H has several.",
         empty="the only one",
         read=read_position,
         show=show_pair,
@@ -292,7 +292,7 @@ class ExportFor(_Export):
         code = CODES[self.code]
         if self.out.suffix.lower() != code.suffix:
             raise InputError.expected(
-                "out", f"a {code.suffix} file for {code.title}", self.out.name, "name the file so"
+                "out", f"a {code.suffix} file for {code.title}", self.out.name, "give it this suffix"
             )
 
 
@@ -308,7 +308,7 @@ def kind_of(given: Mapping[str, Any]) -> type[Task]:
         if suffix in kind.suffixes:
             return kind
     known = " ".join(suffix for kind in KINDS[:-1] for suffix in kind.suffixes)
-    raise InputError.expected("--out", known, suffix or "no suffix", "name the file so")
+    raise InputError.expected("--out", known, suffix or "no suffix", "choose one of these suffixes")
 
 
 EXPORT = TaskSet(

@@ -1,4 +1,4 @@
-"""Fit the camera that explains measured patterns, from H, from frames of one or more scans, or from a target."""
+"""Fit a camera to measured patterns from H, from frames of one or more scans, or from frames of a target."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class FitOutcome(TaskResult):
     """One fitted camera.
 
     ``field`` is the fit of several regions or parts of the field; then ``fit`` and ``source`` are those of the first.
-    ``hybrids`` describes, by the name of a region, what its hybrid H adds to the model; the name is empty for a single
-    region. For a target, ``points`` are the points in its frames, and ``holes`` the result for the size of its holes.
+    ``hybrids`` describes, by region, what the hybrid H adds to the model; the name of a single region is empty. Of a
+    target, ``points`` are the points in its frames, and ``holes`` is the fitted size of its holes.
     """
 
     fit: Fit
@@ -56,7 +56,7 @@ class FitOutcome(TaskResult):
     holes: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         from lfcal.campaign import target_facts
         from lfcal.fit import field_dict, fit_dict
 
@@ -81,7 +81,7 @@ class FittedPatterns(NamedTuple):
 
 
 def read_unknowns(text: str) -> str:
-    """Return the groups of unknowns named in a text, separated by commas; ``auto`` and nothing stay unchanged."""
+    """Return the groups of unknowns in a text, separated by commas; ``auto`` and an empty text stay unchanged."""
     from lfcal.fit import GROUPS
 
     if text == "auto":
@@ -119,7 +119,7 @@ class _Fit(Task):
     )
     effects: tuple[str, ...] = opt(
         (),
-        "NAME=on|off|VALUE, or a JSON file: effects to simulate besides those that the camera "
+        "NAME=on|off|VALUE, or a JSON file: effects to simulate in addition to those that the camera "
         "describes, for example index_mismatch=1.38,depth:20um.",
         flag="--effect",
         file="in",
@@ -132,16 +132,16 @@ class _Fit(Task):
 
     @property
     def groups(self) -> str | tuple[str, ...]:
-        """Requested unknowns: auto, or the names of groups."""
+        """Requested unknowns: ``auto``, or the names of groups."""
         return self.unknowns if self.unknowns == "auto" else tuple(self.unknowns.split(","))
 
     @property
     def told(self) -> dict[str, Any]:
-        """The task's entries in the provenance of all that it writes."""
+        """The entries about this task in the provenance of all that it writes."""
         return {"task": self.to_dict(absolute=True, outputs=False)}
 
     def starting(self, plan: ScanPlan) -> tuple[Effect, ...] | None:
-        """Return the effects at the start of the fit; None: those that the camera describes."""
+        """Return the effects at the start of the fit; None: the effects that the camera describes."""
         from lfcal.fit import starting_effects, with_given
         from lfcal.simulate.effects import parse_effects
 
@@ -150,7 +150,7 @@ class _Fit(Task):
 
 @record
 class FitTarget(_Fit):
-    """Fit one camera to the points of a target, each at its place on the sensor."""
+    """Fit one camera to all points of a target, each at its actual place on the sensor."""
 
     input_words: ClassVar[str] = "frames of a target"
 
@@ -213,7 +213,7 @@ class FitMatrix(_Fit):
     noise: tuple[float, float] | None = noise_field()
     hybrid: bool = opt(
         False,
-        "Write a hybrid H: the model plus what recorded patterns show beyond it, with its uncertainty.",
+        "Write a hybrid H: the model plus the measured deviations from it, with their uncertainty.",
         label="Hybrid H",
         more=True,
     )
@@ -233,7 +233,7 @@ class FitMatrix(_Fit):
         return tuple(fit_outputs(self.out) if len(self.sources) == 1 else field_outputs(self.out, self._names))
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return each H that is made in units; if some of several were begun, only those."""
+        """Return each H that is computed in units; if some of several were begun, only those."""
         from lfcal.work import parts_folder
 
         if self.hybrid or not self.write_h:
@@ -291,7 +291,7 @@ class FitMatrix(_Fit):
         return ((yield from self.iter_write(found, run.workers, choice)),)
 
     def iter_fit(self, workers: int | None = None) -> Work[FittedPatterns]:
-        """Fit the camera to the patterns of a single source, and write nothing."""
+        """Fit the camera to the patterns of a single source; nothing is written."""
         from lfcal.fit import iter_fit_camera
 
         measured, known = yield from iter_patterns(self.sources[0], self._reading())
@@ -302,7 +302,7 @@ class FitMatrix(_Fit):
     def iter_write(
         self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Write the result of `iter_fit` into its folder; ``choice`` says how H is made in units."""
+        """Write the result of `iter_fit` into its folder; ``choice`` says whether H is computed in units, and how."""
         from lfcal.fit import iter_write_fit
 
         self._check_folder()
@@ -345,10 +345,10 @@ class FitMatrix(_Fit):
 class FitFrames(FitMatrix):
     """Find the camera that explains measured patterns, and compute H of it without noise.
 
-    The fit retrieves gap, focal lengths, iris and aberrations. It writes camera.json, effects.json, H.h5, fit.json and
-    report/ into a folder. Several sources are regions of the field of one camera: the fit also finds how the wavefront
-    changes over the field, and each region has a separate folder.
-    Points of a target are fitted at their places on the sensor.
+    The fit estimates gap, focal lengths, iris and aberrations. It writes camera.json, effects.json, H.h5, fit.json
+    and report/ into a folder. Several sources are regions of the field of one camera: the fit also finds how the
+    wavefront changes over the field, and each region has a separate folder. Points of a target are fitted at their
+    actual places on the sensor.
 
     Examples
     --------

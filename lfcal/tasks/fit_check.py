@@ -1,4 +1,4 @@
-"""Check with new frames whether an old H is still valid."""
+"""Check an old H with new frames."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class CheckedMatrix(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether H is no longer valid, or the frames cannot decide."""
+        """Whether H is no longer valid, or the frames are not sufficient to decide."""
         return self.check.holds is not True
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return self.check.to_dict() | {"h": self.matrix, "frames_from": list(self.frames)}
 
 
@@ -58,7 +58,7 @@ class CheckedMatrix(TaskResult):
 class CheckMatrix(Task):
     """Check whether an old H is still valid, with new frames of a point source.
 
-    Nothing is fitted or written. Exit code 1: H is no longer valid, or the frames cannot decide.
+    Nothing is fitted or written. Exit code 1: H is no longer valid, or the frames are not sufficient to decide.
 
     Examples
     --------

@@ -22,12 +22,12 @@ __all__ = ["FIT_OBJECT", "PredictObject", "PredictedObject"]
 
 @dataclass(frozen=True, kw_only=True)
 class PredictedObject(TaskResult):
-    """The frame of a known object, compared with its prediction."""
+    """The measured frame of a known object, compared with its prediction."""
 
     compared: Compared
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         found = self.compared
         error = found.error.to_dict()
         return {"frame": found.label, "error": error, "chi2": found.chi_square.lit, "light": found.gain}
@@ -82,7 +82,7 @@ class PredictObject(Task):
             shot, planes = new_frame(view, 0, self.frame.name), matrix.shape[0]
         volume = load_volume(self.scene)
         if volume.shape != (planes, *shot.values.shape):
-            wanted = f"{(planes, *shot.values.shape)}: the planes of H, the pixels of the frame"
+            wanted = f"{(planes, *shot.values.shape)}: the planes of H and the pixels of the frame"
             raise InputError.expected(f"{self.scene}, volume", wanted, volume.shape, "resample it")
         if not np.isfinite(volume).all() or not volume.any():
             raise InputError.expected(f"{self.scene}, volume", "finite values, some above 0", "others", "correct it")

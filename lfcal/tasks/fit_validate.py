@@ -1,4 +1,4 @@
-"""Predict recorded points that were not fitted, with a fit in its folder."""
+"""Predict recorded points that were not fitted, with the result of an earlier fit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated"]
 class Validated(TaskResult):
     """How well a fit predicts points that were not fitted.
 
-    ``name`` is that of the region, or of the other recording; empty for a fit of one region.
+    ``name`` is the name of the region, or of the other recording; it is empty for a fit of one region.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Validated(TaskResult):
     files: tuple[Path, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         named = {"name": self.name} if self.name else {}
         return named | self.validation.to_dict() | {"source": self.source, "files": list(self.files)}
 
@@ -53,7 +53,7 @@ class ValidateFit(Task):
 
     fit: Path = required("Folder of a fit.", argument=True, file="in")
     sources: tuple[Path, ...] = required(
-        "Source of the fit: H, recorded session, or frames. Fitted positions are left out.",
+        "Source of the fit: H, recorded session, or frames. Positions that were fitted are left out.",
         argument=True,
         file="in",
     )
@@ -78,7 +78,7 @@ class ValidateFit(Task):
         from lfcal.fit import iter_write_validation, validation_outputs
 
         made, patterns, parts = [], [], self._parts()
-        # unreadable input must raise before anything is written
+        # unreadable input must raise an error before anything is written
         for source, (_, _, stored) in zip(self.sources, parts, strict=True):
             patterns.append((yield from iter_patterns(source, self._reading(None if self.other else stored)))[0])
         for source, measured, (name, folder, stored) in zip(self.sources, patterns, parts, strict=True):
@@ -100,12 +100,13 @@ class ValidateFit(Task):
             first = next(iter(fits.values()))
             if "" in fits:
                 return [("", self.fit, first)]
-            # elsewhere in the field, use the camera shared by all regions, without the displacement of any one of them
+            # elsewhere in the field, use the camera that all regions share, without the displacement found for one
+            # region
             there = replace(first, setup=replace(first.setup, aside_px=(0.0, 0.0)), stage_scale=0.0)
             return [(names[0], self.fit, there)]
         wrong = next((name for name in names if name not in fits), None)
         if wrong is not None:
-            remedy = "name its source, or say that it is another recording (--other)"
+            remedy = "give the source of a region, or add --other for another recording"
             raise InputError.expected("sources", f"regions of the fit: {', '.join(fits)}", wrong, remedy)
         return [(name, self.fit / name, fits[name]) for name in names]
 
@@ -114,8 +115,8 @@ class ValidateFit(Task):
 class ValidateFitByFrames(ValidateFit):
     """Predict recorded points that were not fitted.
 
-    The error of each point is written into the folder of the fit. For a fit of several regions, give their sources,
-    which have the names of the regions.
+    The error of each point is written into the folder of the fit. For a fit of several regions, give the source of
+    each; its name must be that of the region.
 
     Examples
     --------

@@ -25,14 +25,14 @@ REGIONS_PICTURE = "regions.png"
 """The map of several regions of the field, in the report's folder."""
 
 RATE = 200e6
-"""Approximate number of bytes of H read and measured per second of processor time."""
+"""Estimated number of bytes of H read and measured per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InspectedMatrix(TaskResult):
-    """Quality of an H, whose file is closed.
+    """Quality of an H. Its file is closed.
 
-    ``loss`` is the loss between the regions of an H of several; ``page`` is the path of the report.
+    ``loss`` is the loss between regions, if H has several. ``page`` is the path of the report.
     """
 
     task: Inspect
@@ -44,11 +44,11 @@ class InspectedMatrix(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether H is required to be good, and is not."""
+        """Whether H had to be good and is not."""
         return self.task.strict and self.found.merit not in ("good", "fair")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         camera = self.matrix.camera
         found = self.found.to_dict(every=self.task.every)
         found |= {} if self.comparison is None else {"comparison": self.comparison.to_dict()}
@@ -61,7 +61,7 @@ class InspectedMatrix(TaskResult):
 class Inspect(MatrixTask):
     """Measure the quality of H: every metric with its rating, the apertures, and what to do.
 
-    If the camera of H is known, patterns are compared with its prediction, and faults are named by their causes.
+    If the camera of H is known, patterns are compared with its prediction, and the causes of faults are named.
 
     Examples
     --------
@@ -81,7 +81,7 @@ class Inspect(MatrixTask):
     )
     session: Path | None = opt(
         None,
-        "Session folder with control frames. They show how well one period of H represents the whole field.",
+        "Session folder with control frames. They show how well H of one period represents the whole field.",
         file="in",
         empty="none",
         more=True,
@@ -131,7 +131,7 @@ class Inspect(MatrixTask):
         return (*report_files(self.report), self.report / REGIONS_PICTURE)
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the folder of the report, next to which planes of a stopped run are kept."""
+        """Return the report's folder; planes of a stopped run are kept next to it."""
         return () if self.report is None else (self.report,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:
@@ -143,10 +143,10 @@ class Inspect(MatrixTask):
         run = run or RunSettings()
         self._check_units(run)
         for why in METRICS.failures().values():
-            note(f"left out: {why}")
+            note(f"comparison with the camera left out: {why}")
         with ExitStack() as files:
             H = files.enter_context(self.opened())
-            # the metrics are about the images of points: an HT file is inspected as the H it came from
+            # the metrics describe images of points, so an HT file is inspected as the H that it was made from
             H = H.T if H.is_transposed else H
             tell_assumed(H.camera, self.source.name)
             other, comparison = None, None

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 EARLIER = "earlier_tasks"
-"""Provenance key for the tasks that made the inputs of the last task, earliest first."""
+"""Provenance key for the earlier tasks, which made the inputs of the last one; earliest first."""
 
 
 def mat_order_field(**more: Any) -> str:
@@ -64,11 +64,11 @@ class CopyTask(MatrixTask):
     """Fields of tasks that rewrite one H in another form."""
 
     region: str = opt(
-        "", "Region of the field, by its name, of an H file with several.", empty="the only one", more=True
+        "", "Name of the region of the field, for an H file with several regions.", empty="the only one", more=True
     )
 
     def opened(self, *, quiet: bool = False) -> PSFMatrix:
-        """Open H of the region; raises `InputError` if there are several and none is chosen."""
+        """Open H of the region; raises `InputError` if the file has several regions and none is chosen."""
         from lfcal.psf import regions_of
 
         if not self.region and len(names := regions_of(self.source)) > 1:
@@ -77,7 +77,7 @@ class CopyTask(MatrixTask):
 
 
 def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
-    """Return the provenance of a task that reads ``matrices``: the task, and those that made the matrices."""
+    """Return the provenance of a task that reads ``matrices``: this task, and those that made the matrices."""
     earlier: list[Any] = []
     for matrix in matrices:
         known = matrix.provenance
@@ -95,9 +95,8 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     ----------
     path, region
         As in `lfcal.psf.open_psf`.
-    mat_order
-        As in `lfcal.psf.open_psf`, but for ``.mat`` files only: a command with several files passes it for all; see
-        `check_mat_files`.
+    As in `lfcal.psf.open_psf`, but ignored unless the file is a ``.mat`` file: a command with several files passes it
+    for all; see `check_mat_files`.
     quiet
         Report nothing; for workers, whose command has already reported it.
     """
@@ -122,7 +121,7 @@ def report_missing(matrix: PSFMatrix) -> int:
     from lfcal.psf import empty_positions, empty_words
 
     if words := empty_words(matrix):
-        note(f"{words}: their entries are zero; lfcal assemble --fill fills them from a fit")
+        note(f"{words}: their entries are zero; fill them from a fit with lfcal assemble --fill")
     return len(empty_positions(matrix))
 
 

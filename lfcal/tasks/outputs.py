@@ -1,7 +1,7 @@
 """Rules for output files, the same for every command, checked before its work begins.
 
-An input is never replaced. An existing file is replaced only with ``--force``. This is decided once, at the start: a
-file that appears while the command works is replaced as well, unless another program is still writing it
+An input is never replaced. An existing file is replaced only with ``--force``. This is decided once, at the start. A
+file that appears later, while the command works, is replaced as well, unless another program is still writing it
 (`lfcal.base.files.replace_whole`).
 """
 
@@ -45,7 +45,7 @@ def check_outputs(outs: Iterable[Path | None], *inputs: Path | str | None, force
         taken = {found for source in inputs for path in files_of(source) if (found := _identity(path))}
     for out in files:
         if _identity(out) in taken:
-            raise InputError.expected("output", "another file than the input", str(out), "choose another name")
+            raise InputError.expected("output", "a file other than the input", str(out), "choose another name")
         check_writable(out)
         if out.exists() and not force:
             raise InputError(f"{out}: exists; add --force to replace it, or choose another name")

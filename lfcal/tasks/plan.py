@@ -1,4 +1,4 @@
-"""Scan plans for one region, for several regions of the field, or for a scan that was recorded."""
+"""Plan scans: of one region, of several regions of the field, or of a scan that was already recorded."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class _Plan(PlanTask):
     )
     depths: str | tuple[float, ...] = opt(
         (),
-        "Depth planes, away from the camera: a,b,c or start:stop:step, in µm or with mm.",
+        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step, in µm or with mm.",
         label="Depth planes",
         unit="µm",
         read=read_depths,
@@ -78,15 +78,15 @@ class _Plan(PlanTask):
     )
     cutout: str | tuple[int, int] | None = opt(
         None,
-        "Size of the cutout: an odd number of pixels, or ROWS,COLUMNS.",
+        "Size of the cutout: an odd number of pixels, or ROWS,COLUMNS (both odd).",
         unit="px",
-        empty="as large as the pattern, by geometry",
+        empty="the geometric size of the pattern",
         read=read_cutout,
         show=show_pair,
     )
     anchor: str | tuple[float, float] | None = opt(
         None,
-        "Sensor ROW,COLUMN on which position y = x = 0 is imaged.",
+        "Pixel ROW,COLUMN of the sensor on which position y = x = 0 is imaged.",
         unit="px",
         empty="centred",
         read=read_pair,
@@ -115,7 +115,7 @@ class _Plan(PlanTask):
             check_planes(self.depths, self.virtual_depths)
 
     def settings(self) -> dict[str, Any]:
-        """Return the arguments of a `ScanPlan`; None leaves a value to the camera."""
+        """Return the arguments of a `ScanPlan`; None: the camera determines the value."""
         from lfcal.camera import StageAxes
 
         return {
@@ -160,12 +160,12 @@ class _PlanOfCamera(_Plan):
     average: int = opt(1, "Number of frames averaged at each position.", label="Frames averaged", at_least=1)
 
     def settings(self) -> dict[str, Any]:
-        """Return the arguments of a `ScanPlan`; None leaves a value to the camera."""
+        """Return the arguments of a `ScanPlan`; None: the camera determines the value."""
         planes = {"depths_um": self.depths or None, "virtual_depths": self.virtual_depths or None}
         return {**super().settings(), **planes, "frames_averaged": self.average}
 
     def scan(self, camera: Camera) -> ScanPlan:
-        """Return the plan of the scan of one region of a camera."""
+        """Return the plan for scanning one region with a camera."""
         from lfcal.camera import ScanPlan
 
         return ScanPlan.for_camera(camera, **self.settings())
@@ -190,7 +190,7 @@ class PlanRegions(_PlanOfCamera):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Plan the scan, and distribute it over the field."""
+        """Plan the scan of one region, and repeat it over the field."""
         from lfcal.camera import RegionPlan, parse_regions
 
         yield from ()
@@ -226,7 +226,7 @@ class PlanRecorded(_Plan):
     input_words: ClassVar[str] = "a recorded scan (--positions)"
 
     positions: Path = required("List of the stage coordinates of the recorded scan.", file="in")
-    frames: Path | None = opt(None, "Folder of the frames that are listed.", file="in", empty="next to the list")
+    frames: Path | None = opt(None, "Folder of the listed frames.", file="in", empty="next to the list")
     columns: str = opt(
         "",
         "Contents of the columns of the list: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
@@ -236,13 +236,13 @@ class PlanRecorded(_Plan):
     origin: str = origin_field("the whole sensor")
     orientation: str = opt(
         "as-is",
-        "How to turn the frames upright, as in lfcal assemble.",
+        "How to turn the frames upright, as for lfcal assemble.",
         read=read_orientation,
         more=True,
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Read the list, and find from the frames, if they exist, how the light moves."""
+        """Read the list. If the frames exist, also find in them the direction in which the light moves."""
         from lfcal.frames import named_orientation, parse_origin
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
@@ -262,7 +262,7 @@ class PlanRecorded(_Plan):
         else:
             _check_size(turn.shape(shape), camera, roi, place, str(root))
             if colour is not None:
-                note(f"light is that of {colour} in colour pictures; lfcal assemble --channel chooses one")
+                note(f"{colour} of the colour pictures is used; lfcal assemble --channel chooses another")
         depths: Any = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
         part = None if place is None else Part(place, turn.name)
         plan, notes = plan_of_list(listing, camera, read=read, part=part, depths_um=depths, **settings)
@@ -320,12 +320,10 @@ class PlanScan(_PlanOfCamera):
 
     input_words: ClassVar[str] = "a scan of one region"
 
-    half_cell: bool = opt(
-        False, "Record half of a hexagonal period, where the other half has the same patterns.", more=True
-    )
+    half_cell: bool = opt(False, "Record half of a hexagonal period; the other half has the same patterns.", more=True)
     peak: float | str | None = opt(
         None,
-        "Forecast the noise of H if the brightest pixel reaches this share of the full well.",
+        "Brightest pixel as a share of the full well. If given, the noise of H is forecast.",
         label="Brightest pixel",
         above=0,
         at_most=1,
@@ -335,7 +333,7 @@ class PlanScan(_PlanOfCamera):
     )
     list_file: Path | None = opt(
         None,
-        "File for the list of the positions of a half-cell scan (.json), for lfcal acquire.",
+        "File for the positions of a half-cell scan (.json), for lfcal acquire.",
         label="List of positions",
         flag="--list",
         file="out",
@@ -345,7 +343,7 @@ class PlanScan(_PlanOfCamera):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Plan it."""
+        """Plan the scan."""
         from lfcal.camera import half_cell
 
         yield from ()

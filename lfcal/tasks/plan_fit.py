@@ -68,7 +68,7 @@ class PlanFit(PlanTask):
     )
     earlier: Path | None = opt(
         None,
-        "Folder of an earlier fit (lfcal fit): choose positions to add to it.",
+        "Folder of an earlier fit (lfcal fit), to which the chosen positions are added.",
         label="Earlier fit",
         flag="--from",
         file="in",
@@ -84,7 +84,7 @@ class PlanFit(PlanTask):
     )
     full: float = opt(
         0.8,
-        "Brightest pixel of the scan, as a share of the full well.",
+        "Brightest pixel of the scan as a share of the full well.",
         label="Brightest pixel",
         above=0,
         at_most=1,
@@ -101,7 +101,7 @@ class PlanFit(PlanTask):
         more=True,
     )
     candidates: int = opt(
-        300, "Number of positions to choose from, spread evenly; 0: all positions.", at_least=0, more=True
+        300, "Number of candidate positions, spread evenly over the scan; 0: all positions.", at_least=0, more=True
     )
     draw: Path | None = opt(
         None,

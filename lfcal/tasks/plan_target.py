@@ -1,4 +1,4 @@
-"""Plan frames of a target of many points for the positions of a scan, and compare them with a single point."""
+"""Plan frames of a target of many points that replace a scan, and compare them with the scan of a single point."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 DISPLAY = "display"
-"""Prefix of a source that is a display."""
+"""Prefix of a target that is a display."""
 
 
 def _is_file(source: str) -> bool:
@@ -36,7 +36,7 @@ def _is_file(source: str) -> bool:
 class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
-    ``verdict`` says whether coding several frames together reduces noise; None: there are too few of them.
+    ``verdict`` says whether showing several frames together, in a code, reduces noise; None: there are too few frames.
     """
 
     plan: TargetPlan
@@ -60,7 +60,7 @@ class _PlanTarget(PlanTask):
     )
     tolerance: float = opt(
         0.1,
-        "Largest error of a phase, in rows and in columns.",
+        "Largest distance of a point from the position that it shows, in rows and in columns.",
         label="Tolerance",
         unit="px",
         at_least=0.01,
@@ -68,23 +68,23 @@ class _PlanTarget(PlanTask):
     )
     crosstalk: float = opt(
         0.005,
-        "Largest light of neighbours in a cutout, relative to the light of the point at its centre.",
+        "Largest light of neighbouring points in a cutout, relative to the point at its centre.",
         at_least=1e-6,
         below=1,
         read=read_share,
     )
     most_frames: int | None = opt(
         None,
-        "Largest number of frames for each plane; the command prints the share of phases that they show.",
+        "Largest number of frames for each plane. The command prints the share of the positions that they show.",
         label="Frames, at most",
         at_least=1,
-        empty="as many as all phases need",
+        empty="as many as all positions need",
     )
     regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one")
     signal: float | None = opt(
         None,
         "Electrons in the brightest pixel of a point. They decide whether coded frames, each the sum of several, have "
-        "less noise. A display then shows coded frames.",
+        "less noise; if so, a display shows coded frames.",
         unit="e",
         above=0,
         empty="0.8 of the full well",
@@ -104,26 +104,26 @@ class _PlanTarget(PlanTask):
 
     @property
     def wishes(self) -> Wishes:
-        """Limits that the plan must keep."""
+        """Limits that the plan must respect."""
         from lfcal.targets import Wishes
 
         return Wishes(self.tolerance, self.crosstalk, self.most_frames)
 
     @property
     def display(self) -> Display | None:
-        """The display that shows the points, if it is one."""
+        """The display that shows the points; None for another target."""
         return None
 
     def _iter_plan(self, scan: ScanPlan) -> Work[TargetPlan]:
         raise NotImplementedError
 
     def field(self, scan: ScanPlan) -> RegionPlan | None:
-        """Return the regions that the frames cover; None for a single one.
+        """Return the regions that the frames cover; None for one region.
 
         Raises
         ------
         InputError
-            If the sensor has no room for them.
+            If they do not fit on the sensor.
         """
         from lfcal.camera import RegionPlan, parse_regions
 
@@ -139,7 +139,7 @@ class _PlanTarget(PlanTask):
         """Plan the target for a scan, without reading or writing its files."""
         from lfcal.targets import coding_verdict, planned_for_display
 
-        self.field(scan)  # raise before the frames are chosen
+        self.field(scan)  # raises before the frames are chosen
         plan = yield from self._iter_plan(scan)
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
@@ -151,7 +151,7 @@ class _PlanTarget(PlanTask):
         return self.planned(plan, verdict)
 
     def planned(self, plan: TargetPlan, verdict: CodingVerdict | None) -> TargetPlanned:
-        """Return a plan with the positions that its frames show, and its cost."""
+        """Return a plan that lists the positions shown by its frames, and its cost."""
         from lfcal.targets import facts_of_plan
 
         single, field = self.forecast(plan.scan), self.field(plan.scan)
@@ -178,9 +178,9 @@ class PlanTarget(_PlanTarget):
     pose: str = opt(
         "",
         "Pose of the target: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
-        empty="straight, or as in its file",
+        empty="not rotated or tilted, or as in its file",
     )
-    pose_within: str = opt("", "Bounds of the error of the pose, in the same words.", empty="known", more=True)
+    pose_within: str = opt("", "Largest error of the pose, written like the pose.", empty="known", more=True)
 
     def __post_init__(self) -> None:
         """Check every value, and that target and pose can be parsed."""
@@ -210,7 +210,7 @@ class PlanTarget(_PlanTarget):
 
 @record
 class PlanDisplay(_PlanTarget):
-    """Plan what a display shows to replace the positions of a scan."""
+    """Plan the pictures that a display shows to replace the positions of a scan."""
 
     input_words: ClassVar[str] = "a display"
 

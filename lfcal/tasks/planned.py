@@ -42,22 +42,22 @@ class PlanTask(Task):
         "Largest frame rate of the camera for the region that is read, as in its data sheet.",
         unit="frames/s",
         above=0,
-        empty="readout is not counted",
+        empty="readout takes no time",
         more=True,
     )
 
     @property
     def rates(self) -> dict[str, Any]:
-        """Speed of the stage and frame rate of the camera, as arguments of forecasts."""
+        """Speed of the stage and frame rate of the camera, as keyword arguments of forecasts."""
         return {"stage_um_per_s": self.speed, "frames_per_s": self.frame_rate}
 
     @property
     def unread(self) -> str:
-        """Remark after a time in messages, with a leading blank; empty if readout is counted."""
+        """Remark to append to a time in messages, with a leading blank; empty if readout is counted."""
         return f" {WITHOUT_READOUT}" if self.frame_rate is None else ""
 
     def forecast(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Forecast:
-        """Return the cost of the scan, or of some of its ``positions``."""
+        """Return the forecast cost of the scan, or of some of its ``positions``."""
         from lfcal.camera import Forecast
 
         return Forecast.of(plan, **self.rates, positions=positions)
@@ -67,7 +67,7 @@ class PlanTask(Task):
 class Planned(TaskResult):
     """A plan of any kind, with its cost.
 
-    ``forecast`` is that of one region with a single point; ``facts`` describes the whole plan.
+    ``forecast`` is the cost of one region with a single point. ``facts`` describes the whole plan.
     """
 
     task: Any
@@ -76,7 +76,7 @@ class Planned(TaskResult):
     facts: dict[str, Any]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return self.facts
 
 

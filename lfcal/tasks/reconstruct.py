@@ -1,4 +1,4 @@
-"""Reconstruct volumes from light-field frames: one frame, a series, or a forecast of the cost."""
+"""Reconstruct volumes from one or more light-field frames, or forecast the cost."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def solver_settings(name: str, **values: Any) -> SolverFields:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstructed(TaskResult):
-    """Reconstructed volumes, with the file of each by the name of its frame."""
+    """Reconstructed volumes, and the file of each by the name of its frame."""
 
     method: str
     forecast: str
@@ -107,24 +107,24 @@ class Reconstructed(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether a frame has no volume."""
+        """Whether at least one frame has no volume."""
         return any(result.failed for result in self.results)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
-        whole = len(set(self.files.values())) < len(self.results)  # one file holds all, and a place for each
+        """Return all values as plain JSON types."""
+        whole = len(set(self.files.values())) < len(self.results)  # one file holds all volumes, each at its index
         files = [{**asdict(r), "file": None if r.failed and not whole else self.files[r.name]} for r in self.results]
         return {"method": self.method, "forecast": self.forecast, "volumes": files}
 
 
 @dataclass(frozen=True)
 class ReconstructionForecast(TaskResult):
-    """Forecast cost of a reconstruction, ``run``."""
+    """Forecast cost of the reconstruction that ``run`` would do."""
 
     run: FrameRun
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         found, device, memory = self.run.projector.forecast(), self.run.projector.device, self.run.memory
         use = found.device
         known = None if device is None or use is None else {"name": device.name, **asdict(use)}
@@ -154,8 +154,7 @@ class _Reconstruct(Task):
     regions: tuple[str, ...] = opt(
         (),
         "H of another region of the field: a file, the name of a region in the H file, or all. May be repeated. Each "
-        "voxel "
-        "is projected with H of the regions around it.",
+        "voxel is projected with H of the regions around it.",
         flag="--region",
         empty="none",
         more=True,
@@ -189,7 +188,7 @@ class _Reconstruct(Task):
 
         if not split_dataset(self.frames)[0].exists():
             raise StorageError(f"{self.frames}: no such file or folder; check the path")
-        choice = SolverChoice.of(self.solver)  # raise for wrong settings before anything is read
+        choice = SolverChoice.of(self.solver)  # raises for wrong settings before anything is read
         check_mat_files(self.mat_order, self.psf, *files_of_regions(self.psf, self.regions))
         optics = SharedOptics(self.psf, self.regions, self.mat_order, self.light_field, self.projection)
         matrices = optics.open(stack)
@@ -197,7 +196,7 @@ class _Reconstruct(Task):
             tell_opened(one)
         if not self.regions and len(names := regions_of(self.psf)) > 1:
             named = matrices[0].region or "the first"
-            note(f"of {len(names)} regions of the field {named} alone is used; --region all uses all")
+            note(f"of {len(names)} regions of the field, only {named} is used; --region all uses all")
         for one in matrices:
             report_missing(one)
         return FrameRun.of(self.frames, matrices, optics, choice, self.grid, warm=warm, workers=workers)
@@ -259,7 +258,7 @@ class Reconstruct(_Reconstruct):
     )
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the output next to which volumes of a stopped run are kept."""
+        """Return the output; volumes of a stopped run are kept next to it."""
         return (self.out,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:

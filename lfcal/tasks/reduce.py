@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["REDUCE", "Reduce", "ReducedFile"]
 
 RATE = 50e6
-"""Approximate number of bytes of H read, rounded and written per second of processor time."""
+"""Estimated number of bytes of H read, rounded and written per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class ReducedFile(TaskResult):
 
     @property
     def bound(self) -> Any:
-        """Largest share of its light that a pattern loses, by plane: by truncation, by rounding, and by both."""
+        """Largest share of its light that a pattern loses, by plane: by truncation, by rounding, and in total."""
         return self.matrix.facts.known()["bound"]
 
     @property
@@ -46,7 +46,7 @@ class ReducedFile(TaskResult):
         self.matrix.close()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return {
             "out": self.out,
             "shape": self.matrix.shape,
@@ -86,7 +86,7 @@ class Reduce(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReducedFile, ...]]:
-        """Write H with the fewest quantization steps that the tolerance allows."""
+        """Write H with the coarsest rounding that the tolerance allows."""
         from lfcal.psf import iter_save, open_psf
 
         start, run = time.perf_counter(), run or RunSettings()

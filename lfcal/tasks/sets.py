@@ -26,7 +26,7 @@ TASKS = {
     "fit validate": "lfcal.tasks.fit_validate:FIT_VALIDATE",
     "simulate": "lfcal.tasks.simulate:SIMULATE",
 }
-"""Location of each task's kinds, by the name of the command; a module is imported when its task is requested."""
+"""Where the kinds of each task are, by the name of its command; a module is imported only when it is needed."""
 
 
 def task_set(name: str) -> TaskSet:

@@ -1,4 +1,4 @@
-"""Simulate H, H in passes or for several regions, the frames of a session, or only a forecast."""
+"""Simulate H (in one pass, in several, or for several regions), frames of a session, or only forecast the cost."""
 
 from __future__ import annotations
 
@@ -49,23 +49,23 @@ LEAST_LIGHT = 0.9
 """Share of a plane's light in the cutout below which the cutout is reported as too small."""
 
 MOST_DRIFT = 0.5
-"""Drift of the lattice against H's period over the sensor (px) above which it is reported."""
+"""Drift of the lattice over the sensor relative to the period of H (px), above which it is reported."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationForecast(TaskResult):
-    """Effects that matter for a plan, why they matter, and their cost."""
+    """Effects that matter for a plan, with the reason and the cost of each."""
 
     plan: ScanPlan
     effects: EffectSelection
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """Accuracy that the planes of H reached, one line each."""
+        """Accuracy of the computed planes of H, as lines of text."""
         return ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return {**self.effects.to_dict(), "assumed": self.plan.camera.marks.paths("assumed")}
 
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
@@ -79,8 +79,8 @@ class SimulationForecast(TaskResult):
 class SimulatedH(SimulationForecast):
     """One simulated H; the matrix of a region is closed.
 
-    Writing the file may add a relative L1 error of ``stored`` to each pattern. ``light`` is the share of each plane's
-    light in the cutout.
+    ``stored`` is the relative L1 error that writing the file may add to each pattern. ``light`` is the share of each
+    plane's light inside the cutout.
     """
 
     out: Path
@@ -90,33 +90,33 @@ class SimulatedH(SimulationForecast):
 
     @property
     def errors(self) -> tuple[float, ...]:
-        """Relative L1 error of each plane: omitted effects, computation, and storage."""
+        """Relative L1 error of each plane: omitted effects, computation and storage together."""
         return tuple(float(error) for error in self.matrix.facts.known()["error"])
 
     @property
     def planes(self) -> tuple[dict[str, Any] | None, ...]:
-        """Engine, sampling and seconds of each plane; None if unknown."""
+        """Engine, sampling and computing time (s) of each plane; None if unknown."""
         from lfcal.psf import simulated_planes
 
         return tuple(simulated_planes(self.matrix.provenance, len(self.plan.depths_um)))
 
     @property
     def limit(self) -> float:
-        """Limits that the errors had to stay below."""
+        """Limit of the relative L1 error of each plane."""
         return self.effects.tolerance + (self.stored or 0)
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """Accuracy of the planes: omitted effects by estimate, the computation by checking some positions."""
+        """Accuracy of the planes in words. Effects that are omitted are estimated, the computation is checked."""
         lowest, highest = 100 * min(self.errors), 100 * max(self.errors)
         error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
-        what = "with that of storage" if self.stored is not None else "of what is left out and of the computation"
+        what = "with that of storage" if self.stored is not None else "of omitted effects and of the computation"
         least, most = 100 * min(self.light), 100 * max(self.light)
         engines = Counter(plane["engine"] for plane in self.planes if plane is not None)
         count = len(self.errors)
         computed = ", ".join(f"{name} ({n} of {count} planes)" for name, n in engines.items())
         return (
-            f"error {what}: {error} ({100 * self.limit:.3g} % asked for)",
+            f"error {what}: {error} ({100 * self.limit:.3g} % allowed)",
             *((f"computed by {computed}",) if computed else ()),
             f"light in the cutout: {least:.3g}" + ("" if most - least < 0.1 else f" to {most:.3g}") + " %",
         )
@@ -126,7 +126,7 @@ class SimulatedH(SimulationForecast):
         self.matrix.close()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return self.written(
             self.out,
             f"H {self.matrix.shape}",
@@ -149,11 +149,11 @@ class SimulatedRegions(TaskResult):
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """Accuracy that the planes of each region reached, one line each."""
+        """Accuracy of the planes of each region, as lines of text."""
         return tuple(words for one in self.regions.values() for words in one.reached)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         told = {name: one.to_dict() for name, one in self.regions.items()}
         return {
             "path": self.out,
@@ -168,13 +168,13 @@ class SimulatedRegions(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedFrames(SimulationForecast):
-    """Simulated frames of a session; ``count`` excludes dark and white frames."""
+    """Simulated frames of a session; ``count`` does not include dark and white frames."""
 
     folder: Path
     count: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return self.written(self.folder, f"{self.count} frames, dark and white frames, plan", frames=self.count)
 
 
@@ -203,12 +203,12 @@ class _Simulate(Task):
         empty="the effects that matter for the tolerance",
     )
     tolerance: float = opt(
-        0.03, "Relative L1 error allowed for omitted effects.", above=0, at_most=4, read=read_share, unit="share"
+        0.03, "Largest relative L1 error by omitted effects.", above=0, at_most=4, read=read_share, unit="share"
     )
     level: str = opt(
         "auto",
-        "How light is propagated, from fast to accurate: rays (geometric), waves of each lenslet (wave) or of all "
-        "together (grid, microscope), or the reference. auto: as the effects need.",
+        "How light is propagated, from fast to accurate: rays (geometric), waves from each lenslet separately (wave) "
+        "or from all together (grid, microscope), or reference. auto: as accurate as the effects need.",
         choices=LEVELS,
     )
 
@@ -221,14 +221,14 @@ class _Simulate(Task):
         return plan_effects(plan, tolerance or self.tolerance, settings, effects=given, **more)
 
     def timed(self, plan: ScanPlan, found: EffectSelection) -> EffectSelection:
-        """Return a selection at the requested level, and the processor time of H estimated by a short run."""
+        """Return the effects at the requested level, with the processor time for H estimated by a short run."""
         from lfcal.simulate import predict_seconds
 
         seconds = predict_seconds(plan, found, self.level, tolerance=self.tolerance)
         return replace(found, level=found.level if self.level == "auto" else self.level, seconds=seconds)
 
     def known(self, plan: ScanPlan, found: EffectSelection) -> dict[str, Any]:
-        """Return the provenance: plan, task, and the origin of the given magnitudes."""
+        """Return the provenance: plan, task, and where the given magnitudes come from."""
         from lfcal.simulate.effects import effect_entries
 
         names = {effect.name for effect in found.effects}
@@ -266,7 +266,7 @@ class _Simulate(Task):
         choice = run.choice(out, found.seconds) if self.in_units else None
         how: dict[str, Any] = {"tolerance": self.tolerance, "workers": run.workers, "run": choice}
         most = predict_bytes(plan, found, self.level, **how, to_file=True, store_tolerance=stored)
-        # while there is still time to choose a larger tolerance
+        # the user can still stop and choose a larger tolerance
         note(f"about {format_seconds(found.seconds)} of processor time ahead, at most {format_bytes(most)} of memory")
         how |= {"out": out, "provenance": self.known(plan, found)}
         if on_pass is None:
@@ -286,7 +286,7 @@ class _OfOnePlan(_Simulate):
 
     depths: tuple[float, ...] = opt(
         (),
-        "Planes by their depths, away from the camera: a,b,c or start:stop:step.",
+        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step.",
         unit="µm, or with mm",
         read=read_depths,
         show=show_planes,
@@ -294,7 +294,7 @@ class _OfOnePlan(_Simulate):
     )
     virtual_depths: tuple[float, ...] = opt(
         (),
-        "Planes by their virtual depths v = a/B: a,b,c or start:stop:step.",
+        "Virtual depths v = a/B of the planes: a,b,c or start:stop:step.",
         read=read_virtual_depths,
         show=show_planes,
         empty="those of the plan",
@@ -309,13 +309,13 @@ class _OfOnePlan(_Simulate):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Any, ...]]:
-        """Simulate, or report the expected cost."""
+        """Simulate, or show the expected cost."""
         plan = planned_scan(self.camera, self.depths, self.virtual_depths, self.cutout)
         made = yield from self.work_on(plan, run or RunSettings())
         return (made,)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[Any]:
-        """Simulate a plan in memory, instead of that of ``camera``."""
+        """Simulate ``plan`` in memory instead of the plan of ``camera``."""
         raise NotImplementedError
 
 
@@ -371,7 +371,7 @@ class SimulatePasses(_OfOnePlan):
     progressive: bool = opt(
         True,
         "Simulate H in passes: it is complete after the first, and more accurate after each. Ctrl-C keeps the last "
-        "one.",
+        "complete one.",
         label="In passes",
         chooses=True,
     )
@@ -395,7 +395,7 @@ class SimulatePasses(_OfOnePlan):
 
 @record
 class SimulateRegions(_Simulate):
-    """Simulate H of each region of a plan of several, at its place in the field, into one file."""
+    """Simulate H of each region of a plan at its place in the field, and write all to one file."""
 
     input_words: ClassVar[str] = "H of several regions"
 
@@ -419,7 +419,7 @@ class SimulateRegions(_Simulate):
 
 @record
 class SimulateFrames(_OfOnePlan):
-    """Simulate the frames of a session, with dark frames, white frames and plan."""
+    """Simulate the frames of a session, with dark frames, white frames and the plan."""
 
     input_words: ClassVar[str] = "frames"
 
@@ -428,7 +428,7 @@ class SimulateFrames(_OfOnePlan):
     peak: float = opt(0.8, "Brightness of the brightest pixel in frames.", more=True, **PEAK)
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; the folder of frames is not among them, and is never replaced."""
+        """Return the files of the task, without the folder of frames, which is never replaced."""
         return () if way == "out" else super().files(way)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedFrames]:
@@ -448,7 +448,7 @@ class SimulateFrames(_OfOnePlan):
 
 @record
 class SimulateForecast(_OfOnePlan):
-    """Show which effects matter for a simulation and what they cost, and simulate nothing.
+    """Show which effects matter for a simulation and what they cost, without simulating.
 
     Examples
     --------
@@ -461,8 +461,8 @@ class SimulateForecast(_OfOnePlan):
     input_words: ClassVar[str] = "a forecast"
 
     plan_only: bool = opt(True, "Only show which effects matter and their cost.", label="Forecast only", chooses=True)
-    out: Path | None = opt(None, "H file that would be written; nothing is written.", **OUT | {"file": ""})
-    frames: Path | None = opt(None, "Folder of frames that would be written; nothing is written.", **FRAMES)
+    out: Path | None = opt(None, "H file of the planned simulation; it is not written.", **OUT | {"file": ""})
+    frames: Path | None = opt(None, "Folder of frames of the planned simulation; it is not written.", **FRAMES)
     peak: float = opt(0.8, "Brightness of the brightest pixel in frames.", needs=("frames", ""), more=True, **PEAK)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:
@@ -472,7 +472,7 @@ class SimulateForecast(_OfOnePlan):
         _tell(plan)
         for target in filter(None, (self.out, self.frames)):
             note(f"{target} is not written: --plan-only")
-        # the cost of the effects is estimated without a run
+        # the costs of effects are estimated without a run
         return SimulationForecast(plan=plan, effects=found if self.level == "auto" else self.timed(plan, found))
 
 
@@ -506,7 +506,7 @@ def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
     for row in () if found is None else found.rows:
         if row.setting == "on" and not row.on:
             note(f"{row.name}: {row.reason}")
-    # a plan with fewer positions than a period cannot drift against the lattice
+    # a plan with fewer positions than one period cannot drift relative to the lattice
     if not plan.resample and plan.drift_px > MOST_DRIFT and max(map(abs, plan.period_residual_px)) <= 0.5:
         (py, px), (ny, nx) = plan.camera.period_px, plan.period
         own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
@@ -523,9 +523,9 @@ def _warn(made: SimulatedH, *, finest: bool) -> None:
     over = [z for z, error in enumerate(errors) if error > made.limit]
     if over:
         worst = max(over, key=lambda z: errors[z])
-        more = "nothing finer is computed" if finest else "--level auto takes what they need"
+        more = "no more accurate level exists" if finest else "choose --level auto"
         warn(
-            f"{len(over)} of {len(errors)} planes miss the {100 * made.limit:.3g} % asked for; plane {worst} at "
+            f"{len(over)} of {len(errors)} planes exceed the allowed {100 * made.limit:.3g} %; plane {worst} at "
             f"{depths[worst]:g} µm reaches {100 * errors[worst]:.2g} %; {more}"
         )
     low = [z for z, share in enumerate(light) if share < LEAST_LIGHT]

@@ -1,4 +1,4 @@
-"""Frames of a target as several commands receive them: a session, or a folder with the target's plan."""
+"""Open the frames of a target: a session, or a folder with the target's plan."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["left_words", "opened_target", "wanted_target"]
 
 
 def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
-    """Return the plan of the target in the frames, their own or the one named; None for frames of a scan."""
+    """Return the plan of the target that the frames show, recorded or named; None for frames of a scan."""
     from lfcal.acquire import NAME
     from lfcal.targets import read_target_plan
 
@@ -55,7 +55,7 @@ def opened_target(
 
 
 def left_words(left: int, count: int, plan: TargetPlan) -> str:
-    """Return how many of the points show no position, and why they are not resampled to one."""
+    """Return a message with the number of points that show no position, and why they are not resampled to one."""
     from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"

@@ -1,4 +1,4 @@
-"""Tasks: frozen records of work to do, from which command, form, job file, script and units are generated."""
+"""Tasks: frozen records of work to do. Commands, forms, job files, scripts and units are generated from them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNITS = ("executor", "scheduler", "resume")
 """Fields of `RunSettings` that apply to work done in units."""
 
 LONG = 60.0
-"""Work that takes more seconds of processor time is always done in units: a kill loses one of them."""
+"""Processor time (s) above which work is always done in units, so that stopping the process loses only one unit."""
 
 
 def _executors() -> tuple[str, ...]:
@@ -31,7 +31,7 @@ def _executors() -> tuple[str, ...]:
 
 @record
 class RunSettings:
-    """How a task is run, and what happens to existing files; nothing here changes the result.
+    """How a task is run, and whether existing files are replaced; nothing here changes the result.
 
     Examples
     --------
@@ -60,11 +60,11 @@ class RunSettings:
         Parameters
         ----------
         out
-            File that the work makes.
+            File that the work writes.
         seconds
-            Forecast processor time.
+            Forecast processor time (s).
         units
-            Name of the units in messages.
+            Words for the units in messages.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class RunSettings:
 
 
 def may_replace(out: Path, run: RunSettings) -> bool:
-    """Return whether an existing ``out`` may be replaced: by ``force``, or as an earlier run began to write it."""
+    """Return whether an existing ``out`` may be replaced: with ``force``, or because a resumed run was writing it."""
     from lfcal.work import was_joining
 
     return run.force or (run.resume and was_joining(out))
@@ -99,15 +99,15 @@ class TaskResult:
 
     @property
     def failed(self) -> bool:
-        """Whether the answer of the task is no; a command then ends with exit code 1."""
+        """Whether the task answers a question with no; its command then ends with exit code 1."""
         return False
 
     def exit_code(self) -> int:
-        """Return the exit code of a command that has shown the result; raise the error that occurred later."""
+        """Return the exit code of a command that has shown the result; raise an error that occurred later."""
         return int(self.failed)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         raise NotImplementedError
 
     def close(self) -> None:
@@ -116,18 +116,18 @@ class TaskResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """Base class of all tasks: the result depends only on a task's fields.
+    """Base class of all tasks. The result depends only on the fields of the task.
 
     Attributes
     ----------
     name
         Name of the command.
     input_words
-        Its input or output in words, if the kinds of the command differ in it.
+        Words for the input or output in which the kinds of one command differ.
     in_units
         Whether other processes can do parts of the task, and a stopped run can continue.
     resumes
-        Whether a stopped run can continue although it is not done in units.
+        Whether a stopped run can continue although the task is not done in units.
     """
 
     name: ClassVar[str]
@@ -165,7 +165,7 @@ class Task:
         return self.files("out") if self.in_units else ()
 
     def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:
-        """Return the task as plain JSON types with all fields, for a job, for provenance, or for another process.
+        """Return the task with all its fields as plain JSON types, for a job, for provenance, or for another process.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskSet:
-    """The kinds of a task; the input decides between them.
+    """The kinds of a task; the given values decide which one is run.
 
     Attributes
     ----------
@@ -198,7 +198,7 @@ class TaskSet:
     kinds
         One class for each kind of input.
     choose
-        Function that returns the kind for values by name; it may read files.
+        Function that returns the kind for given values by field name; it may read files.
     example
         A command line, for the help.
     help
@@ -220,7 +220,7 @@ class TaskSet:
             For a field that this kind of task does not have, or a required field without a value.
         """
         for row in rows(self.kinds[0]):
-            # the choice may depend on these
+            # the choice of the kind may depend on these
             everywhere = all(row.name in {one.name for one in rows(kind)} for kind in self.kinds)
             if row.default is MISSING and everywhere and row.name not in given:
                 raise InputError.expected(row.called, "a value", "none", "give it")

@@ -1,4 +1,4 @@
-"""Tasks as text: commands, Python and job files; and reading of jobs."""
+"""Convert tasks to commands, Python and job files, and read job files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FACES = {
 
 
 def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
-    """Return the words of a command line after ``lfcal``: the values that differ from the defaults."""
+    """Return the words of the command line after ``lfcal``; values equal to the defaults are left out."""
     inputs, options = [], []
     for row, value in [(row, value_at(one, row)) for one in (task, run) if one for row in rows_of(one)]:
         if row.opt.argument:
@@ -58,7 +58,7 @@ def command_of(task: Task, run: RunSettings | None = None) -> str:
 
 
 def python_of(task: Task, run: RunSettings | None = None, imported: Collection[str] = ()) -> str:
-    """Return the equivalent Python; ``imported`` are modules whose names a script already has.
+    """Return the equivalent Python code; ``imported`` are the modules whose names the script has already imported.
 
     Examples
     --------
@@ -153,12 +153,12 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
     if not isinstance(given.get("task"), str):
         raise FileFormatError.expected(what, 'a job, task = "assemble" …', "no task", "name one")
     tasks, told = task_set(given.pop("task")), given.pop("run", {})
-    # for a field that several kinds have, the first kind defines it, as for the command
+    # a field that several kinds have is read as the first kind declares it, as on the command line
     known = {row.path: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     fields, values = {row.name: row for row in known.values()}, {}
     for name, value in flat(tuple(known.values()), given, "job", "fields of its task").items():
         placed = fields[name].placed(value, lambda path: root / path)
-        # H stores a value for every field: a default counts as not given
+        # H stores a value for every field, so a default counts as not given
         if fields[name].opt.chooses or placed not in (None, fields[name].default):
             values[name] = placed
     run = from_flat(RunSettings, flat(rows(RunSettings), told, "run"))
@@ -180,7 +180,7 @@ def _made_by(path: Path) -> Any:
 
 
 def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tuple[Task, RunSettings]:
-    """Return the job in a file (.toml, .json), or the one that made an H or volume file (.h5), changed by ``more``.
+    """Return the job in a file (.toml, .json), or the job that made an H or volume file (.h5), changed by ``more``.
 
     Raises
     ------

@@ -15,15 +15,15 @@ from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
 __all__ = ["TRANSPOSE", "Transpose", "TransposedFile"]
 
 RATE = 150e6
-"""Approximate number of bytes of H read, transposed and written per second of processor time."""
+"""Estimated number of bytes of H read, transposed and written per second of processor time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TransposedFile(TaskResult):
-    """The transpose that was written.
+    """The transposed file that was written.
 
-    ``bytes`` is the size of H in memory, ``missing`` the number of positions that were neither recorded nor filled.
-    ``made`` is ``"HT"``, or ``"H"`` if the source was HT.
+    ``bytes`` is the size of H in memory. ``missing`` is the number of positions that were neither recorded nor
+    filled. ``made`` is ``"HT"``, or ``"H"`` if the source was HT.
     """
 
     out: Path
@@ -36,7 +36,7 @@ class TransposedFile(TaskResult):
     made: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return all values as plain JSON types."""
         return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "made"}
 
 
@@ -69,7 +69,7 @@ class Transpose(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TransposedFile, ...]]:
-        """Write the transpose plane by plane: H may be far larger than the memory."""
+        """Write the transpose plane by plane, because H may be far larger than the memory."""
         from lfcal.psf import iter_transpose_file
 
         start, run = time.perf_counter(), run or RunSettings()

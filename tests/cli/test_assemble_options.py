@@ -109,7 +109,7 @@ REFUSED = {
     "measured background": (("--background", "border"), "expected a constant for frames that are cutouts"),
     "field of the white image": (("--white", "white.npy", "--dark", "dark.npy"), "white mode pixels"),
     "white mode": (("--white", "white.npy", "--white-mode", "smooth"), "expected field or pixels"),
-    "cutout": (("--cutout", "61"), "move the anchor, shrink the cutout, or pad"),
+    "cutout": (("--cutout", "61"), "move the anchor, choose a smaller cutout, or pad"),
     "no number": (("--cutout", "wide"), "--cutout: expected one number or two (rows,columns)"),
     "shift": (("--shift", "4"), "samples with 4 empty low bits"),
     "level nobody subtracts": (("--dark", "none", "--plan", "level.json"), "give dark frames, the black level"),

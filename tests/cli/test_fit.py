@@ -145,7 +145,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert [Path(name).name for name in run.json["files"]] == ["index.html", *FILES[1:4]]
     assert (
-        run.err.startswith("lfcal: note: noise of the frames: as the camera is described") and run.err.count("\n") == 1
+        run.err.startswith("lfcal: note: noise of the frames: as in the camera's desc") and run.err.count("\n") == 1
     )
     assert len(fitted) == 1 and len(fitted[0]) == 8 and fitted[0].patterns.shape[1:] == (15, 15)
     # the dark frame is subtracted, and patterns are those of the positions
@@ -326,7 +326,7 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     assert data.camera is not None
     (place / "c.json").write_text(data.camera.to_json())
     run = lfcal("fit", "bare.h5", "--camera", "c.json")
-    assert run.code == 2 and "state it with --noise CONSTANT,SLOPE" in run.err, run.err
+    assert run.code == 2 and "give it with --noise CONSTANT,SLOPE" in run.err, run.err
     guessed = replace(data.camera, marks=data.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
     save(PSFMatrix(values, depths=data.depths, camera=guessed, anchor=data.anchor, facts=plain), place / "guess.h5")
     assert "got a sensor whose read noise or full well is assumed; state them" in lfcal("fit", "guess.h5").err

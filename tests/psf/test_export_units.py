@@ -96,7 +96,7 @@ def test_what_an_export_refuses_is_refused_before_anything_is_made(psf: Path, tm
 
 @pytest.mark.parametrize("suffix", [".h5", ".mat", ".npy"])
 def test_a_matrix_without_a_file_has_no_units(tmp_path: Path, suffix: str) -> None:
-    with pytest.raises(InputError, match="one opened from a file"):
+    with pytest.raises(InputError, match="a matrix opened from a file"):
         drain(iter_export(PSFMatrix(np.ones((1, 2, 2, 3, 3))), tmp_path / f"H{suffix}", run=GO_ON))
     assert not list(tmp_path.iterdir())
 

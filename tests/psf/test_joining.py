@@ -93,7 +93,7 @@ def test_parts_that_do_not_fit(tmp_path: Path) -> None:
     values = np.ones(SHAPE, np.float32)
     parts = [write(tmp_path / f"{z}.h5", [z], values, None, compression="none") for z in range(3)]
     joined = tmp_path / "joined.h5"
-    with pytest.raises(InputError, match="stored as the others"):
+    with pytest.raises(InputError, match="stored like the other planes"):
         join(parts, PSFWriter(joined, SHAPE))
     with pytest.raises(InputError, match="plane 0"):
         join(parts, PSFWriter(joined, (3, 2, 4, 5, 9), compression="none"))

@@ -137,7 +137,7 @@ def test_planes_of_no_finite_values_are_refused(tmp_path: Path) -> None:
 def test_saved_and_transposed_in_units(tmp_path: Path, executor: str, turned: bool) -> None:
     H = PSFMatrix(np.random.default_rng(1).random(SHAPE).astype(np.float32), depths=(1.0, 2.0, 4.0), anchor=(1.0, 2.0))
     run = RunChoice(executor, 1)
-    with pytest.raises(InputError, match="one opened from a file"):
+    with pytest.raises(InputError, match="a matrix opened from a file"):
         drain(iter_save(H, tmp_path / "two.h5", run=run))
     with open_psf(save(H, tmp_path / "H.h5")) as H:
         matrix = H.T if turned else H

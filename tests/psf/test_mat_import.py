@@ -125,8 +125,8 @@ def test_a_file_that_states_its_order_is_not_read_in_another(tmp_path: Path, row
     own, other = ("rows-first", "columns-first") if rows_first else ("columns-first", "rows-first")
     with open_psf(path, mat_order=own) as found:
         np.testing.assert_array_equal(np.asarray(found), H)
-        assert opening_notes(found)[0].endswith("as its axisOrder says")
-    with pytest.raises(InputError, match=f"order of its axes: expected {own}, as its axisOrder says, got {other}"):
+        assert opening_notes(found)[0].endswith("as its axisOrder states")
+    with pytest.raises(InputError, match=f"order of its axes: expected {own}, as its axisOrder states, got {other}"):
         open_psf(path, mat_order=other)
 
 

@@ -1,4 +1,4 @@
-"""Outlines made of arcs: an iris, an iris with a stuck blade, and what a second rim leaves of either."""
+"""Outlines made of arcs: an iris, an iris with a stuck blade, and either of them cut by a second rim."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: 
         x, y = x0 * u + y0 * v - arcs[j, 1], y0 * u - x0 * v
         along, across = 1 + k * x, k * y
         constant = k * (x * x + y * y) + 2 * x
-        # without a branch the loop runs in vectors
+        # without a branch, the compiler vectorizes the loop
         for i in range(angles.size):
             b = (ex[i] * u + ey[i] * v) * along + (ey[i] * u - ex[i] * v) * across
             root = b * b - k * constant
@@ -68,7 +68,7 @@ class Arcs:
         Distance of each blade's middle from the centre (pixels), and apothem over blade radius.
     blades, rotation_rad
         Number of blades, 0 for a circle, and direction of the first vertex (rad).
-    stuck, stuck_share
+    Displaced blade, counted from the first vertex (-1: none), and its outward displacement as a share of the
         Displaced blade, counted from the first vertex, -1 for none; its outward displacement as a share of the
         apothem.
     rim
@@ -89,7 +89,7 @@ class Arcs:
     shear: float = 0.0
 
     def table(self) -> Values:
-        """Return the arcs as `arcs_radius` takes them."""
+        """Return the arcs in the form that `arcs_radius` needs."""
         a, n = self.apothem, self.blades
         if n:
             arcs = np.empty((n, 3))
@@ -105,5 +105,5 @@ class Arcs:
         return arcs
 
     def radius(self, angles: Values, row: float = 0.0, column: float = 0.0) -> Values:
-        """Return the outline's radius about a point, given from the outline's centre (pixels)."""
+        """Return the outline's radius seen from a point, which is given relative to the outline's centre (pixels)."""
         return arcs_radius(self.table(), self.stretch, self.shear, row, column, angles)

@@ -1,4 +1,4 @@
-"""Least squares of outlines on the harmonics of an edge: circle, iris, stuck blade, second rim."""
+"""Least-squares fit of outlines to the harmonics of an edge: circle, iris, stuck blade, second rim."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ __all__ = [
 Values = NDArray[np.float64]
 
 BLADES = range(4, 16)
-"""Blade counts that are distinguished; 3 looks like a tilted lens's trefoil."""
+"""Blade counts that are distinguished; 3 is not, because a tilted lens's trefoil looks the same."""
 
 RAYS: Values = np.linspace(0.0, 2 * math.pi, 360, endpoint=False)
-"""Directions in which outlines are made."""
+"""Number of directions in which outlines are computed."""
 
 LEADING = 3
-"""Blade counts that are tried with a stuck blade refined, and with a second rim."""
+"""Numbers of blade counts that are refined with a stuck blade, and tried with a second rim."""
 
 ENOUGH = 0.05
-"""An iteration that lowers the chi-square by less is the last."""
+"""Decrease of chi-square below which the iteration ends."""
 
 APOTHEM, COLUMN, ROW, STRETCH, SHEAR, ROTATION, CURVATURE, STUCK = range(8)
-"""Parameters, as many as the outline has; a rim's three follow the others."""
+"""Indices of an outline's parameters; the three of a rim follow the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class OutlineFit:
 
     @property
     def blades(self) -> int:
-        """Blades, 0 for a circle."""
+        """Number of blades, 0 for a circle."""
         return self.arcs.blades
 
 
@@ -93,7 +93,7 @@ class _Family:
         return Arcs(a, curvature, self.blades, turn, self.stuck, share, rim, stretch, shear)
 
     def bounds(self, radius: float) -> tuple[Values, Values, Values]:
-        """Return lowest and highest parameters, and steps for differences."""
+        """Return the lowest and highest parameters, and the steps for finite differences."""
         low, high = [0.6 * radius, *[-0.3 * radius] * 2, *[-0.1] * 2], [1.4 * radius, *[0.3 * radius] * 2, *[0.1] * 2]
         step = [1e-3 * radius] * 3 + [1e-3] * 2
         if self.blades:
@@ -106,18 +106,18 @@ class _Family:
 
 
 def circle(edge: Edge) -> OutlineFit:
-    """Return the circle, which may be a little elliptic."""
+    """Return the best circle, which may be slightly elliptic."""
     return _fit(edge, _Family(), np.array([edge.harmonics[0].real, 0.0, 0.0, 0.0, 0.0]))
 
 
 def irises(edge: Edge, about: OutlineFit) -> list[OutlineFit]:
-    """Return the best regular iris of each blade count, best first."""
+    """Return the best regular iris for each blade count, best first."""
     found = []
     for blades in BLADES:
         # harmonic n of an iris has its maxima at the vertices
         damping = edge.damping[blades]
         turn = -float(np.angle(edge.harmonics[blades] * (1.0 if damping >= 0 else -1.0))) / blades
-        # and is 2/(n² - 1) of the radius with straight blades, less with curved ones
+        # it is 2/(n² - 1) of the radius with straight blades, and less with curved ones
         share = 2 * abs(edge.harmonics[blades]) / max(abs(damping), 0.05) / edge.radius * (blades**2 - 1) / 2
         start = np.append(about.parameters[:5], [turn, min(max(1 - share, 0.05), 0.9)])
         found.append(_fit(edge, _Family(blades), start))
@@ -158,7 +158,7 @@ def _linear_starts(edge: Edge, iris: OutlineFit) -> list[tuple[float, _Family, V
             own = (_left(edge, family, np.append(p, share)) - left) / share
             terms = np.column_stack([slopes, own])
             change = np.linalg.lstsq(terms, -left, rcond=1e-9)[0]
-            # a blade further out and one further in have other slopes
+            # a blade further out and a blade further in have different slopes
             if change[-1] * share > 0:
                 start = np.append(p, 0.0) + change
                 start[-1] = np.clip(start[-1], -0.25, 0.25)
@@ -167,7 +167,7 @@ def _linear_starts(edge: Edge, iris: OutlineFit) -> list[tuple[float, _Family, V
 
 
 def rims(edge: Edge, regular: list[OutlineFit], round_one: OutlineFit) -> list[OutlineFit]:
-    """Return a circle and the leading irises cut by a second rim: the best of each, best first."""
+    """Return a circle and the best irises, each cut by a second rim, best first."""
     found = []
     for base in (round_one, *regular[:LEADING]):
         family = _Family(base.blades, rim=True)
@@ -176,9 +176,9 @@ def rims(edge: Edge, regular: list[OutlineFit], round_one: OutlineFit) -> list[O
             for distance in (0.95, 0.8, 0.65):
                 for curvature in (0.4, 0.9):
                     start = np.append(base.parameters, [direction, distance, curvature])
-                    # a stretched circle is what the rim's cut looks like
+                    # a stretched circle resembles a circle cut by a rim
                     start[STRETCH] = start[SHEAR] = 0.0
-                    # the cut outline's mean radius is that of the base: the base is larger, and its centre away
+                    # the mean radius is that of the cut outline: the base is larger, and its centre is displaced
                     gap = (1 - distance) * edge.radius / 2
                     start[APOTHEM] += gap
                     start[COLUMN] += gap * math.cos(direction)
@@ -186,7 +186,7 @@ def rims(edge: Edge, regular: list[OutlineFit], round_one: OutlineFit) -> list[O
                     starts.append(start)
         order = np.argsort(np.square(_left_of_each(edge, family, np.stack(starts))).sum(1), kind="stable")
         found += [_fit(edge, family, starts[k]) for k in order[:2]]
-    # a cut iris of very curved blades is a cut circle, which is not always found from the whole one
+    # an iris with strongly curved blades, cut by a rim, is a cut circle; starting from the whole circle may miss it
     least = min((fit for fit in found if fit.blades), key=_chi2)
     found.append(_fit(edge, _Family(rim=True), np.delete(least.parameters, [ROTATION, CURVATURE])))
     return _best_of_each(found)
@@ -225,7 +225,7 @@ def _fit(edge: Edge, family: _Family, start: Values, steps: int = 25) -> Outline
         slopes = _slopes(edge, family, p, left, np.where(p + step <= high, step, -step))
         normal, gradient = slopes.T @ slopes, slopes.T @ left
         diagonal = np.diag(normal) + 1e-12 * np.trace(normal)
-        if not diagonal.any():  # so blurred, or so uncertain, that no outline is better than another
+        if not diagonal.any():  # so blurred or uncertain that no outline is better than another
             break
         while damping < 1e7:
             trial = np.clip(p - np.linalg.solve(normal + damping * np.diag(diagonal), gradient), low, high)
@@ -241,7 +241,7 @@ def _fit(edge: Edge, family: _Family, start: Values, steps: int = 25) -> Outline
             break
     slopes = _slopes(edge, family, p, left, np.where(p + step <= high, step, -step))
     normal = slopes.T @ slopes
-    # parameters of different units: scaled, so that only what is truly unknown has no inverse
+    # the parameters have different units: scale them, so that only truly undetermined ones are singular
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     covariance = scale[:, None] * np.linalg.pinv(normal * np.outer(scale, scale), rcond=1e-10, hermitian=True) * scale
     return OutlineFit(family.arcs(p), float(p[ROW]), float(p[COLUMN]), cost, p, covariance)

@@ -1,4 +1,4 @@
-"""The edge of a depth-plane sum as harmonics over angle, with the noise and the blur of each.
+"""The edge of a depth-plane sum as harmonics over angle, each with its noise and its damping by blur.
 
 The light summed along a ray (`lfcal.psf.aperture._profile`) gives the radius that encloses it, independent of blur.
 Along the edge, the outline is convolved with the projection of the blur's kernel: harmonic k of the outline at radius
@@ -28,22 +28,22 @@ HIGHEST = 40
 """Highest harmonic that is compared."""
 
 WIDTH = 2.5
-"""Half width of the window about the edge, in blurs: beyond, the edge has 1 % of its height left."""
+"""Half width of the window about the edge, in blurs; beyond it, 1 % of the edge's height remains."""
 
 LEAST_WIDTH = 0.08
-"""And at least so much of the radius, because the smooth edge that it follows cuts corners."""
+"""Smallest half width of the window, as a share of the radius, because the smooth edge rounds off corners."""
 
 QUIET = slice(HIGHEST - 6, 90)
-"""Harmonics beyond any iris's: noise."""
+"""Harmonics higher than any iris has; they contain only noise."""
 
 MODEL = 2e-4
-"""What no model of an outline explains, at best, of the radius: pixels are squares."""
+"""Part of the radius that no model explains at best, because pixels are squares."""
 
 FOURTH = 1.0
-"""The same for kernels that are no discs: their fourth moment moves the edge by up to so much of blur⁴ / radius³."""
+"""The same for kernels that are not discs: their fourth moment moves the edge by up to this times blur⁴ / radius³."""
 
 BLUR_ERROR = 0.03
-"""Relative error of the blur that its measurement on a finite edge has."""
+"""Relative error of the blur measured on an edge of finite length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def harmonics(radius: Values) -> NDArray[np.complex128]:
 
 
 def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
-    """Return the edge of a patch; None where it has no lit level, or none in the image."""
+    """Return the edge of a patch; None if the patch has no lit level, or the image shows none of its edge."""
     row, column, radius = patch.row, patch.column, patch.radius
     for _ in range(3):
         shade, level, vignetting = shading(image, patch, row, column, radius)
@@ -124,12 +124,12 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
     outline = shrink(profile)
     blocked = find_obstruction(flat, row, column, outline, slope.blur_px, max(patch.noise, 0.0) / level)
     if blocked is not None:
-        # or its harmonics would pass for ripple
+        # otherwise its harmonics would be mistaken for ripple
         flat = np.where(dark_place(flat, row, column, outline, slope.blur_px), 1.0, flat)
     ripple = find_ripple(flat, row, column, radius - WIDTH * slope.blur_px - 1)
     flat = ripple.removed(flat, row, column, radius + 3 * slope.blur_px + 2)
     for least in (2 * LEAST_WIDTH, LEAST_WIDTH, LEAST_WIDTH):
-        # narrower windows about the smooth edge let in less noise
+        # narrower windows about the smooth edge contain less noise
         half = min(max(least * radius, WIDTH * slope.blur_px), 0.9 * radius)
         middle = shrink(profile)
         profile = edge_profile(flat, row, column, 1.0, middle - half, middle + half)
@@ -161,10 +161,10 @@ def measured_edge(image: Values, patch: LitPatch) -> Edge | None:
 
 
 def matched_edge(edge: Edge, outline: Values) -> Edge:
-    """Return the edge measured again, each ray by the least-squares shift of the blurred ``outline`` over `ANGLES`.
+    """Return the edge measured again: the least-squares shift of the blurred ``outline`` (over `ANGLES`) on each ray.
 
-    That has little more than half the noise's power of all light of a ray, and holds where the outline is right to
-    about a blur.
+    This has little more than half the noise power of the sum of all light along a ray. It is valid if the outline is
+    correct to within about one blur.
     """
     from scipy import ndimage, special
 
@@ -195,7 +195,7 @@ class _Slope:
 
     @staticmethod
     def of(flat: Values, row: float, column: float, smooth: Values) -> _Slope:
-        """Return the slope about a smooth outline, given over `ANGLES`."""
+        """Return the slope about a smooth outline that is given over `ANGLES`."""
         from scipy import ndimage, optimize, special
 
         x, y = offsets(flat.shape, row, column)
@@ -217,7 +217,7 @@ class _Slope:
         found = optimize.least_squares(left, start, bounds=([0.3, -reach, 0.3], [3.0, reach, reach])).x
         blur = float(found[2])
         near = np.abs(distance - found[1]) < 3.2 * blur + 1.5
-        # the slope of neighbouring bins is all noise: smooth it by a pixel's half
+        # the slope between neighbouring bins is dominated by noise: smooth it over half a pixel
         falling = -np.gradient(ndimage.gaussian_filter1d(level, 1.0), distance)[near]
         return _Slope(distance[near], falling, blur)
 

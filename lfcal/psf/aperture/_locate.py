@@ -1,4 +1,4 @@
-"""Find the lit patch: background, noise, rough outline; take vignetting out."""
+"""Find the lit patch with its background, noise and rough outline, and remove vignetting."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ __all__ = ["LitPatch", "despike", "find_patch", "mad", "offsets", "shading"]
 Image = NDArray[np.float64]
 
 HOLE = 0.03
-"""Half width of the smallest hole that counts as one, over the radius."""
+"""Half width of the smallest hole that is taken into account, as a share of the radius."""
 
 FEWEST = 16
-"""Pixels that make a lit level."""
+"""Number of pixels needed to determine a lit level."""
 
 
 @dataclass(frozen=True, slots=True)
 class LitPatch:
-    """A lit patch.
+    """A lit patch of a depth-plane sum.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ def despike(image: Image) -> Image:
     # float32, because OpenCV's median of 5 x 5 takes no doubles
     smooth = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)
     difference = image - smooth
-    # below some per cent of the light a spike does no harm, and the tip of a clean corner passes for one
+    # below a few per cent of the light, a spike does no harm, and the tip of an intact corner would look like one
     limit = max(6 * mad(difference), 0.03 * float(np.ptp(smooth)))
     if limit == 0:
         return image
@@ -84,15 +84,15 @@ def despike(image: Image) -> Image:
 
 
 def find_patch(image: Image) -> LitPatch | None:
-    """Return the lit patch of a depth-plane sum, or None where nothing stands out of the noise.
+    """Return the lit patch of a depth-plane sum, or None if nothing stands out from the noise.
 
-    The image is smoothed just as far as it takes to lift the patch eight deviations above its noise, which is
-    that of the border, white, behind a Gaussian.
+    The image is smoothed until the patch is eight deviations above the noise. The noise is that of the border,
+    assumed white and filtered by a Gaussian.
     """
     from scipy import ndimage
 
     side = min(image.shape)
-    # at least two pixels, so that a small cutout's border still gives a median
+    # at least two pixels, so that the border of a small cutout still gives a median
     edge = max(2, int(0.03 * side))
     border = np.ones(image.shape, bool)
     border[edge:-edge, edge:-edge] = False
@@ -101,20 +101,20 @@ def find_patch(image: Image) -> LitPatch | None:
     sigma = max(0.3, side / 128)
     while True:
         smooth = ndimage.gaussian_filter(image - background, sigma)
-        # the 97th percentile and not the maximum, which a single bright pixel would set
+        # the 97th percentile, because a single bright pixel would determine the maximum
         top = float(np.percentile(smooth, 97))
-        # white noise behind a Gaussian of width sigma has 1/(2 sqrt(pi) sigma) of its standard deviation
+        # a Gaussian of width sigma reduces the standard deviation of white noise to 1/(2 sqrt(pi) sigma)
         floor = noise / (2 * math.sqrt(math.pi) * sigma)
         if top > 8 * floor or sigma > side / 12:
             break
         sigma *= 1.4
-    # the second limit covers an even image without noise, whose rounding would pass for light
+    # the second limit is for an even image without noise, whose rounding errors would be taken for light
     if not top > max(4 * floor, 1e-12 * abs(background)):
         return None
     level = float(np.median(smooth[smooth > 0.6 * top]))
     labels, count = ndimage.label(smooth > 0.5 * level)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-    # holes are left by hot or dead pixels and by the lenslets' gaps
+    # hot or dead pixels and the gaps between lenslets leave holes
     mask = ndimage.binary_fill_holes(labels == 1 + int(np.argmax(sizes)))
     row, column = ndimage.center_of_mass(mask)
     radius = math.sqrt(float(mask.sum()) / math.pi)
@@ -126,14 +126,14 @@ def _hole(dark: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
     """Return the large holes among the filled pixels of a patch, with a margin."""
     from scipy import ndimage
 
-    # smaller ones are hot or dead pixels and gaps between lenslets' images
+    # smaller holes are hot or dead pixels and gaps between the lenslets' images
     large = ndimage.binary_opening(dark, iterations=max(1, round(HOLE * radius)))
     wide: NDArray[np.bool_] = ndimage.binary_dilation(large, iterations=max(2, round(2 * HOLE * radius)))
     return wide
 
 
 def shading(image: Image, patch: LitPatch, row: float, column: float, radius: float) -> tuple[Image, float, float]:
-    """Return the smooth lit level of an image, the one at the centre, and its fall to the radius (a share of that).
+    """Return the smooth lit level of an image, the level at the centre, and its decrease to the radius (a share of it).
 
     A plane plus a paraboloid is fitted robustly inside three quarters of ``radius``, holes left out, and continued
     outwards.
@@ -145,7 +145,7 @@ def shading(image: Image, patch: LitPatch, row: float, column: float, radius: fl
     r2 = x * x + y * y
     inside = (r2 < 0.75**2) & ~patch.hole
     if 2 * inside.sum() < (r2 < 0.75**2).sum():
-        # the ring that a wide hole leaves: a paraboloid has no hold at its centre
+        # a paraboloid is not determined at the centre of a ring, as a wide hole leaves it
         inside, r2 = (r2 < 0.9**2) & ~patch.hole, np.zeros_like(r2)
     if inside.sum() < FEWEST:
         return np.ones_like(image), 0.0, 0.0
@@ -157,9 +157,9 @@ def shading(image: Image, patch: LitPatch, row: float, column: float, radius: fl
         weighted = terms * weight[:, None]
         p = np.linalg.solve(terms.T @ weighted + 1e-9 * np.eye(4), weighted.T @ values)
         residual = values - terms @ p
-        # Cauchy weights: what lies far off the surface hardly counts
+        # Cauchy weights: pixels far from the surface have almost no weight
         weight = 1.0 / (1.0 + (residual / max(2.5 * mad(residual), 1e-100)) ** 2)
-    # a paraboloid continued far outwards would turn negative
+    # a paraboloid continued far outwards would become negative
     lit = p[0] + p[1] * np.clip(x, -1.2, 1.2) + p[2] * np.clip(y, -1.2, 1.2) + p[3] * np.minimum(r2, 1.3**2)
     top = max(float(p[0]), 1e-300)
     return np.clip(lit, 0.3 * top, 3 * top), float(p[0]), -float(p[3] / top)

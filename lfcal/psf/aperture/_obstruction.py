@@ -14,13 +14,13 @@ from lfcal.psf.aperture.shape import Obstruction
 __all__ = ["dark_place", "find_obstruction"]
 
 DARK = 0.6
-"""What has less than this share of the light around it is obstructed."""
+"""Share of the surrounding light below which a place is obstructed."""
 
 SMALLEST = 0.004
-"""Smallest obstruction that is named, of the aperture's area."""
+"""Smallest obstruction that is reported, as a share of the aperture's area."""
 
 CERTAIN = 6.0
-"""And it must stand so many deviations out of the noise."""
+"""Smallest significance of an obstruction, in standard deviations of the noise."""
 
 
 def find_obstruction(
@@ -47,7 +47,7 @@ def find_obstruction(
     rim = np.interp(np.arctan2(y, x) % (2 * math.pi), ANGLES, edge, period=2 * math.pi)
     inside = np.hypot(x, y) < rim - 3 * blur_px - 1
     area = math.pi * float(np.mean(edge**2))
-    # as smooth as it takes for the noise to leave dark places alone
+    # smooth until the noise no longer makes dark places
     width = max(1.0, blur_px / 2, CERTAIN * noise / (2 * math.sqrt(math.pi) * (1 - DARK)))
     if width > 0.1 * math.sqrt(area):
         return None
@@ -57,7 +57,7 @@ def find_obstruction(
         return None
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     largest = int(np.argmax(sizes))
-    # spots between the lenslets' images are smaller than the edge is wide
+    # spots between the lenslets' images are smaller than the width of the edge
     if sizes[largest] < max(SMALLEST * area, 2 * math.pi * max(blur_px, width) ** 2):
         return None
     centre = ndimage.center_of_mass(labels == largest + 1)

@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["ANGLES", "RAYS", "edge_profile", "shrink"]
 
 RAYS = 720
-"""Rays of a profile."""
+"""Number of rays of a profile."""
 
 ANGLES: NDArray[np.float64] = np.linspace(0.0, 2 * np.pi, RAYS, endpoint=False)
-"""Their directions, from +column towards +row (rad)."""
+"""Directions of the rays, from +column towards +row (rad)."""
 
 HIGHEST = 33
-"""Highest harmonic an iris shows: the second of fifteen blades, and a little."""
+"""Highest harmonic of an iris: the second harmonic of fifteen blades, and a margin."""
 
 
 def edge_profile(
@@ -45,19 +45,19 @@ def edge_profile(
     light = ndimage.map_coordinates(flat, places, order=1, mode="nearest") * r
     # trapezium rule along each ray
     area = (light[1:] + light[:-1]).sum(0) * (width / (2 * (steps - 1)))
-    # noise may make the enclosed light negative, whose root is no radius
+    # noise may make the enclosed light negative, which has no real root
     edge: NDArray[np.float64] = np.sqrt(np.maximum(start**2 + 2 * area, (0.3 * radius) ** 2))
     return edge
 
 
 def shrink(edge: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a smooth ``edge``: each harmonic is shrunk by its noise, taken from harmonics beyond any iris's."""
+    """Return a smooth ``edge``: each harmonic is shrunk by its noise, estimated from harmonics that no iris has."""
     spectrum = np.fft.rfft(edge) / RAYS
     power = np.abs(spectrum) ** 2
     # the power of complex Gaussian noise is exponentially distributed: its median is ln 2 times its mean
     noise = float(np.median(power[HIGHEST + 1 : 90])) / np.log(2)
     gain = np.maximum(1 - 3 * noise / (power + 1e-300), 0)
-    # size, centre and ellipticity stay as they are
+    # size, centre and ellipticity are not changed
     gain[:3] = 1
     gain[HIGHEST + 1 :] = 0
     smooth: NDArray[np.float64] = np.fft.irfft(spectrum * gain, RAYS) * RAYS

@@ -1,8 +1,8 @@
 """The ripple that the lenslet lattice leaves on a depth-plane sum: plane waves, fitted inside the lit patch.
 
-Sums over whole periods of the lattice hold no ripple but where spots are thinner than their distance. What is left is
-coherent: plane waves of the lattice's wave vectors. They pass for blades where an edge cuts them, so they are fitted
-where there is no edge, and continued to it.
+Sums over whole periods of the lattice have no ripple, except where spots are thinner than their spacing. The
+remaining ripple is coherent: plane waves with the lattice's wave vectors. Where they cross an edge, they look like
+blades. They are therefore fitted away from the edge and extrapolated to it.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ __all__ = ["Ripple", "find_ripple"]
 Values = NDArray[np.float64]
 
 MOST = 12
-"""Waves that are looked for; a hexagonal lattice has three, each with its overtones."""
+"""Number of waves that are searched for; a hexagonal lattice has three, each with harmonics."""
 
 CHANCE = 16.0
-"""A wave's power over the mean of noise: noise alone does so once in ``exp(16)`` places."""
+"""Smallest power of a wave over the mean of the noise; noise alone exceeds it in one of ``exp(16)`` places."""
 
 SHORTEST = 4.0
 """Shortest pitch (pixels)."""
 
 LONGEST = 1.0
-"""Longest pitch in units of the radius: longer waves are shading."""
+"""Longest pitch in units of the radius; longer waves are treated as shading."""
 
 SMALLEST = 12.0
 """Smallest radius in which waves can be distinguished from shading (pixels)."""
@@ -37,7 +37,7 @@ SMALLEST = 12.0
 
 @dataclass(frozen=True, slots=True)
 class Ripple:
-    """Plane waves relative to the lit level.
+    """Plane waves relative to the lit level of the patch.
 
     Attributes
     ----------
@@ -53,19 +53,19 @@ class Ripple:
 
     @property
     def amplitude(self) -> float:
-        """Largest amplitude of a wave, 0 without any."""
+        """Largest amplitude of any wave; 0 without waves."""
         return float(np.hypot(self.cosine, self.sine).max(initial=0.0))
 
     @property
     def pitch_px(self) -> float:
-        """Pitch of the strongest wave (pixels); not a number without any."""
+        """Pitch of the strongest wave (pixels); NaN without waves."""
         if not self.waves.size:
             return math.nan
         strongest = int(np.argmax(np.hypot(self.cosine, self.sine)))
         return 2 * math.pi / math.hypot(*self.waves[strongest])
 
     def at(self, x: Values, y: Values) -> Values:
-        """Return the ripple at places from the origin, of their shape."""
+        """Return the ripple at places relative to the origin, in an array of their shape."""
         total = np.zeros_like(x)
         for (u, v), c, s in zip(self.waves, self.cosine, self.sine, strict=True):
             phase = u * x + v * y
@@ -73,7 +73,7 @@ class Ripple:
         return total
 
     def removed(self, flat: Values, row: float, column: float, reach: float) -> Values:
-        """Return ``flat`` over one plus the ripple, within ``reach`` of the origin."""
+        """Return ``flat`` divided by one plus the ripple, within ``reach`` of the origin."""
         if not self.waves.size:
             return flat
         x, y = offsets(flat.shape, row, column)
@@ -106,7 +106,7 @@ def find_ripple(flat: Values, row: float, column: float, radius: float) -> Rippl
     size = 1 << math.ceil(math.log2(2 * max(flat.shape)))
     fx, fy = np.fft.fftfreq(size)[None, :], np.fft.rfftfreq(size)[:, None]
     q = np.hypot(fx, fy)
-    # each wave once: rows of the half spectrum, of the row 0 one half
+    # count each wave once: use the rows of the half spectrum, and one half of row 0
     once = (fy > 0) | (fx > 0)
     band = (q > 1 / (LONGEST * radius)) & (q < 1 / SHORTEST) & once
     quiet = (q > 1 / (LONGEST * radius)) & once
@@ -128,7 +128,7 @@ def find_ripple(flat: Values, row: float, column: float, radius: float) -> Rippl
         found = fit.fitted(more)
         length = np.hypot(*found.waves.T)
         if (length < 2 * math.pi / (1.2 * LONGEST * radius)).any() or found.amplitude > 1:
-            fit.fitted(waves)  # two waves that cancel, or shading: not what a lattice leaves
+            fit.fitted(waves)  # two waves that cancel, or shading: a lattice does not produce these
             break
         waves, ripple = found.waves, found
     return ripple
@@ -154,7 +154,7 @@ class _WaveFit:
             c, s = np.split(found[6:], 2)
             if last or not len(waves):
                 break
-            turn = s * cos - c * sin  # the derivative by the phase
+            turn = s * cos - c * sin  # the derivative with respect to phase
             slopes = np.concatenate([terms, turn * self.x[:, None], turn * self.y[:, None]], 1)
             step = _solve(slopes, self.left)[6 + 2 * len(waves) :]
             # a peak is known to a fraction of the spectrum's resolution

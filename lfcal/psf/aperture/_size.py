@@ -1,4 +1,4 @@
-"""The size of an outline: all its light divided by its level, beyond the window of the edge.
+"""Size of an outline: all its light divided by its lit level, including light beyond the window of the edge.
 
 Lenslets and rims diffract light. Just inside the outline the light rises above the level, and the fit of the shading
 mistakes this for shading. Outside, it falls with the inverse square of the distance, beyond the end of the edge's
@@ -21,35 +21,35 @@ __all__ = ["measured_area"]
 Values = NDArray[np.float64]
 
 RISE = 3.0
-"""Blurs inside the outline up to which the light may rise."""
+"""Distance inside the outline, in blurs, up to which the light may rise."""
 
 LEAST_LEVEL = 0.3
-"""Share of the radius within which a level must be seen, or there is none."""
+"""Share of the radius within which a lit level must be visible; otherwise there is no level."""
 
 NEAR, FAR = 2.5, 6.0
-"""Blurs beyond the outline between which the light is looked for that left it."""
+"""Distances beyond the outline, in blurs, between which diffracted light is measured."""
 
 EVEN = 0.01
-"""Share of the area below which a rise counts as a part of the level, as for an aplanatic pupil of high NA."""
+"""Share of the area below which a rise counts as part of the level, as in an aplanatic pupil of high NA."""
 
 FEWEST = 16
-"""Pixels that make a level."""
+"""Number of pixels needed to determine a level."""
 
 CLEAR = 3.0
-"""Variances that the square of a correction must exceed, as of harmonics (`lfcal.psf.aperture._profile.shrink`)."""
+"""Ratio of a squared correction to its variance above which it is applied (`lfcal.psf.aperture._profile.shrink`)."""
 
 
 def measured_area(patch: LitPatch, edge: Edge, area: float) -> tuple[float, float]:
-    """Return the area inside an outline and its standard error (pixels squared); that is NaN where no level is seen.
+    """Return the area inside an outline and its standard error (pixels squared), NaN if there is no lit level.
 
-    As far as noise hides what the light shows, ``area``, that of the outline fitted to the edge, is kept.
+    Where noise hides the additional light, the result is ``area``, the area of the outline fitted to the edge.
 
     Parameters
     ----------
     patch
         The lit patch.
     edge
-        Its edge, whose light has neither ripple nor obstruction.
+        Its edge, without ripple or obstruction.
     area
         Area of the fitted outline (pixels squared).
     """
@@ -63,22 +63,22 @@ def measured_area(patch: LitPatch, edge: Edge, area: float) -> tuple[float, floa
     light, x, y = edge.flat * edge.shade, x / radius, y / radius
     shaded, variance = _light(light, lit, within, (x, y, x * x + y * y))
     even, _ = _light(light, lit, within, (x, y))
-    # light that falls outwards is vignetting; where it rises a little, a curved level may be the edge's own rise
+    # a decrease outwards is vignetting; a small increase on a curved level may be the rise at the edge itself
     rise = max(0.0, even - shaded)
     inside = shaded + rise / (1 + (rise / (EVEN * area)) ** 4)
     left, left_variance = _left(light, outside, blur, patch.noise / edge.level)
-    # at the half level a blurred convex outline has lost so much, and pixels are squares
+    # at half the level, a blurred convex outline has lost this much area; pixels are squares
     correction, sigma2 = 0.0, (math.pi * blur**2) ** 2 + (2 * MODEL * area) ** 2
     for found, error2, doubt in (
         (inside - area, variance, (even - shaded) / 2),
-        # as much may be out of sight as is seen
+        # the unseen part may be as large as the visible part
         (left, left_variance, left),
     ):
         gain = max(0.0, 1 - CLEAR * error2 / max(found**2, 1e-300))
         correction += gain * found
-        # what is not corrected is an error, as far as it is no noise
+        # the part that is not corrected counts as an error, unless noise explains it
         sigma2 += (gain * doubt) ** 2 + min(error2, found**2 + error2)
-    if area + correction <= 0:  # of a pattern that is cut off, what is dark may be brighter than what is lit
+    if area + correction <= 0:  # in a pattern that is cut off, the dark part may be brighter than the lit part
         return area, math.nan
     return float(area + correction), math.sqrt(sigma2)
 
@@ -86,15 +86,15 @@ def measured_area(patch: LitPatch, edge: Edge, area: float) -> tuple[float, floa
 def _left(light: Values, outside: Values, blur: float, noise: float) -> tuple[float, float]:
     """Return the light that left the outline beyond the edge, seen or not, and its variance (pixels squared)."""
     near = NEAR * blur
-    # a ring that the cutout's border does not cut
+    # a ring that the border of the cutout does not intersect
     border = _border(outside)
     far = min(FAR * blur, float(border.min()))
     ring = (outside >= near) & (outside < far)
     if not ring.any():
         return 0.0, 0.0
-    # of an inverse square, over what lies in the ring
+    # an inverse square law, integrated over the ring
     all_of_it = far / (far - near)
-    # the background's own error is that of the median of the cutout's border
+    # the error of the background is the error of the median of the cutout's border
     dark = 1.25 * noise / math.sqrt(border.size)
     count = int(ring.sum())
     variance = count * noise**2 + (count * dark) ** 2
@@ -117,7 +117,7 @@ def _light(
     noise2 = float(residual @ residual) / max(1, residual.size - level.size)
     shade = np.clip(terms @ level, 0.3 * level[0], 3 * level[0])
     rim = within & ~lit
-    # the level is that of the lit pixels themselves: what they scatter about it adds nothing to their own light
+    # the level is the mean of the lit pixels, so their scatter about it adds nothing to the error of their light
     light = np.where(within, flat / shade, 0.0)
     change = np.tensordot(np.where(rim, light / shade, 0.0), terms, 2)
     return float(light.sum()), noise2 * (float(change @ inverse @ change) + int(rim.sum()))

@@ -1,4 +1,4 @@
-"""Depth-plane sums of a known iris, with all that disturbs real ones."""
+"""Depth-plane sums of a known iris, with the disturbances of real images."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Disturbance", "IrisFault", "depth_sum_of"]
 OVERSAMPLING = 3
 
 MANY = 24
-"""Waves of a random ripple."""
+"""Number of waves of a random ripple."""
 
 RAYS: NDArray[np.float64] = np.linspace(0.0, 2 * math.pi, 14_400, endpoint=False)
 
@@ -32,12 +32,11 @@ class Disturbance:
         Gaussian blur, standard deviation (pixels).
     ripple, ripple_pitch_px
         Amplitude and pitch of the residual lenslet lattice (pixels).
-    pattern
-        Pattern of the ripple: ``"square"``, two crossed waves along rows and columns; ``"hexagonal"``, three waves at
-        60 degrees and any rotation; ``"random"``, many waves of about the pitch in all directions, which cannot be
-        described by a few waves. Phases are random.
+    Pattern of the ripple. ``"square"``: two crossed waves along rows and columns. ``"hexagonal"``: three waves at 60
+    degrees in any rotation. ``"random"``: many waves of about this pitch in all directions, which a few waves cannot
+    describe. Phases are random.
     vignetting, tilt
-        Relative decrease of light from the centre to the rim; slope of light over a radius.
+        Relative decrease of light from the centre to the rim, and slope of the light over a radius.
     hot
         Share of hot pixels.
     ellipticity

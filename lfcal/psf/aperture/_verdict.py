@@ -1,4 +1,4 @@
-"""Which shape an edge shows: likelihood ratios between circle, iris, stuck blade and second rim."""
+"""Decide which shape an edge shows, by likelihood ratios between circle, iris, stuck blade and second rim."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from lfcal.psf.aperture.shape import blade_radius
 __all__ = ["CERTAIN", "FALSE_ALARM", "TRIALS", "EdgeVerdict", "judged"]
 
 FALSE_ALARM = 1e-4
-"""How often noise may pass for a shape that is not there."""
+"""Accepted probability that noise is mistaken for a shape."""
 
 TRIALS = 200
-"""Shapes that differ in counts, rotations, curvatures and blades, which all have that chance."""
+"""Number of shapes (counts, rotations, curvatures, blades) that noise could be mistaken for."""
 
 CERTAIN = 2 * math.log(TRIALS / FALSE_ALARM)
-"""So much must a shape's chi-square lie below that of every other: twice the logarithm of the likelihood ratio."""
+"""Smallest difference of a shape's chi-square to every other: twice the logarithm of the likelihood ratio."""
 
 WHICH = 2 * math.log(5 / 1e-3)
-"""By this must a stuck blade's chi-square lie below those of its rivals: neighbours, opposite blades, another count."""
+"""Smallest difference for a stuck blade: to neighbouring blades, opposite blades, and another count."""
 
 DOUBT = CERTAIN / 3
-"""A simpler shape holds where a richer one is better by less than this."""
+"""Improvement of chi-square below which the simpler of two shapes is kept."""
 
 FAINTEST = (11, 0.6)
-"""Blades and curvature of the roundest iris that must be visible before an outline is called round."""
+"""Blades and curvature of the roundest iris that must be distinguishable before an outline is called round."""
 
 MOST_ELLIPTIC = 0.08
-"""Ellipticity of an iris seen squarely; two shifted rims make more, and mimic few curved blades."""
+"""Largest ellipticity of an iris seen straight on; two displaced rims have more, and resemble few curved blades."""
 
 MISFIT = (0.009, 0.010)
-"""Largest misfit of the outline: so much of the radius, plus so much over the pixel SNR."""
+"""Largest misfit of the outline: a share of the radius, and a term over the pixel SNR."""
 
 STRUCTURED = 4.0
 """Largest chi-square per degree of freedom of a shape that explains the edge."""
@@ -45,7 +45,7 @@ NOISY = 10.0
 """Pixel SNR below which noise limits the edge, and a second measurement with less noise helps."""
 
 STRAIGHT = 2.0
-"""Blades are straight where their curvature is within so many errors of 0."""
+"""Number of standard errors of the curvature within which blades count as straight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class EdgeVerdict:
     fit
         The outline.
     margin
-        Difference of its chi-square to that of the next shape, in units of ``unit``.
+        Chi-square of the next best shape minus that of this one, in units of ``unit``.
     unit
         Chi-square per degree of freedom of the best of all shapes, at least 1. Structure that no shape explains might
         be mistaken for a shape, so it reduces all differences.
@@ -84,7 +84,7 @@ class EdgeVerdict:
 
     @property
     def confidence(self) -> float:
-        """Probability of the shape, from 0 to 1, where all others together have that of the next one."""
+        """Probability of the shape, from 0 to 1, if all others together are as probable as the next best one."""
         return 1 / (1 + TRIALS * math.exp(-min(max(0.0, self.margin), 100.0) / 2))
 
 
@@ -100,7 +100,7 @@ class _Fits:
 
     @property
     def gain(self) -> float:
-        """By how much the best iris beats the circle."""
+        """Difference of chi-square between the circle and the best iris."""
         return self.round.chi2 - self.regular[0].chi2
 
     @property
@@ -114,7 +114,7 @@ class _Fits:
 
 
 def judged(edge: Edge, snr: float) -> EdgeVerdict:
-    """Return which shape an edge shows, and how far it stands out.
+    """Return the shape that an edge shows, and how significant it is.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def judged(edge: Edge, snr: float) -> EdgeVerdict:
         fits = max(_matched(edge, fits), key=lambda found: found.gain)
     fits = _with_faults(fits)
     if fits.best.arcs.stuck >= 0 or fits.best.arcs.rim is not None:
-        # a blade far out of place is wider than the matched window about a regular iris
+        # a blade far out of place lies outside the matched window about a regular iris
         about = _about(fits.best)
         again = matched_edge(edge, about)
         fits = _with_faults(_fitted(again), always=True)
@@ -150,7 +150,7 @@ def _matched(edge: Edge, fits: _Fits) -> list[_Fits]:
     ends = []
     for start in (fits.regular[0], fits.round):
         about = start
-        # thrice: what the noise hid from the first answer moves the window of the next
+        # three times, because each result moves the window of the next
         for _ in range(3):
             found = _fitted(matched_edge(edge, _about(about)))
             about = found.regular[0]
@@ -174,7 +174,7 @@ def _chosen(fits: _Fits) -> tuple[str, OutlineFit, float]:
     if simple.chi2 - fits.best.chi2 > DOUBT * unit:
         return _faulty(fits, min(fits.round.chi2, iris.chi2))
     if simple is fits.round:
-        # an iris fits a little better than a circle by chance: it has two unknowns more
+        # an iris fits slightly better than a circle by chance, because it has two more parameters
         return "round", simple, min(CERTAIN + DOUBT, _faintest(fits.edge) / 2) - fits.gain / unit
     kind = "polygon" if _straight(iris) else "rounded polygon"
     return kind, iris, min(fits.gain, next_iris.chi2 - iris.chi2) / unit
@@ -183,7 +183,7 @@ def _chosen(fits: _Fits) -> tuple[str, OutlineFit, float]:
 def _faulty(fits: _Fits, sound: float) -> tuple[str, OutlineFit, float]:
     """Return kind, fit and margin of the irregular shape that holds; ``sound`` is the best regular chi-square."""
     stuck, unit = fits.stuck[0], fits.unit
-    # a cut circle has as many unknowns as an iris with a stuck blade, a cut iris has two more
+    # a cut circle has as many parameters as an iris with a stuck blade, a cut iris has two more
     cuts = [(fit.chi2 + (DOUBT * unit if fit.blades else 0.0), fit) for fit in fits.rims]
     least, cut = min(cuts, key=lambda entry: entry[0])
     if stuck.chi2 < least:
@@ -218,7 +218,7 @@ def _refused(fits: _Fits, chosen: tuple[str, OutlineFit, float], snr: float) -> 
     elif margin < CERTAIN:
         refusal = "unclear"
     if refusal == "unclear" and snr < NOISY:
-        # no shape is stated; what is kept is the best regular iris
+        # no shape is reported; the best regular iris is kept
         fit = fits.regular[0]
     return EdgeVerdict(
         "" if refusal else kind, fit, margin, fits.unit, refusal, fits.edge, tuple(fits.regular), fits.round

@@ -1,4 +1,4 @@
-"""The aperture that a camera's description lets expect."""
+"""The aperture that is expected from a camera's description."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["expected_aperture", "footprint_px"]
 
 
 def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)) -> float:
-    """Return the width of the place that one lenslet spreads a defocused point's light over (pixels).
+    """Return the width over which one lenslet spreads the light of a defocused point (pixels); 0 without a camera.
 
-    0 where no camera is known. A ray through a lenslet's point e meets the sensor ``e B/f`` from where it would without
-    lenslets, for the strongest of the lens types.
+    A ray through point e of a lenslet meets the sensor at a distance ``e B/f`` from its place without lenslets. The
+    strongest lens type is used.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0,
 def expected_aperture(
     camera: Camera, depth_um: float, cutout: tuple[int, int], pixel_scale: tuple[float, float] = (1.0, 1.0)
 ) -> Aperture | None:
-    """Return the iris's shadow on the sensor by geometry; None if the depth is not imaged or is in focus.
+    """Return the iris's shadow on the sensor by geometry; None if the plane is not imaged or is in focus.
 
     A ray through pupil point p meets the sensor at ``p (a - B)/(b + a)`` from the chief ray, apart from the deflection
     by its lenslet. Here b and a are the distances of the pupil and of the image from the lenslets.
@@ -81,7 +81,7 @@ def expected_aperture(
     area = math.pi * radius**2
     if not blades or curvature == 1:
         return Aperture(0, centre, 0.0, radius, area, 1.0, confident=True, kind="round")
-    # behind the image the shadow is upside down
+    # behind the image, the shadow is inverted
     turn = (turn + (math.pi if away < 0 else 0.0)) % (2 * math.pi / blades)
     apothem = radius * math.sqrt(math.pi / polygon_area(blades, 1.0, curvature))
     kind = "rounded polygon" if curvature else "polygon"

@@ -85,7 +85,7 @@ def working_f_number(
             f"{d.size} diameters and {a.size} depths",
             "give one for each plane, all different",
         )
-    # with the sign of a, both sides of the native plane lie on one line
+    # with the sign of a, planes on both sides of the native plane lie on one line
     signed = d * np.where(a < 0, -1.0, 1.0)
     weight = np.ones(a.size)
     for _ in range(10):
@@ -93,7 +93,7 @@ def working_f_number(
         slope, constant = np.linalg.lstsq(matrix, signed * weight, rcond=None)[0]
         residual = signed - slope * a - constant
         scale = 1.4826 * float(np.median(np.abs(residual)))
-        # diameters on the line to rounding: another round would divide by zero
+        # if all diameters lie on the line to rounding, another iteration would divide by zero
         if scale <= 1e-12 * float(np.abs(d).max()):
             break
         # Huber weights: square roots, because lstsq squares them

@@ -1,4 +1,4 @@
-"""Fit of an iris to a depth-plane sum; it is refused if the sum does not determine the iris."""
+"""Fit an iris to a depth-plane sum; the fit is refused if the sum does not determine the iris."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ SMALLEST = 9
 """Smallest cutout side that can show an aperture (pixels)."""
 
 LEAST_RADIUS = 3.0
-"""Radius below which a lit patch is the image of a point in focus: it has no outline to fit blades to (pixels)."""
+"""Radius below which a lit patch is the image of a point in focus, without an outline to fit (pixels)."""
 
 MOST_TOUCHING = 0.1
-"""Share of the cutout's border that is lit beyond which no outline is tried."""
+"""Share of the cutout's border that is lit, above which no outline is fitted."""
 
 CURVATURE_FLOOR = 0.01
-"""Error of the curvature that pixels leave at best."""
+"""Smallest standard error of the curvature, due to the size of pixels."""
 
 WIDEST_BLUR = 0.3
-"""Ratio of blur to radius above which the outline is that of the blur."""
+"""Ratio of blur to radius above which blur determines the outline."""
 
 
 def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture:
@@ -47,7 +47,8 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
     depth_sum
         Sum of all patterns of a depth plane ``(nt, ns)``; NaN counts as background.
     footprint_px
-        Width over which one lenslet spreads its light (pixels), if known: an outline smaller than twice that shows the
+        Width over which one lenslet spreads its light (pixels), if known. An outline smaller than twice this width
+        shows the
         lenslets and not the iris.
 
     Raises
@@ -71,7 +72,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
 
 
 def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, EdgeVerdict | None]:
-    """Return the aperture and the verdict behind it, None if no outline is visible; see `fit_aperture`."""
+    """Return the aperture and its verdict (None if no outline is visible); see `fit_aperture`."""
     image = _clean(depth_sum)
     if min(image.shape) < SMALLEST:
         return _none("too small"), None
@@ -106,9 +107,9 @@ def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
         )
     finite = np.isfinite(image)
     if not finite.all():
-        # not-a-number takes the median, which neither lights nor darkens anything
+        # NaN becomes the median, so that it is neither light nor dark
         image[~finite] = np.median(image[finite]) if finite.any() else 0.0
-    # the fit knows no unit: bring the values to the order of one
+    # scale the values to the order of one, because the fit has no unit
     size = float(np.abs(image).max())
     return despike(image / size if size > 0 else image)
 
@@ -148,13 +149,13 @@ def _aperture(verdict: EdgeVerdict, patch: LitPatch) -> Aperture:
     fitted = math.pi * float(np.mean(arcs.radius(ANGLES) ** 2))
     area, sigma = measured_area(patch, edge, fitted)
     step = 2 * math.pi / max(1, fit.blades)
-    # the first vertex lies within one blade of angle 0, and blades are counted from it
+    # the first vertex lies within one blade of angle 0; blades are counted from it
     skipped = math.floor(arcs.rotation_rad / step) if fit.blades else 0
     return Aperture(
         blades=fit.blades,
         centre=(edge.row + fit.row, edge.column + fit.column),
         rotation_rad=arcs.rotation_rad - skipped * step if fit.blades else 0.0,
-        # the shape is the edge's, the size that of the light
+        # the edge determines the shape, the light the size
         apothem_px=arcs.apothem * math.sqrt(area / fitted),
         area_px2=area,
         area_sigma_px2=sigma,
@@ -185,7 +186,7 @@ def _count(found: OutlineFit, verdict: EdgeVerdict) -> CountFit:
         found.blades,
         (found.chi2 - verdict.circle.chi2) / verdict.unit,
         found.arcs.rotation_rad % step,
-        # a rotation is known to a blade at worst
+        # a rotation is uncertain by one blade at most
         min(math.sqrt(variance), step) if variance > 0 else step,
         found.arcs.curvature,
         curvature_error(found, verdict.edge, verdict.unit),
@@ -193,11 +194,11 @@ def _count(found: OutlineFit, verdict: EdgeVerdict) -> CountFit:
 
 
 def curvature_error(fit: OutlineFit, edge: Edge, unit: float) -> float:
-    """Return the standard error of the blades' curvature: of the edge's noise and of its blur."""
+    """Return the standard error of the blades' curvature, from the noise of the edge and from its blur."""
     if not fit.blades:
         return math.nan
     noise = float(fit.covariance[CURVATURE, CURVATURE]) * unit
-    # the blades' harmonic is (1 - curvature) times its damping, whose logarithm goes with the blur squared
+    # the blades' harmonic is (1 - curvature) times its damping, whose logarithm is proportional to the blur squared
     damping = max(abs(float(edge.damping[fit.blades])), 1e-3)
     blur = (1 - fit.arcs.curvature) * 2 * BLUR_ERROR * abs(math.log(damping))
     return math.sqrt(noise + blur**2 + CURVATURE_FLOOR**2)
@@ -207,10 +208,10 @@ def _stuck(fit: OutlineFit, unit: float, skipped: int) -> StuckBlade:
     arcs = fit.arcs
     direction = arcs.rotation_rad + (arcs.stuck + 0.5) * 2 * math.pi / arcs.blades
     variance = float(fit.covariance[STUCK, STUCK])
-    # a blade that its neighbours cover may be anywhere beyond them
+    # a blade covered by its neighbours may be anywhere beyond them
     error = arcs.apothem * math.sqrt(variance * unit) if variance > 0 else math.inf
     blade = (arcs.stuck + skipped) % arcs.blades
-    # where the blade's middle would leave the others' outline: from there on its neighbours cover it
+    # beyond this point, the blade's middle leaves the outline of the others: neighbours cover it
     others = replace(arcs, stuck_share=1.0, stretch=0.0, shear=0.0).radius(np.array([direction]))[0] / arcs.apothem - 1
     if arcs.stuck_share > others - 2 * error / arcs.apothem:
         error = math.inf

@@ -14,23 +14,23 @@ from lfcal.psf.aperture.shape import Aperture, CountFit
 __all__ = ["Iris", "joint_iris"]
 
 USABLE = ("", "unclear")
-"""Reasons for refusal that still count as evidence: an unclear plane adds to the evidence of a clear one."""
+"""Reasons for refusal with which a plane still adds to the evidence of a clear plane."""
 
 REGULAR = ("", "round", "polygon", "rounded polygon")
 
 ROTATION_FLOOR = math.radians(0.2)
-"""Error of a rotation that pixels leave at best."""
+"""Smallest standard error of a rotation, due to the size of pixels."""
 
 COMMON = 0.02
-"""Error of the curvature that all planes share: the lenslets' blur is the same in all of them."""
+"""Error of the curvature that all planes share, because the lenslets' blur is the same in all of them."""
 
 AGREE = 3.0
-"""Planes contradict each other where one is so many of its errors from their mean."""
+"""Deviation of a plane from the mean, in standard errors, above which planes contradict each other."""
 
 
 @dataclass(frozen=True, slots=True)
 class Iris:
-    """The iris from all planes together.
+    """The iris, estimated from all planes together.
 
     Attributes
     ----------
@@ -38,13 +38,13 @@ class Iris:
         Number of blades; 0 for a round iris.
     rotation_rad
         Direction of the first vertex in upright planes, in [0, 2 pi / blades) (rad). If the side of no plane is known,
-        that of an odd count may refer to inverted planes.
+        the angle for an odd count may refer to inverted planes.
     curvature, curvature_sigma
         Curvature of the blades, with its standard error.
     planes
         Number of planes used.
     margin
-        Difference of its chi-square to that of any other count and of a circle.
+        Chi-square of the next best blade count, or of a circle, minus that of the result.
     worst
         Largest difference of a plane's curvature from the mean, in units of its error.
 
@@ -72,7 +72,7 @@ class Iris:
         return self.margin >= CERTAIN and self.worst <= AGREE
 
     def describe(self) -> str:
-        """Return one line for people."""
+        """Return a one-line description."""
         planes = "1 plane" if self.planes == 1 else f"{self.planes} planes"
         if not self.confident:
             why = "planes contradict each other" if self.margin >= CERTAIN else "blade counts fit about equally well"
@@ -107,7 +107,7 @@ def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -
     >>> print(iris.blades, "blades,", round(iris.rotation_rad, 1), "rad, from", iris.planes, "planes")
     7 blades, 0.2 rad, from 2 planes
     """
-    # the same evidence on either side
+    # the same amount of evidence on both sides
     chosen = [
         (a, turned)
         for a, turned in zip(apertures, inverted, strict=True)

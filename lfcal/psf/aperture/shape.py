@@ -1,4 +1,4 @@
-"""The iris polygon with curved blades, and the aperture a fit returns."""
+"""The iris polygon with curved blades, and the aperture that a fit returns."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ __all__ = [
 ]
 
 REFUSALS = {
-    "too dim": "no lit patch stands out of the noise",
+    "too dim": "no lit patch stands out from the noise",
     "too small": "the cutout has too few pixels to show an outline",
     "cut off": "the lit patch reaches the edge of the cutout",
-    "irregular": "the outline fits no iris that is known here",
+    "irregular": "the outline does not match any known kind of iris",
     "in focus": "the plane is in focus: its outline is that of the lenslets' images, not that of the iris",
     "unclear": "two shapes or two blade counts fit about equally well",
 }
-"""Why a fit is refused, and what that means."""
+"""Reasons why a fit is refused, with their meaning."""
 
 KINDS = {
     "": "unknown",
@@ -43,10 +43,10 @@ KINDS = {
     "obstructed": "obstructed",
     "annular": "annular",
 }
-"""What an aperture may be, and how that is said."""
+"""Kinds of aperture, with their names in words."""
 
 CENTRAL = 0.1
-"""Distance of an obstruction from the centre, over the radius, within which the stop is annular."""
+"""Distance of an obstruction from the centre, over the radius, below which the stop is annular."""
 
 
 def blade_radius(
@@ -84,17 +84,17 @@ def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
     half = math.pi / blades
     vertex = float(blade_radius(0.0, blades, 0.0, apothem, curvature))
     polygon = blades * vertex * vertex * math.sin(2 * half) / 2
-    # at curvature 0 the segments' radius is infinite, and their area 0
+    # at curvature 0, the segments have infinite radius and area 0
     if curvature <= 0:
         return polygon
     radius = apothem / curvature
-    # rounding may push the sine of a full half circle above one
+    # rounding may make the sine of half a circle larger than one
     opening = 2 * math.asin(min(1.0, vertex * math.sin(half) / radius))
     return polygon + blades * radius * radius * (opening - math.sin(opening)) / 2
 
 
 def with_error(value: float, sigma: float, digits: int) -> str:
-    """Return a value of at least ``digits`` decimals with its standard error, where that is known.
+    """Return a value with at least ``digits`` decimals, and its standard error if it is known.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def with_error(value: float, sigma: float, digits: int) -> str:
     """
     if not math.isfinite(sigma):
         return f"{value:.{digits}f}"
-    # an error has one digit at least, and a value no more than its error
+    # show at least one digit of an error, and no more digits of a value than its error has
     digits = max(digits, min(3, -math.floor(math.log10(sigma)))) if sigma > 0 else digits
     return f"{value:.{digits}f} ± {sigma:.{digits}f}"
 
@@ -139,14 +139,14 @@ class Obstruction:
     centre
         Its centre (row, column) (pixels).
     share
-        Its area over the aperture's.
+        Its area as a share of the aperture's area.
     """
 
     centre: tuple[float, float]
     share: float
 
     def is_central(self, centre: tuple[float, float], radius_px: float) -> bool:
-        """Return whether it lies in the middle of an aperture, as that of a mirror lens does."""
+        """Return whether it lies in the middle of an aperture, like the central mirror of a mirror lens."""
         return math.dist(self.centre, centre) < CENTRAL * radius_px
 
 
@@ -266,7 +266,7 @@ class Aperture:
         if self.refusal and self.refusal not in REFUSALS:
             raise InputError.expected("refusal", " or ".join(REFUSALS), repr(self.refusal), "choose one")
         if self.refusal and self.confident:
-            raise InputError.expected("aperture", "no refusal where confident", self.refusal, "drop either")
+            raise InputError.expected("aperture", "no refusal if confident", self.refusal, "drop either")
         if self.kind not in KINDS:
             raise InputError.expected(
                 "kind of aperture", " or ".join(filter(None, KINDS)), repr(self.kind), "choose one"
@@ -275,12 +275,12 @@ class Aperture:
             raise InputError.expected("blades", "0 (a circle) or 3 and more", self.blades, "correct it")
 
     def refused(self, refusal: str) -> Aperture:
-        """Return the outline without its shape, which is not known for the reason ``refusal``."""
+        """Return the outline without its shape, which is unknown for the reason ``refusal``."""
         return replace(self, kind="", confident=False, confidence=math.nan, refusal=refusal)
 
     @property
     def seen(self) -> bool:
-        """Whether there is an outline: else neither its place nor its size is known."""
+        """Whether an outline was found; without one, neither place nor size is known."""
         return self.refusal not in ("too dim", "too small")
 
     @property
@@ -290,23 +290,23 @@ class Aperture:
 
     @property
     def diameter_sigma_px(self) -> float:
-        """Standard error of ``diameter_px`` (pixels); NaN where it is not known."""
+        """Standard error of ``diameter_px`` (pixels); NaN if unknown."""
         return self.diameter_px * self.area_sigma_px2 / (2.0 * self.area_px2) if self.area_px2 > 0 else math.nan
 
     @property
     def apothem_sigma_px(self) -> float:
-        """Standard error of ``apothem_px``, as far as it is that of the size (pixels); NaN where it is not known."""
+        """Standard error of ``apothem_px``, from the error of the size (pixels); NaN if unknown."""
         return self.apothem_px * self.area_sigma_px2 / (2.0 * self.area_px2) if self.area_px2 > 0 else math.nan
 
     @property
     def reason(self) -> str:
-        """What the refusal means, as a sentence part; empty where there is none."""
+        """Meaning of the refusal, as part of a sentence; empty without a refusal."""
         return REFUSALS.get(self.refusal, "")
 
     @property
     def arcs(self) -> Arcs:
-        """What the outline is made of."""
-        # the stretch that makes the outline: (1/(1-e), 1/(1+e)) along the longer and the shorter axis
+        """The arcs that form the outline."""
+        # the stretch of the outline: (1/(1-e), 1/(1+e)) along the longer and the shorter axis
         e = self.ellipticity / (2.0 - self.ellipticity)
         turn = 2 * self.ellipse_axis_rad
         stuck, share = -1, 0.0
@@ -344,7 +344,7 @@ class Aperture:
         return np.stack([self.centre[0] + radius * v, self.centre[1] + radius * u], axis=-1)
 
     def describe(self) -> str:
-        """Return one line for people."""
+        """Return a one-line description."""
         if not self.seen:
             return f"no aperture: {self.reason}"
         size = with_error(self.diameter_px, self.diameter_sigma_px, 1)
@@ -370,7 +370,7 @@ class Aperture:
 
     @property
     def fault(self) -> str:
-        """Return what is wrong with the aperture, in words; empty where nothing is."""
+        """Return what is wrong with the aperture, in words; empty if nothing is."""
         if self.stuck is not None:
             way, far = "out" if self.stuck.out_px > 0 else "in", abs(self.stuck.out_px)
             at = math.degrees(self.stuck.direction_rad)

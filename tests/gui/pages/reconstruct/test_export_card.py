@@ -86,7 +86,7 @@ def test_missing_positions_must_be_allowed(card: ExportCard) -> None:
 def test_without_a_camera_no_lens_can_be_centred(card: ExportCard) -> None:
     card.show_settings(ExportSettings(), PSFMatrix(np.ones((1, 3, 3, 3, 3), np.float32)), "")
     assert not card.form.editor("lens_centred").isEnabled() and card.form.editor("rows_first").isEnabled()
-    assert "not say where its lenses are" in card.other_note.text()
+    assert "not state where its lenses are" in card.other_note.text()
 
 
 def opened(window: MainWindow, qtbot: QtBot, path: Path) -> Any:
