@@ -27,7 +27,7 @@ Shape = tuple[int, int, int, int, int]
 Words = NDArray[Any]
 
 LANES = 16
-"""Number of neighbouring values that are moved at once."""
+"""Number of neighbouring values that are moved together."""
 
 LINE_BYTES = 64
 """Bytes of a cache line; on processors with longer lines only the last step is slower."""

@@ -141,7 +141,7 @@ def iter_write_mat(
     Raises
     ------
     InputError
-        If H is to be lens-centred, but the places of its lenses are unknown.
+        If lens-centring is requested, but the places of the lenses of H are unknown.
 
     Notes
     -----

@@ -8,7 +8,7 @@
 - ``plane_task``: one plane of H with all settings that determine its values
 - ``simulate``: H, in memory, in a file or in units; ``progressive``: in passes
 - ``sensor``: sensor frames of a simulated session; ``noise_forecast``: the noise that a scan leaves in H
-- ``assumed_values``: what hangs on values that are only assumed
+- ``assumed_values``: how much results change with values that are only assumed
 - ``volume``: light fields of extended objects through the same H
 """
 

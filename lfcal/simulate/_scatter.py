@@ -1,4 +1,4 @@
-"""Add responses to an image, one per glowing voxel."""
+"""Add the responses of all bright voxels to an image."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def scatter(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, work
     row
         Responses of these voxels.
     workers
-        Number of threads; each owns some rows of the image, so the sum does not depend on it.
+        Number of threads. Each writes separate rows of the image, so the sum does not depend on their number.
     """
     parts = chunks(image.shape[0], workers)
     lit = np.ascontiguousarray(lit)

@@ -1,4 +1,4 @@
-"""Source rows whose responses mirror each other."""
+"""Find source rows whose responses are mirror images of each other."""
 
 from __future__ import annotations
 
@@ -12,29 +12,30 @@ from lfcal.simulate.scene import PupilIris, Scene
 __all__ = ["folded", "is_mirror_symmetric", "mirrored_rows"]
 
 EXACT = 1e-6
-"""Misplacement (pixels) up to which two rows are the mirror images of each other."""
+"""Largest error of position (pixels) at which two rows still count as mirror images."""
 
 
 def folded(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the different distances from 0 along an axis, and the index of the distance of each place.
+    """Return the different distances from 0 along an axis, and for each place the index of its distance.
 
-    A quantity that is even along both axes is ``values[np.ix_(places, places)]`` of the values at the distances: about
-    a quarter of the work, with identical results.
+    A quantity that is even along both axes equals ``values[np.ix_(places, places)]``, with ``values`` computed at the
+    distances only. This is about a quarter of the work, with identical results.
     """
     distances, places = np.unique(np.abs(axis), return_inverse=True)
     return distances, places
 
 
 def is_mirror_symmetric(scene: Scene) -> bool:
-    """Return whether array, pupil and sources look the same upside down, but for where the rows lie.
+    """Return whether array, pupil and sources are mirror symmetric about a row, apart from the places of the rows.
 
-    A square or hexagonal array along the pixel rows does, lens types included, about every row of lenslets.
+    A square or hexagonal array along the pixel rows is symmetric, including its lens types, about every row of
+    lenslets.
     """
-    # offsets could mirror each other too; they are not looked at.
+    # offsets could be mirror images of each other too; this is not examined
     lattice = scene.lattice
     upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.pixel_aspect == 1
     in_place = scene.offsets_um is None and scene.image_map is None and scene.tilt == (0, 0)
-    # one lenslet is seldom where its mirror image is; an oblique chief ray has another response than its own
+    # a missing lenslet is seldom mirrored, and an oblique chief ray has a different response than its mirror image
     alike = not scene.defects and scene.accept[1] == 0
     return (
         upright and in_place and alike and _iris_is_symmetric(scene.iris) and all(m >= 0 for _, m, _ in scene.wavefront)
@@ -46,13 +47,13 @@ def _iris_is_symmetric(iris: PupilIris) -> bool:
         return False
     if iris.blades == 0 or iris.curvature == 1:
         return True
-    # a regular iris mirrors itself about x where a vertex or the middle of an edge lies on it.
+    # a regular iris is symmetric about x if a vertex or the middle of an edge lies on it
     turns = iris.rotation_rad * iris.blades / math.pi
     return abs(turns - round(turns)) < 1e-9
 
 
 def mirrored_rows(scene: Scene, rows: NDArray[np.int64]) -> dict[int, int]:
-    """Return ``{i: j}``: row ``rows[i]`` is the mirror image of ``rows[j]``, which is not itself in the result."""
+    """Return ``{i: j}``: row ``rows[i]`` is the mirror image of ``rows[j]``, which is not a key itself."""
     if not is_mirror_symmetric(scene):
         return {}
     lattice = scene.lattice

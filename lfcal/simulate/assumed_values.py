@@ -1,4 +1,4 @@
-"""What hangs on values of a camera that are only assumed: each is changed as far as it may plausibly be off."""
+"""Estimate how much results depend on the assumed values of a camera, by changing each within its uncertainty."""
 
 from __future__ import annotations
 
@@ -33,44 +33,44 @@ SHARES = {
     "wavelength_um": 0.05,
     "bandwidth_um": 0.5,
 }
-"""Relative uncertainty of a value; for an f-number a third of a stop."""
+"""Relative uncertainty of each value; for an f-number a third of a stop."""
 
 FOCUS = 0.05
 """Relative uncertainty of the focal lengths of the lenslets."""
 
 STEPS = {"lattice.rotation_rad": math.radians(0.2), "lattice.shear_rad": math.radians(0.1)}
-"""Absolute uncertainty of a value (rad)."""
+"""Absolute uncertainty of each value (rad)."""
 
 OTHERS: dict[str, tuple[Any, ...]] = {
     "optics.blades": (0, 5, 6, 7, 8, 9),
     "optics.blade_curvature": (0.0, 0.5, 1.0),
     "lattice.type_step": (1, 2),
 }
-"""Values that it may have instead."""
+"""Alternatives of each value."""
 
 OPTICS = (LensTypeDefocus(), IrisShape())
 
 KEPT = ("depths_um", "cutout", "anchor", "stage", "order", "exposure_s", "settle_s", "frames_averaged")
-"""What of a plan does not follow from the camera, here."""
+"""Values of a plan that do not follow from the camera here."""
 
 PHASES = 3
-"""Positions along each axis of the period at which patterns are compared."""
+"""Number of positions along each axis of the period at which patterns are compared."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssumedEffect:
-    """What changes if an assumed value is off as far as it plausibly may be: relative changes, infinite if unknown.
+    """Relative changes if an assumed value is wrong by its uncertainty; infinite if unknown.
 
     Attributes
     ----------
     path, label
-        The value: its place in the description, and its name.
+        The value: its path in the camera's description, and its name.
     seconds
-        Change of the recording time.
+        Relative change of the recording time.
     cutout
-        Change of the side of the cutout that holds the patterns.
+        Relative change of the side of the cutout that contains the patterns.
     pattern
-        Change of H by rays (relative L1), at most 2: nothing of the pattern is where it was.
+        Change of H by rays (relative L1), at most 2; 2 means that no light is where it was.
 
     Examples
     --------
@@ -99,7 +99,7 @@ class AssumedEffect:
 
     @property
     def words(self) -> str:
-        """What changes most, such as ``H by up to 12 %``."""
+        """The largest change in words, such as ``H by up to 12 %``."""
         if not math.isfinite(self.largest):
             return "the scan may not be possible"
         name = max(("time", self.seconds), ("cutout", self.cutout), ("H", self.pattern), key=lambda one: one[1])[0]
@@ -108,7 +108,7 @@ class AssumedEffect:
 
 
 def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
-    """Weigh each assumed value of a plan's camera and return the effects, the largest first; by rays, without waves.
+    """Estimate the effect of each assumed value of a plan's camera, by rays; return them with the largest first.
 
     Examples
     --------
@@ -145,7 +145,7 @@ class _Outcome:
 
     @classmethod
     def of(cls, camera: Camera, kept: Mapping[str, Any]) -> _Outcome:
-        """Return it of the plan that a camera has with the ``kept`` values."""
+        """Return the same for the plan of a camera with the ``kept`` values."""
         made = ScanPlan.for_camera(camera, **kept)
         numbers = sorted({0, len(made.depths_um) // 2, len(made.depths_um) - 1})
         ys, xs = (np.unique(np.linspace(0, n - 1, PHASES).round().astype(np.intp)) for n in made.period)
@@ -154,7 +154,7 @@ class _Outcome:
         return cls(seconds, cutout_for(camera, made.depths_um), np.array(patterns).reshape(len(numbers), -1))
 
     def change(self, camera: Camera, kept: Mapping[str, Any]) -> tuple[float, float, float]:
-        """Return the changes of time, cutout and patterns with another camera."""
+        """Return the changes of time, cutout and patterns if the camera is another one."""
         try:
             other = _Outcome.of(camera, kept)
         except (LfcalError, ZeroDivisionError, OverflowError):
@@ -199,7 +199,7 @@ def _variants(camera: Camera, path: str) -> Iterator[Camera]:
     for one in given:
         try:
             yield _with(camera, path, one)
-        except LfcalError:  # such a value does not exist
+        except LfcalError:  # a camera with such a value is not possible
             continue
 
 

@@ -1,4 +1,4 @@
-"""How much of the light the cutout of an H holds: the rest falls outside, whatever the tolerance."""
+"""Share of the light that is inside the cutout of an H; the rest is lost, whatever the tolerance."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from lfcal.simulate.sensor import white_tile
 __all__ = ["light_in_cutout"]
 
 PLACES = 16
-"""Positions along each axis of the period at which the light is summed, at most."""
+"""Largest number of positions along each axis of the period at which the light is summed."""
 
 
 def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple[float, ...]:
-    """Return, for each plane, the light in the cutout over the light that the lenslets let through.
+    """Return, for each plane, the light inside the cutout over the light that the lenslets transmit.
 
     Parameters
     ----------
     H
-        Simulated for ``plan``.
+        H simulated for ``plan``.
     plan, effects
         As in `simulate_psf`.
 
     Returns
     -------
-    Means over positions spread evenly over the period, by planes, at most 1; NaN where no light passes.
+    Means over positions spread evenly over the period, one for each plane, at most 1; NaN if no light passes.
     """
     budget = budgeted(effects, plan, None)
-    # what lenslets pass on average: over one cell of the array, however many positions the plan has
-    # or as much of it as the sensor holds, beginning where it fits
+    # the mean light that lenslets transmit: over one cell of the array, for any number of positions of the plan
+    # or over the part of it that the sensor contains, beginning where it fits
     sizes = plan.camera.sensor.shape
     ny, nx = (max(1, min(round(side), n)) for side, n in zip(plan.cell_camera.period_px, sizes, strict=True))
     row, column = (min(a, float(n - size)) for a, n, size in zip(plan.anchor, sizes, (ny, nx), strict=True))

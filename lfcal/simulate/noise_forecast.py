@@ -1,4 +1,4 @@
-"""The noise that a scan leaves in H, before anything is recorded, and what less of it costs."""
+"""Forecast the noise that a scan leaves in H before anything is recorded, and the cost of less noise."""
 
 from __future__ import annotations
 
@@ -24,36 +24,36 @@ PLANNED_PEAK = 0.8
 OPTICS = (LensTypeDefocus(), LensletDiffraction(), IrisShape())
 
 TOLERANCE = 0.1
-"""Of the simulated patterns: their noise needs no better."""
+"""Tolerance of the simulated patterns, whose noise does not need a better one."""
 
 POSITIONS = (5, 3, 2)
-"""Positions along each axis of the period that are simulated, at most."""
+"""Largest number of positions along each axis of the period that are simulated."""
 
 LONGEST_S = 6.0
 """CPU-seconds above which fewer positions are simulated."""
 
 BINS = 160
-"""Levels of light that are distinguished in a plane, equally far apart on a logarithmic scale."""
+"""Number of brightness levels distinguished in a plane, evenly spaced on a logarithmic scale."""
 
 DIMMEST = 1e-7
-"""Light of a pixel over that of the brightest one, below which pixels are dark."""
+"""Light of a pixel relative to the brightest one, below which it counts as dark."""
 
 PEAKS = (0.05, 0.1, 0.2, 0.4, 0.8)
 AVERAGES = (1, 2, 4, 8, 16, 32, 64)
 SAME = 0.01
-"""Relative difference in time and noise up to which two choices are one."""
+"""Relative difference in time and noise below which two choices count as the same."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedLight:
-    """How bright the pixels of the patterns of a scan are: levels of light in units of H.
+    """Brightness of the pixels in the patterns of a scan, as levels of light in units of H.
 
     Attributes
     ----------
     levels
-        ``(planes, levels)`` mean light of the pixels of each level, as a share of what a pattern holds.
+        ``(planes, levels)`` mean light of the pixels of each level, as a share of the light of a pattern.
     pixels
-        ``(planes, levels)`` their number in a pattern.
+        ``(planes, levels)`` number of these pixels in a pattern.
     brightest
         ``(planes,)`` light of the brightest pixel.
 
@@ -73,15 +73,17 @@ class ExpectedLight:
     brightest: NDArray[np.float64]
 
     def noise(self, plan: ScanPlan, peak: float = PLANNED_PEAK) -> tuple[float, ...]:
-        """Return the expected relative RMS error of each plane of H by the sensor's noise.
+        """Return the expected relative RMS error of each plane of H that is due to the sensor's noise.
 
-        Photon noise, dark current, read noise and rounding of frames whose mean dark frame is subtracted; samples below
+        It includes photon noise, dark current, read noise and rounding, for frames whose mean dark frame is
+        subtracted and whose samples below zero are cut off. Errors that do not average out (the response of pixels, a
+        wrong position) are not included.
         zero are cut off. What does not average out (the response of pixels, a wrong position) is not part of it.
 
         Parameters
         ----------
         plan
-            The scan that the light is of, also with other exposures or averages.
+            The scan with this light, possibly with other exposures or averages.
         peak
             Share of the full well that the brightest pixel of the scan reaches.
         """
@@ -158,7 +160,7 @@ def _levels(values: NDArray[np.float32], patterns: int) -> tuple[NDArray[np.floa
 # -- time against accuracy -----------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class ScanChoice:
-    """A way to record the positions of a plan.
+    """One way to record the positions of a plan.
 
     Attributes
     ----------
@@ -190,11 +192,11 @@ class ScanChoice:
 
 
 def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Forecast) -> tuple[ScanChoice, ...]:
-    """Return ways to record a plan, the fastest first, the plan as it is among them.
+    """Return ways to record a plan, including the plan as it is, fastest first.
 
-    Shorter exposures are faster. The light is the same, so that the brightest pixel reaches less of the full well. The
-    exposure is never longer than at `PLANNED_PEAK`, or at the ``peak`` that is given where that is higher: from there,
-    more frames are averaged.
+    Shorter exposures are faster. The light is the same, so the brightest pixel reaches a smaller share of the full
+    well. The exposure is never longer than that of `PLANNED_PEAK`, or of the given ``peak`` if this is higher. For
+    less noise, more frames are averaged.
 
     Parameters
     ----------
@@ -203,7 +205,7 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
     peak
         Share of the full well that the brightest pixel reaches at the plan's exposures.
     forecast
-        Of the plan: speed of the stage and frame rate are those it was made with.
+        Forecast of the plan, which contains speed of the stage and frame rate.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""One plane of an H by simulation, and all that decides its values: effects, tolerance, engine."""
+"""Compute one plane of an H by simulation, with all settings that determine its values: effects, tolerance, engine."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from lfcal.simulate.staging import outlook_of
 __all__ = ["Budget", "Computed", "EffectsLike", "PlaneTask", "budgeted", "describe", "tolerance_for"]
 
 BLOCK_BYTES = 64 << 20
-"""Rows of responses that are computed between two reports of progress are about this large."""
+"""Approximate size of a block of rows that is computed between two progress reports."""
 
 USUAL_TOLERANCE = 0.03
-"""Relative L1 error allowed where nothing says another."""
+"""Relative L1 error allowed by default."""
 
 EffectsLike: TypeAlias = Iterable[Effect] | EffectSelection | str
 
@@ -41,7 +41,8 @@ class Budget:
     tolerance
         Total allowed relative L1 error.
     selection
-        Effects that are on at each depth, and the omitted error; None: the same effects everywhere, nothing omitted.
+        Effects that are on at each depth, and the omitted error; None: the same effects at all depths, with nothing
+        omitted.
     """
 
     effects: tuple[Effect, ...]
@@ -49,26 +50,26 @@ class Budget:
     selection: EffectSelection | None = None
 
     def at(self, z_um: float) -> tuple[tuple[Effect, ...], float]:
-        """Return the effects at a depth, and the share of the tolerance that they leave to the computation."""
+        """Return the effects at a depth, and the share of the tolerance that remains for the computation."""
         chosen = self.selection
         if chosen is None:
             return self.effects, self.tolerance
-        # a selection made for another tolerance must not use this one up
+        # a selection made for another tolerance must not use up all of this one
         remaining = max(self.tolerance - chosen.left_out[chosen.plane(z_um)], (1 - EFFECTS_SHARE) * self.tolerance)
         return chosen.at(z_um), remaining
 
 
 def tolerance_for(effects: object, tolerance: float | None) -> float:
-    """Return ``tolerance`` where it is given; None: that of a selection of effects, else `USUAL_TOLERANCE`."""
+    """Return ``tolerance`` if it is given; otherwise that of a selection of effects, or else `USUAL_TOLERANCE`."""
     if tolerance is not None:
         return tolerance
     return effects.tolerance if isinstance(effects, EffectSelection) else USUAL_TOLERANCE
 
 
 def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> Budget:
-    """Return the budget of effects as given, of those a selection has on, or of those that ``"auto"`` finds necessary.
+    """Return the budget for the given effects, for those that a selection has on, or for those that ``"auto"`` finds.
 
-    Of effects that are given nothing is known to be left out. ``tolerance`` is as in `tolerance_for`.
+    For given effects, nothing counts as left out. ``tolerance`` is as in `tolerance_for`.
     """
     tolerance = tolerance_for(effects, tolerance)
     if isinstance(effects, str):
@@ -90,12 +91,12 @@ def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
 
 
 class Computed(NamedTuple):
-    """What is known of a plane that was computed.
+    """Facts about a plane that was computed.
 
     Attributes
     ----------
     error
-        Relative L1 error: what is left out, as estimated, and the computation, as measured.
+        Relative L1 error: the estimate for omitted effects plus the measured error of the computation.
     record
         ``engine``, ``sampling`` and ``seconds`` (elapsed), for provenance.
     """
@@ -131,7 +132,7 @@ class PlaneTask:
     sampling: Sampling | None
 
     def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[Computed]:
-        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, zeroed."""
+        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, which must contain zeros."""
         begun, cpu = time.perf_counter(), time.process_time()
         response = PlaneResponse(
             self.plan, self.z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling
@@ -141,7 +142,7 @@ class PlaneTask:
         outlook, rays = outlook_of(self.plan, self.z), response.level == "geometric"
         lost = sum(e.estimate(outlook).error for e in self.effects if rays and e.needs_waves)
         elapsed, count = time.perf_counter() - begun, worker_count(workers)
-        # of the process's time no more than its workers can have taken
+        # of the process's time, at most as much as its workers can have used
         correct_rate(
             outlook, response.level, self.tolerance, response.runs, min(time.process_time() - cpu, count * elapsed)
         )
@@ -153,8 +154,9 @@ class PlaneTask:
 def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int) -> Iterable[Progress]:
     """Compute one plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; yield progress."""
     ny, nx = out.shape[:2]
-    # whatever the number of threads: rows of a block mirror each other, and another block is other rounding. An even
-    # number, for they come in pairs.
+    # the same blocks for any number of threads: rows of a block may be mirror images, and another division would
+    # change
+    # rounding. An even number, because such rows come in pairs.
     block = min(ny, max(2, BLOCK_BYTES // max(1, out[0].nbytes) // 2 * 2))
     clock = Clock(name, ny * response.runs)
     yield clock.at(0)

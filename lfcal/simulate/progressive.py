@@ -1,4 +1,4 @@
-"""H in passes: whole after the first, more accurate after each, and stopped whenever it is good enough."""
+"""Simulate H in passes: it is complete after the first, and more accurate after each further pass."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ from lfcal.work import PASS, Journal, RunChoice, discard, parts_folder, read_not
 __all__ = ["Pass", "iter_refine_psf", "passes_for"]
 
 STEPS = (10.0, 10 / 3)
-"""Tolerances of the passes between rays and the last one, in units of the last: a step costs three times as much."""
+"""Tolerances of the passes between rays and the last one, in units of the last; each costs three times as much."""
 
 COARSEST = 0.35
-"""Tolerance beyond which a pass by waves says no more than rays do."""
+"""Tolerance above which a pass by waves is no better than rays."""
 
 EffectsFor = Callable[[float], EffectsLike]
-"""Chooses effects for a tolerance."""
+"""Chooses the effects for a tolerance."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """One time over all planes.
+    """One pass over all planes.
 
     Attributes
     ----------
     level
         As in `simulate_psf`.
     tolerance
-        Relative L1 error that planes have to keep; those that keep it already are not computed again.
+        Relative L1 error that planes must keep; planes that already keep it are not computed again.
     """
 
     level: str
@@ -59,7 +59,7 @@ class Pass:
 
 
 def passes_for(tolerance: float, level: str = "auto") -> tuple[Pass, ...]:
-    """Return the passes that lead to a tolerance: rays, then steps of about three; all but the last are cheap."""
+    """Return the passes that lead to a tolerance: rays, then steps by about 3; all but the last are fast."""
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     if level == "geometric":
         return (Pass(level, tolerance),)
@@ -97,8 +97,8 @@ def iter_refine_psf(
     on_pass
         Function called with the H of each pass, opened from the file; it is closed when the next pass is complete.
     run
-        Do each pass in units of a plane: finished units stay if it is stopped, and the next run continues from them.
-        Effects must then be those of the catalogue. None: work begun after a complete pass is discarded.
+        Do each pass in units of a plane: finished units are kept if it is stopped, and the next run continues from
+        them. Effects must then be from the catalogue. None: unfinished work of a pass is discarded.
 
     Returns
     -------
@@ -146,12 +146,12 @@ def iter_refine_psf(
             if on_pass is not None:
                 on_pass(held)
         if units is not None:
-            discard(parts_folder(path))  # the file holds the last pass
+            discard(parts_folder(path))  # the file contains the last pass
     except BaseException:
         if held is not None:
             held.close()
         raise
-    assert held is not None  # there is a pass at least
+    assert held is not None  # there is at least one pass
     return held
 
 
@@ -160,7 +160,7 @@ def _note(held: PSFMatrix | None) -> str:
 
 
 def errors_within(before: PSFMatrix | None, tolerance: float) -> dict[int, float]:
-    """Return the error of the planes of an H that keep a tolerance already, by number."""
+    """Return the error of the planes of an H that already keep a tolerance, by plane number."""
     if before is None:
         return {}
     errors = before.facts.known()["error"]
@@ -185,15 +185,15 @@ class _PassPlanes(PlaneSource):
         return Plane(before.plane(z), facts, simulated=record)
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
-        """Return how another process computes plane ``z``; one that is kept is read here."""
+        """Return how another process computes plane ``z``; a plane that is kept is read here."""
         return None if z in self._errors else self.work.reopening(z, stored)
 
     def named(self, out: Path) -> str:
-        """Return which pass it is."""
+        """Return the name of the pass in words."""
         return f"{super().named(out)}, {self._name}"
 
     def close(self) -> None:
-        """Close the file of the pass before: Windows replaces none that is open."""
+        """Close the file of the previous pass, because Windows does not replace an open file."""
         if self.before is not None:
             self.before.close()
 
@@ -211,7 +211,7 @@ class _PassUnits:
     stored: Stored
 
     def marks(self, passes: Sequence[Simulation]) -> list[str]:
-        """Return what distinguishes each pass, and those before it, from any others."""
+        """Return the identity of each pass, including the passes before it."""
         found, before = [], ""
         for work in passes:
             prints = [unit.fingerprint() for unit in units_of(work, self.stored).values()]
@@ -220,7 +220,7 @@ class _PassUnits:
         return found
 
     def done(self, marks: Sequence[str]) -> int:
-        """Return how many of the passes the file holds already, by an earlier run that is resumed now."""
+        """Return the number of passes that the file already contains, from an earlier run that is now resumed."""
         notes = read_notes(parts_folder(self.out), PASS)
         if self.run.begun != "resume" or not notes or not self.out.exists():
             return 0
@@ -229,8 +229,8 @@ class _PassUnits:
         return marks.index(last["mark"]) + 1 if there else 0
 
     def iter_pass(self, planes: _PassPlanes, mark: str) -> Work[None]:
-        """Write the planes of a pass, and note that the file holds it."""
-        run = self.run if planes.before is None else replace(self.run, begun="resume")  # the first pass began it
+        """Write the planes of a pass, and record that the file contains it."""
+        run = self.run if planes.before is None else replace(self.run, begun="resume")  # begun by the first pass
         yield from iter_write(planes, self.out, self.stored, run=run, keep=True)
         with Journal.open(parts_folder(self.out)) as journal:
             journal.note(PASS, mark=mark, stamp=stamp_of([str(self.out)]))

@@ -1,4 +1,4 @@
-"""The response of one depth plane with all its effects: engines for every sample of the light, then the filter."""
+"""Compute the response of one depth plane with all its effects: engines for all samples of the light, then filters."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ __all__ = ["PlaneResponse"]
 
 
 class PlaneResponse:
-    """Responses of one depth plane of a plan under a tuple of effects.
+    """Responses of one depth plane of a plan with a tuple of effects.
 
-    Engines are made on demand: one per wavelength, and for `rows` one per displaced source point, which is released
+    Engines are made on demand: one for each wavelength, and for `rows` one for each displaced source point, which is
+    freed
     before the next is made.
 
     Parameters
@@ -37,8 +38,8 @@ class PlaneResponse:
         Effects on scene, light and response; others are ignored here.
     level, tolerance, sampling
         Level and sampling as in `simulate_psf`; ``tolerance`` is the share for the computation. A given sampling is
-        used unchanged. Otherwise a probe (`lfcal.simulate.accuracy.probe`) sets that of the first engine. It is
-        refined further until the energy balances, at any position and at any time; earlier results keep their coarser
+        used unchanged. Otherwise a probe (`lfcal.simulate.accuracy.probe`) determines the sampling of the first
+        engine. It is refined until the energy balances at every position. Earlier results keep their coarser
         sampling.
     cutout
         Pixels ``(nt, ns)``, if they differ from those of the plan.
@@ -51,8 +52,8 @@ class PlaneResponse:
     Attributes
     ----------
     reached
-        Relative L1 error of the computation by the probe, for the reference the expected one; NaN before the first
-        engine is made, and if the sampling was given.
+        Relative L1 error of the computation, measured by the probe; for the reference, the expected error. NaN before
+        the first engine is made, and if the sampling was given.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class PlaneResponse:
 
     @property
     def runs(self) -> int:
-        """Engine runs per response."""
+        """Number of engine runs for each response."""
         return len(self.samples)
 
     @property
@@ -117,7 +118,7 @@ class PlaneResponse:
             return self._engines[wave]
 
     def adopt(self, other: PlaneResponse) -> None:
-        """Compute as finely as ``other`` found necessary, without a probe of one's own."""
+        """Use the sampling that ``other`` found necessary, without another probe."""
         other.engine()
         self.level, self.settled, self.reached = other.level, other.settled, other.reached
 
@@ -152,7 +153,7 @@ class PlaneResponse:
                 engine = self._add(out, part, engine, sample.weight, (ys[part], xs), workers)
                 done += part.size
                 yield done
-            # engines of displaced points are freed here, one at a time in memory; their certificates are kept.
+            # engines of displaced points are freed here, so that only one is in memory; their certificates are kept
             if engine not in self._engines.values():
                 self._freed.append(engine.certificate)
 
@@ -166,7 +167,7 @@ class PlaneResponse:
         workers: int | None,
     ) -> PlaneEngine:
         """Add rows ``part``; return the engine that computed them, finer than ``engine`` where that was too coarse."""
-        # one engine run that fills consecutive rows alone may write into the result without a copy.
+        # if one engine run fills consecutive rows, it may write into the result without a copy
         in_order = bool((np.diff(part) == 1).all())
         if self.runs == 1 and self.kernel is None and in_order and out.flags.c_contiguous:
             whole = out[part[0] : part[-1] + 1]
@@ -185,9 +186,9 @@ class PlaneResponse:
             except EnergyError:
                 if self.sampling is not None:
                     raise
-                # a grid is as fine as the light's angles need: more changes nothing.
+                # the sampling of a grid depends on the light's angles: refining it changes nothing
                 if self.level in ("reference", "grid") or attempt == RETRIES:
-                    balance = f"no more of it out than in at level {self.level!r}"
+                    balance = f"no more energy out than in at level {self.level!r}"
                     remedy = "choose another level, or a smaller tolerance"
                     raise EnergyError.expected("simulated light", balance, "more", remedy) from None
                 engine = self._finer(engine)
@@ -206,7 +207,7 @@ class PlaneResponse:
     def _engine_of(self, sample: LightSample) -> PlaneEngine:
         if not (sample.rows or sample.columns):
             return self.engine(sample.wavelength_um)
-        # offsets displace the source on the sensor's scale: the pixels stay where they are.
+        # offsets displace the source on the sensor's scale; the pixels do not move
         shift = np.array([sample.rows, sample.columns]) * self.sensor_um
         planned = np.zeros((*self.scene.period, 2)) if self.scene.offsets_um is None else self.scene.offsets_um
         undisplaced = self.engine(sample.wavelength_um)
@@ -217,10 +218,10 @@ class PlaneResponse:
     def _make_engine(self, scene: Scene) -> PlaneEngine:
         if self.sampling is not None:
             return engine_for(scene, self.level, self.sampling)
-        if self.settled is not None:  # other wavelengths and source points need what the first needed
+        if self.settled is not None:  # other wavelengths and source points need the same sampling as the first
             engine, _, self.settled = balanced(scene, self.level, self.settled)
             return engine
-        if self.level == "reference":  # what others are judged by is not judged itself
+        if self.level == "reference":  # the reference is not compared with anything
             step = step_for(scene, self.level, self.tolerance)
             self.settled, self.reached = step.sampling, step.expected
             return engine_for(scene, self.level, self.settled)
@@ -231,8 +232,8 @@ class PlaneResponse:
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
         """Return windows ``(row, column, values)`` of the light of a source whose paraxial chief ray is at (y, x).
 
-        Pixels of the sensor, counted from position (0, 0); ``row, column`` is the window's middle pixel. Source points
-        of a finite source have a window each.
+        Pixels are those of the sensor, counted from position (0, 0); ``row, column`` is the window's middle pixel. A
+        finite source has one window for each source point.
         """
         out = []
         for sample in self.samples:
@@ -251,16 +252,16 @@ class PlaneResponse:
 
 def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the order of rows in which those that mirror each other follow each other: engines compute one."""
-    # rows next to each other fall into one block, and an engine mirrors within a block only.
+    # neighbouring rows are in one block, because an engine mirrors rows only within a block
     twins = mirrored_rows(scene, ys)
     order = [i for k in range(len(ys)) if k not in twins for i in (k, *(t for t, of in twins.items() if of == k))]
     return np.array(order, np.intp)
 
 
 def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
-    """Return the scene in light of another wavelength; aberrations keep their path lengths, images and foci move."""
+    """Return the scene for another wavelength; aberrations keep their path lengths, images and foci move."""
     scale = scene.wavelength_um / wavelength_um
-    # the glass keeps its path length in µm; in waves of another light it is another number.
+    # the glass keeps its path length in µm, which is another number of waves
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)
     found = replace(
         scene,
@@ -279,7 +280,7 @@ def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
 
 
 def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:
-    """Return the samples with all wavelengths of a source point in one."""
+    """Return the samples with all wavelengths of a source point merged into one sample."""
     weights: dict[tuple[float, float], float] = {}
     for s in samples:
         weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight

@@ -1,4 +1,4 @@
-"""One depth plane as an engine needs it: all lengths, flags and windows, with pupil and specimen.
+"""Description of one depth plane for an engine: all lengths, flags and windows, with pupil and specimen.
 
 Coordinates
 -----------
@@ -89,11 +89,11 @@ class PupilIris:
 
 
 MAX_ORDER = 40
-"""Largest order n of a Zernike term: beyond, its polynomial's coefficients cancel to rounding."""
+"""Largest order n of a Zernike term; above it, the coefficients of its polynomial cancel to rounding."""
 
 
 def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
-    """Raise `InputError` unless every term ``(n, m, waves)`` is a finite share of a Zernike polynomial."""
+    """Raise `InputError` unless every term ``(n, m, waves)`` is a Zernike polynomial with a finite coefficient."""
     for n, m, waves in terms:
         check_number("wavefront coefficient (waves)", waves)
         check_number("order of a Zernike term", n, at_least=0, at_most=MAX_ORDER)
@@ -109,8 +109,8 @@ def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0)
 
     rho^4 = (R40 + 3 R20 + 2 R00) / 6 and rho^3 = (R31 + 2 R11) / 3.
     """
-    # Zernike terms are 1 at the rim (not orthonormal); piston and defocus of the expansion stay in, so that the
-    # wavefront is the Seidel one exactly
+    # Zernike terms are 1 at the rim (not orthonormal); piston and defocus of the expansion are kept, so that the
+    # wavefront equals the Seidel term exactly
     terms: list[tuple[int, int, float]] = []
     if spherical:
         terms += [(4, 0, spherical / 6), (2, 0, spherical / 2), (0, 0, spherical / 3)]
@@ -121,7 +121,7 @@ def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0)
 
 
 def pixel_response(power: float, sine_y: ArrayLike, sine_x: ArrayLike) -> NDArray[np.float64]:
-    """Return cos^power of the angle of rays with these sines; 0 where there is no such ray."""
+    """Return cos^power of the angle of rays with these sines; 0 if there is no such ray."""
     square = np.square(sine_y) + np.square(sine_x)
     response: NDArray[np.float64] = np.clip(1.0 - square, 0.0, None) ** (power / 2)
     return response
@@ -131,13 +131,13 @@ F8 = NDArray[np.float64]
 C16 = NDArray[np.complex128]
 
 STEEPEST = 0.99
-"""Sine in the specimen up to which rays are followed: beyond it tangents run away with little light."""
+"""Sine in the specimen up to which rays are followed; above it, tangents diverge and carry little light."""
 EDGE_RAYS = 64
-"""Rays over the pupil among which the outermost on the array is looked for."""
+"""Number of rays over the pupil among which the outermost on the array is searched for."""
 
 
 class Crossing(NamedTuple):
-    """What an interface does to plane waves by their angles; arrays of one shape.
+    """Effect of an interface on plane waves at different angles; arrays of the same shape.
 
     Attributes
     ----------
@@ -174,11 +174,11 @@ class Specimen:
         check_number("depth of the focal plane below the interface (µm)", self.depth_um, at_least=0)
 
     def source_um(self, z_um: float) -> float:
-        """Return the depth of a source below the interface; negative before it."""
+        """Return the depth of a source below the interface; negative in front of it."""
         return self.depth_um + z_um
 
     def focus_um(self, z_um: float, medium_index: float) -> float:
-        """Return where a source at ``z_um`` seems to lie by paraxial rays, as seen in the immersion medium."""
+        """Return the apparent place of a source at ``z_um`` by paraxial rays, seen from the immersion medium."""
         deep = self.source_um(z_um)
         return z_um if deep < 0 else medium_index * deep / self.index - self.depth_um
 
@@ -198,7 +198,7 @@ class Specimen:
 def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, theta: F8) -> F8:
     """Return where rays of a source at ``z_um`` reach the array, by their angle in the medium (µm, signed by side).
 
-    M z tan t, or M (d tan t2 - D tan t) behind an interface; NaN for those that total reflection keeps.
+    M z tan t, or M (d tan t2 - D tan t) behind an interface; NaN for rays with total reflection.
     """
     if specimen is None or specimen.source_um(z_um) < 0:
         return optics.magnification * z_um * np.tan(theta)
@@ -218,17 +218,17 @@ def cone_radius_um(optics: Microscope, z_um: float, specimen: Specimen | None) -
 
 
 TOUCHING = 1.001
-"""Clear diameter over the cell's width up to which a lenslet is a disc: 1e-4 of its light lies outside."""
+"""Ratio of clear diameter to cell width up to which a lenslet counts as a disc: 1e-4 of its light is outside."""
 
 LAWS = (-0.5, 1.5)
-"""Least and largest lens law: 0 is the sine condition, 1 the tangent law."""
+"""Smallest and largest lens law: 0 is the sine condition, 1 the tangent law."""
 
 
 Defects = tuple[tuple[int, int, float], ...]
-"""Lenslets that pass less light: row and column of the lattice, and the share of light that passes."""
+"""Lenslets that transmit less light: row and column of the lattice, and the share of light that passes."""
 
 ImageMap = tuple[tuple[float, float, float], tuple[float, float, float]]
-"""Displacement of images, linear in their place (µm): for dy and dx the constant, and its growth with y and x."""
+"""Displacement of images, linear in their place (µm): for dy and dx, the constant and its growth with y and x."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,7 +354,7 @@ class Scene:
             check_number("period (positions)", n, at_least=1, integer=True)
         self._check_pupil()
         if self.type_waves and len(self.type_waves) != len(self.lattice.types):
-            wanted, got = f"{len(self.lattice.types)}, one a lens type", len(self.type_waves)
+            wanted, got = f"{len(self.lattice.types)}, one for each lens type", len(self.type_waves)
             raise InputError.expected("spherical aberrations of lenslets", wanted, got, "give one for each type")
         check_wavefront(self.wavefront)
         object.__setattr__(self, "wavefront", tuple((int(n), int(m), float(w)) for n, m, w in self.wavefront))
@@ -374,7 +374,7 @@ class Scene:
             raise InputError.expected(
                 "source offsets", f"finite numbers of shape {wanted}", offsets.shape, "correct them"
             )
-        # a scene is immutable, arrays included
+        # a scene is immutable, including its arrays
         offsets.flags.writeable = False
         object.__setattr__(self, "offsets_um", offsets)
 
@@ -386,7 +386,7 @@ class Scene:
     # -- derived lengths of the reduced, telecentric frame ------------------------------------------------
     @property
     def scale(self) -> float:
-        """Micro-image lattice over lenslet lattice, s = 1 + B/b."""
+        """Ratio of the micro-image lattice to the lenslet lattice, s = 1 + B/b."""
         return 1.0 + self.gap_um / self.pupil_um
 
     @property
@@ -411,7 +411,7 @@ class Scene:
 
     @property
     def shadow_radius_um(self) -> float:
-        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw); a microscope's by its rays."""
+        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw); for a microscope, from its rays."""
         if self.objective is not None:
             return cone_radius_um(self.objective, self.z_um, self.specimen)
         return abs(self.reduced_image_um) / (2 * self.f_number)
@@ -424,12 +424,12 @@ class Scene:
     @property
     def gapless(self) -> bool:
         """Whether the lenslets fill their cells."""
-        # without a clear diameter "circle" are discs of the pitch, of a square lattice too
+        # without a clear diameter, "circle" means discs with the pitch as diameter, also in a square lattice
         return self.aperture == "cell" or (self.lattice.clear_um is not None and self.lattice.gapless)
 
     @property
     def round_lenslets(self) -> bool:
-        """Whether a lenslet's aperture is a disc: one that does not reach beyond its cell."""
+        """Whether a lenslet's aperture is a disc that does not extend beyond its cell."""
         return not self.gapless and self.lattice.clear_diameter_um <= TOUCHING * self.lattice.cell_um[0]
 
     @property
@@ -451,12 +451,12 @@ class Scene:
     def anchor_px(self) -> tuple[float, float]:
         """Source position (0, 0) as (y, x) pixels on the sensor from the centre of a type-0 micro-image."""
         x, y = self.lattice.offset_um
-        # the anchor counts from a lenslet, the lattice's offset from the anchor: hence the sign
+        # the anchor is relative to a lenslet, the lattice's offset to the anchor: hence the sign
         return -y * self.scale / self.row_um, -x * self.scale / self.pixel_um
 
     @property
     def fill_factor(self) -> float:
-        """Transmitted share of an evenly lit array."""
+        """Share of light that a uniformly lit array transmits."""
         if self.gapless:
             return 1.0
         return replace(self.lattice, clear_um=self.lattice.clear_diameter_um).fill_factor
@@ -468,7 +468,7 @@ class Scene:
 
     @property
     def lenslet_quartic(self) -> float:
-        """The largest of the types' `quartic` by size: how far the lenslets' aberration turns light at most."""
+        """The `quartic` of largest magnitude, which limits how far the lenslets' aberration deflects light."""
         return max((self.quartic(kind) for kind in range(len(self.lattice.types))), key=abs)
 
     def lens_curvature(self, kind: int) -> float:
@@ -477,22 +477,22 @@ class Scene:
 
     def sigma(self, kind: int) -> float:
         """Return the spot's size over the lenslet's, 1 - B'/a' - B'/f, signed; infinite at the native plane."""
-        # with the image on the array the whole cone falls on one lenslet, and sigma has a pole
+        # with the image on the array, the whole cone falls on one lenslet, and sigma has a pole
         near = self.reduced_image_um
         return math.inf if near == 0 else 1.0 - self.reduced_gap_um / near - self.lens_curvature(kind)
 
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
         """Return the pixel (row, column), from source position (0, 0), in which a chief ray ends."""
-        # floor(v + 0.5) and not round(): halves must all go to the same side
+        # floor(v + 0.5) instead of round(), so that halves are always rounded up
         return math.floor(y_um / self.row_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
-        """Return where the chief ray of position (y, x) meets the sensor, its offset included."""
+        """Return where the chief ray of position (y, x) meets the sensor, including its offset."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
         return self.imaged_um(y * self.row_um + float(dy), x * self.pixel_um + float(dx))
 
     def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
-        """Return where the chief ray truly meets the sensor that would paraxially do so at (y, x)."""
+        """Return where the chief ray actually meets the sensor whose paraxial place is (y, x)."""
         if self.image_map is None:
             return y_um, x_um
         dy, dx = (c + gy * y_um + gx * x_um for c, gy, gx in self.image_map)
@@ -500,28 +500,28 @@ class Scene:
 
     @property
     def farthest_um(self) -> float:
-        """The most by which a source's chief ray misses the middle of its cutout, on the sensor's scale."""
+        """Largest distance of a source's chief ray from the middle of its cutout, on the sensor's scale."""
         far = 0.0 if self.offsets_um is None else float(np.hypot(*np.moveaxis(self.offsets_um, -1, 0)).max())
         if self.image_map is None:
             return far
         height, width = ((n - 1) * px for n, px in zip(self.period, (self.row_um, self.pixel_um), strict=True))
         corners = [(y, x) for y in (0.0, height) for x in (0.0, width)]
-        # linear: largest at a corner
+        # linear, so the maximum is at a corner
         return far + max(math.hypot(*np.subtract(self.imaged_um(*at), at)) for at in corners)
 
     def farther_at(self, y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much farther from the sensor the array's points at (y, x) (µm) lie by the tilt (µm)."""
+        """Return the additional distance from the sensor, due to the tilt, of the array's points at (y, x) (µm)."""
         sides = zip(self.period, (self.row_um, self.pixel_um), strict=True)
         middle_y, middle_x = ((n - 1) / 2 * px / self.scale for n, px in sides)
         farther: NDArray[np.float64] = self.tilt[0] * (y - middle_y) + self.tilt[1] * (x - middle_x)
         return farther
 
     def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the same of lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
+        """Return the same for lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
         return self.farther_at(centres_um[:, 1], centres_um[:, 0])
 
     def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the share of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) let through."""
+        """Return the share of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) transmit."""
         share = np.ones(len(centres_um))
         if self.defects and len(centres_um):
             index = np.rint(self.lattice.lenslet_at(centres_um))
@@ -536,7 +536,7 @@ class Scene:
         c), and sigma is 1 - (B + d)/(a + d) - (B + d)/f: both to first order in d.
         """
         a, none = self.reduced_image_um, np.zeros(len(centres_um))
-        # near the native plane the lenslets lit lie next to each other, and 1/a' means nothing
+        # near the native plane, the lit lenslets are next to each other, and 1/a' has no meaning
         if self.tilt == (0.0, 0.0) or self.shadow_radius_um < 0.5 * self.lattice.pitch_um:
             return none, none
         moved = self.farther_um(centres_um) * (1 - self.reduced_gap_um / a) / a

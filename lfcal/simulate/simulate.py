@@ -1,4 +1,4 @@
-"""H by simulation: plane by plane, in memory, straight to a file, or in units by others."""
+"""Simulate H plane by plane: in memory, into a file, or in units by other processes."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 __all__ = ["Simulation", "TaskPlane", "effects_from_records", "effects_to_records", "iter_simulate_psf", "simulate_psf"]
 
 MEMORY_LIMIT = 6 << 30
-"""Largest H that is built in memory (bytes); a file has no such limit."""
+"""Largest H that is computed in memory (bytes); a file has no such limit."""
 
 
 class Simulation(PlaneSource):
-    """What computes the planes of one H.
+    """Source of the simulated planes of one H.
 
     Parameters
     ----------
     plan, effects, level, tolerance, sampling
         As in `simulate_psf`.
     provenance
-        Kept with H, besides what it can be simulated again from.
+        Stored with H, in addition to all that is needed to simulate it again.
     """
 
     title = "simulate"
@@ -63,17 +63,17 @@ class Simulation(PlaneSource):
         return TaskPlane(self.task(z)).reopening(z, stored)
 
     def task(self, z: int) -> PlaneTask:
-        """Return all that plane ``z`` is computed from."""
+        """Return all inputs from which plane ``z`` is computed."""
         chosen, share = self.budget.at(self.plan.depths_um[z])
         return PlaneTask(self.plan, z, chosen, self.level, share, self.budget.tolerance - share, self.sampling)
 
     def provenance(self) -> dict[str, Any]:
-        """Return what H can be simulated again from."""
+        """Return all inputs from which H can be simulated again."""
         plan, budget = self.plan, self.budget
         on = [{e.name for e in budget.at(z_um)[0]} for z_um in plan.depths_um]
         shown = [e for e in budget.effects if e.acts_on.enters_h and any(e.name in names for names in on)]
         details: dict[str, Any] = {"effects": describe(shown)}
-        # effects that are not on at every plane name theirs
+        # list the planes of effects that are not on everywhere
         planes = {e.name: [z for z, names in enumerate(on) if e.name in names] for e in shown}
         if partly := {name: found for name, found in planes.items() if len(found) < len(on)}:
             details["effect_planes"] = partly
@@ -84,7 +84,7 @@ class Simulation(PlaneSource):
 
 
 class TaskPlane(PlaneSource):
-    """One plane of an H, as any process computes it."""
+    """One plane of an H, in the form that any process can compute."""
 
     def __init__(self, task: PlaneTask) -> None:
         self.task, self.header = task, header_of(task.plan, {})
@@ -112,7 +112,7 @@ class TaskPlane(PlaneSource):
 
 
 def open_plane(values: Mapping[str, Any], workers: int) -> TaskPlane:
-    """Return what computes a plane, of the values that `TaskPlane.reopening` gives."""
+    """Return the source of a plane, from the values of `TaskPlane.reopening`."""
     given = {
         "plan": ScanPlan.from_dict(values["plan"]),
         "effects": effects_from_records(values["effects"]),
@@ -122,7 +122,7 @@ def open_plane(values: Mapping[str, Any], workers: int) -> TaskPlane:
 
 
 def header_of(plan: ScanPlan, provenance: Mapping[str, Any]) -> Header:
-    """Return what an H of ``plan`` is, besides its values."""
+    """Return the description of an H of ``plan`` besides its values."""
     return Header(plan.shape, plan.depths_um, plan.camera, plan.anchor, provenance)
 
 
@@ -132,20 +132,20 @@ def effects_to_records(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     Raises
     ------
     InputError
-        For one that is not found again by its name.
+        If an effect cannot be found by its name.
     """
     chosen = tuple(effects)
     for effect in chosen:
         if effect.name not in CATALOGUE or CATALOGUE.get(effect.name) is not type(effect):
             raise InputError.expected(
-                f"effect {effect.name}", "one of the catalogue", type(effect).__name__, "register it (lfcal.effects)"
+                f"effect {effect.name}", "a known effect", type(effect).__name__, "register it (lfcal.effects)"
             )
     found: list[dict[str, Any]] = plain(describe(chosen))
     return found
 
 
 def effects_from_records(records: Iterable[Mapping[str, Any]]) -> tuple[Effect, ...]:
-    """Return the effects of which these are the records, as of `effects_to_records`."""
+    """Return the effects in records made by `effects_to_records`."""
     return tuple(
         effect_from(one["name"], {key: value for key, value in one.items() if key != "name"}) for one in records
     )
@@ -166,7 +166,7 @@ def iter_simulate_psf(
     store_tolerance: float | None = None,
     run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
-    """Return H of a scan plan by simulation of its camera.
+    """Return H of a scan plan, simulated with the plan's camera.
 
     Values are shares of the light through the iris towards the lenslets: the sum over an infinite cutout is the light
     that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They belong to the

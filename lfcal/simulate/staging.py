@@ -1,4 +1,4 @@
-"""From a camera, a plan and a tuple of effects to the scene an engine computes."""
+"""Make the scene for an engine from a camera, a plan and a tuple of effects."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def scene_of(
     Parameters
     ----------
     z_um, virtual_depth
-        The plane, given by one of the two; none means the native plane.
+        The plane, given by one of the two; without either, the native plane.
     cutout, period
         Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``; None: the camera's period, rounded.
     anchor_px
@@ -61,14 +61,14 @@ def scene_of(
     InputError
         For a depth given twice, an unknown field or a value out of range.
     """
-    # a misspelt field would silently leave the camera's value
+    # an unknown field would otherwise be ignored, and the camera's value used
     unknown = sorted(set(overrides) - {f.name for f in fields(Scene)})
     if unknown:
         raise InputError.expected("scene", "fields of Scene", unknown[0], "correct the name")
     if z_um is not None and virtual_depth is not None:
         raise InputError.expected("depth", "z or virtual depth", "both", "give one of them")
     positions = _whole_period(camera) if period is None else period
-    # one of the two is computed from the other, so that a and z cannot disagree
+    # one of the two is computed from the other, so that a and z always agree
     depth = camera.depth_of(virtual_depth) if virtual_depth is not None else float(z_um or 0.0)
     a = virtual_depth * camera.lattice.gap_um if virtual_depth is not None else camera.image_shift_um(depth)
     lattice = _on_array(camera, anchor_px)
@@ -86,7 +86,7 @@ def _described(camera: Camera) -> dict[str, Any]:
         "pixel_um": sensor.pixel_um,
         "f_number": optics.working_f_number,
         "aperture": "cell" if lattice.gapless else "circle",
-        # a square share of light-sensitive area: the side is its root
+        # the share refers to the area: the side is its square root
         "pixel_fill": math.sqrt(sensor.fill_factor),
     }
     if isinstance(optics, Microscope):
@@ -102,9 +102,9 @@ def _whole_period(camera: Camera) -> tuple[int, int]:
 
 def _on_array(camera: Camera, anchor_px: tuple[float, float]) -> LensletLattice:
     """Return the lenslets themselves: the micro-image lattice divided by `Camera.lattice_scale`."""
-    # of a distorted lattice a scene is one cell: that of the sensor's middle, unless `Camera.local` named another
+    # with a distorted lattice, a scene has the cell of the sensor's middle, unless `Camera.local` chose another
     seen, s, px = camera.lattice.local((0.0, 0.0)), camera.lattice_scale, camera.sensor.pixel_um
-    # shifted with the anchor: sensor distances are s times those on the array
+    # shifted with the anchor: distances on the sensor are s times those on the array
     y, x = anchor_px
     return replace(seen.scaled(1 / s), offset_um=(-x * px / s, -y * px / s))
 
@@ -115,7 +115,7 @@ ALL_LEVELS = ("auto", "microscope", *LEVELS)
 
 
 def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
-    """Return the a-priori picture of plane ``z``; ``peak`` is the brightest pixel's share of the full well."""
+    """Return the input of estimates for plane ``z``; ``peak`` is the brightest pixel's share of the full well."""
     camera = plan.cell_camera
     middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
     field = (middle - np.array(camera.sensor.centre_px)) * camera.sensor.pixel_um
@@ -131,36 +131,36 @@ def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
 
 
 def origin_of(plan: ScanPlan) -> tuple[int, int, float, float]:
-    """Return the pixel (row, column) of position (0, 0), and how far its chief ray is from that pixel's centre (px)."""
+    """Return the pixel (row, column) of position (0, 0), and its chief ray's offset from the pixel's centre (px)."""
     row, column = (math.ceil(v - 0.5) for v in plan.anchor)
     return row, column, plan.anchor[0] - row, plan.anchor[1] - column
 
 
 def grid_pixel(plan: ScanPlan, *, on_sensor: bool = False) -> tuple[float, float]:
-    """Return width (µm) and aspect of the pixels of H: those of the resampled frames, or ``on_sensor`` the sensor's."""
+    """Return the width (µm) and aspect of the pixels of H, or with ``on_sensor`` of the sensor."""
     width = plan.camera.sensor.pixel_um
     if on_sensor or not plan.resample:
         return width, 1.0
     fy, fx = plan.resample_factors
     aspect = fx / fy
-    # equal periods give factors that differ by rounding only
+    # equal periods give factors that differ only by rounding
     return width / fx, 1.0 if abs(aspect - 1) < 1e-9 else aspect
 
 
 def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: bool = False) -> Scene:
-    """Return the ideal camera's scene: rays, a round iris, telecentric, every lenslet of the sharpest type.
+    """Return the scene of the ideal camera: rays, a round iris, telecentric, every lenslet of the sharpest type.
 
-    The cutout is ``halo`` pixels larger than the plan's on every side. Pixels are those of H, resampled where the
-    plan does so, or ``on_sensor`` the sensor's.
+    The cutout is ``halo`` pixels larger than the plan's on every side. Pixels are those of H, which may be resampled,
+    or with ``on_sensor`` those of the sensor.
     """
     camera = outlook.camera
     _, _, residual_y, residual_x = origin_of(plan)
     width, aspect = grid_pixel(plan, on_sensor=on_sensor)
     if plan.resample and not on_sensor:
-        residual_y = residual_x = 0.0  # resampled pixels are laid about the chief ray itself
+        residual_y = residual_x = 0.0  # resampled pixels are centred on the chief ray
     about = plan.lattice_anchor
     offsets = None
-    # engines have the chief ray of position (0, 0) on a pixel's centre; what is left over displaces every source.
+    # engines have the chief ray of position (0, 0) at a pixel's centre; the remainder displaces every source
     if residual_y or residual_x:
         offsets = np.broadcast_to(np.array([residual_y, residual_x]) * camera.sensor.pixel_um, (*plan.period, 2)).copy()
     sharpest = int(np.argmin(np.abs(outlook.defocus)))
@@ -179,7 +179,7 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: b
         lenslet_diffraction=False,
         offsets_um=offsets,
     )
-    # the sharpest type for all lenslets: lens types are a separate effect
+    # the sharpest type for all lenslets, because lens types are a separate effect
     types = (camera.lattice.types[sharpest],) * len(camera.lattice.types)
     return replace(scene, lattice=replace(scene.lattice, types=types))
 
@@ -193,7 +193,7 @@ def scene_for(
     depth_error_um: float = 0.0,
     on_sensor: bool = False,
 ) -> Scene:
-    """Return the scene of plane ``z`` with every scene effect of ``effects`` in it; pixels as in `ideal_scene`."""
+    """Return the scene of plane ``z`` with every scene effect of ``effects``; pixels are as in `ideal_scene`."""
     outlook = outlook_of(plan, z)
     if depth_error_um:
         outlook = replace(outlook, z_um=outlook.z_um + depth_error_um)
@@ -205,11 +205,11 @@ def scene_for(
 
 
 def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
-    """Return the scene and the engine's level: ``auto`` uses rays unless an effect needs waves.
+    """Return the scene and the engine's level; ``auto`` means rays unless an effect needs waves.
 
     A named wave level always computes lenslet diffraction; ``microscope`` is the Debye path.
     """
-    from lfcal.simulate.engines import choose_mode  # compiled code: not loaded before it is needed
+    from lfcal.simulate.engines import choose_mode  # compiled code: loaded only when it is needed
 
     if level not in ALL_LEVELS:
         raise InputError.expected("level", " or ".join(ALL_LEVELS), repr(level), choose(level, ALL_LEVELS))
@@ -221,7 +221,7 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
         level = "debye" if scene.objective is not None else "wave"
     if level != "geometric" and not scene.lenslet_diffraction:
         scene = replace(scene, lenslet_diffraction=True)
-    # there fringes and shadow are one integral: half of it cannot be left out.
+    # here, fringes and shadow are one integral and cannot be separated
     inseparable = scene.objective is not None or choose_mode(scene) == "U"
     if level != "geometric" and inseparable and not scene.main_diffraction:
         scene = replace(scene, main_diffraction=True)  # see `IrisDiffraction`
@@ -229,9 +229,9 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
 
 
 def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSample, ...]:
-    """Return the source points and wavelengths that ``effects`` spread the light over.
+    """Return the source points and wavelengths over which ``effects`` spread the light.
 
-    Where one of them acts by the wavelength there are as many as it needs, also without `Bandwidth` among them.
+    If an effect depends on wavelength, there are as many wavelengths as it needs, even without `Bandwidth`.
     """
     chosen = tuple(effects)
     coloured = [effect for effect in chosen if effect.by_wavelength and effect.wavelengths(outlook) > 1]
@@ -251,15 +251,15 @@ def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSam
 def filter_kernel(
     effects: Sequence[Effect], camera: Camera
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
-    """Return the product of all response filters ``(rows, columns)``, odd; None where there is none."""
+    """Return the product of all response filters ``(rows, columns)``, odd; None if there are none."""
     kernel: NDArray[np.float64] | None = None
     for effect in effects:
         if isinstance(effect, PsfEffect):
             one = effect.kernel(camera)
-            # a filter that changes nothing would still cost its margin, and the margin's rounding
+            # a filter without effect would still cost its margin, and rounding errors
             if np.count_nonzero(one) == 1 and one[one.shape[0] // 2, one.shape[1] // 2] == 1:
                 continue
-            # all of the combined kernel: the other one's values reach half of this one's sides beyond its own
+            # the whole combined kernel: values of the other one extend by half of this one's sides
             kernel = one if kernel is None else filtered(np.pad(one, [(n // 2, n // 2) for n in kernel.shape]), kernel)
     return kernel
 
@@ -267,7 +267,7 @@ def filter_kernel(
 def filtered(values: NDArray[Real], kernel: NDArray[np.float64]) -> NDArray[Real]:
     """Return the last two axes convolved with a small ``kernel`` of odd sides; zeros beyond the border.
 
-    The type of ``values`` is kept. scipy.signal would take longer to load than everything else.
+    The type of ``values`` is kept. scipy.signal is not used, because its import is slow.
     """
     out = np.zeros_like(values)
     rows, columns = values.shape[-2:]

@@ -1,4 +1,4 @@
-"""Light fields of extended objects: points, a vesicle, a plume, seen through the same H."""
+"""Simulate light fields of extended objects (points, a vesicle, a plume) with the same H as for a point."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ __all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]
 
 
 class ResponseSource(Protocol):
-    """Where responses come from, a few positions at a time."""
+    """Source of responses, a few positions at a time."""
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """``(nz, ny, nx, nt, ns)``."""
+        """Shape ``(nz, ny, nx, nt, ns)``."""
         ...
 
     def responses_at(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
@@ -81,15 +81,15 @@ def iter_light_field(
     ----------
     volume
         ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source
-        position (0, 0). Borders are dark.
+        position (0, 0). Voxels outside of the volume are dark.
     through
-        A PSF matrix, or a scan plan whose camera is simulated; then only the positions that glow are computed.
+        A PSF matrix, or a scan plan whose camera is simulated; only the positions that glow are computed.
     effects, level, tolerance, sampling, workers
         As in `simulate_psf`, for a scan plan.
 
     Returns
     -------
-    Image ``(rows, columns)``, float32, before the sensor; `lfcal.simulate.expose` makes a frame of it.
+    Image ``(rows, columns)``, float32, without the sensor; `lfcal.simulate.expose` makes a frame of it.
 
     Yields
     ------
@@ -99,7 +99,7 @@ def iter_light_field(
     Raises
     ------
     InputError
-        If the volume does not have one finite plane per depth.
+        If the volume does not have one plane of finite values for each depth.
 
     Examples
     --------
@@ -160,7 +160,7 @@ light_field = drained(
 
 
 def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, margin: int = 0) -> NDArray[np.float32]:
-    """Return a dark volume ``(nz, rows, columns)`` with ``count`` bright voxels of value 1, apart from its border.
+    """Return a dark volume ``(nz, rows, columns)`` with ``count`` bright voxels of value 1, away from its border.
 
     Examples
     --------
@@ -192,7 +192,7 @@ def vesicle(
     radius, wall
         Radius and wall in voxels of a plane.
     plane_step
-        Distance of neighbouring planes in voxels of a plane; None: such that the sphere just fills the planes.
+        Distance of neighbouring planes in voxels of a plane; None: chosen so that the sphere just fills the planes.
 
     Examples
     --------
@@ -220,9 +220,9 @@ def plume(
     shape
         ``(nz, rows, columns)``.
     rng
-        Makes its filaments.
+        Random generator for the filaments.
     width, spread
-        Rms width at the foot, and its growth per length, in units of the number of rows.
+        Rms width at the bottom, and its growth per length, in units of the number of rows.
 
     Examples
     --------

@@ -144,9 +144,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     run = lfcal("fit", "scan/frames", *more, "--unknowns", "geometry", "--no-h", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert [Path(name).name for name in run.json["files"]] == ["index.html", *FILES[1:4]]
-    assert (
-        run.err.startswith("lfcal: note: noise of the frames: as in the camera's desc") and run.err.count("\n") == 1
-    )
+    assert run.err.startswith("lfcal: note: noise of the frames: as in the camera's desc") and run.err.count("\n") == 1
     assert len(fitted) == 1 and len(fitted[0]) == 8 and fitted[0].patterns.shape[1:] == (15, 15)
     # the dark frame is subtracted, and patterns are those of the positions
     clean = simulated(plan, fitted[0].index)

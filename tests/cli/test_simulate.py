@@ -33,7 +33,7 @@ def test_plan_only_shows_every_effect(lfcal: Lfcal) -> None:
     rows = {row["name"]: row for row in run.json["effects"]}  # type: ignore[index, call-overload]
     assert rows["lens_types"]["on"] and not rows["bandwidth"]["on"] and len(rows) >= 28
     table = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--effect", "crosstalk=on")
-    assert "asked for" in table.out and "whole H" in table.out
+    assert "switched on" in table.out and "whole H" in table.out
 
 
 def test_h_from_a_plan(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
@@ -165,8 +165,8 @@ def test_what_is_asked_for_and_cannot_show_is_said(lfcal: Callable[..., Run], tm
     asked = ("--effect", "zernike=on", "--effect", "read_noise=on", "--level", "geometric")
     done = lfcal("simulate", tmp_path / "plan.json", *asked, "-o", tmp_path / "H.h5")
     assert done.code == 0, done.err
-    assert "note: zernike: asked for, but has no typical size" in done.err
-    assert "note: read_noise: asked for, but acts on the sensor frame" in done.err
+    assert "note: zernike: switched on, but has no typical size" in done.err
+    assert "note: read_noise: switched on, but acts on the sensor frame" in done.err
 
 
 def test_h_in_passes(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:

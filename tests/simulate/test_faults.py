@@ -48,7 +48,7 @@ def test_a_bent_sensor_reads_what_the_curve_says() -> None:
 def test_nonlinearity_is_no_part_of_h_and_off_by_itself() -> None:
     plan = small_plan(cutout=31)
     row = plan_effects(plan, frames=True).row("nonlinearity")
-    assert not row.on and "not known of this camera" in row.reason
+    assert not row.on and "unknown for this camera" in row.reason
     asked = plan_effects(plan, overrides={"nonlinearity": "on"}).row("nonlinearity")
     assert not asked.on and "not on H" in asked.reason
     with pytest.raises(InputError, match="share"):

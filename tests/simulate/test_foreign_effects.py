@@ -42,7 +42,7 @@ def test_the_documented_effect_is_planned_and_enters_h(foreign: Install) -> None
     foreign(PAGE[0], "ArrayDecentre")
     plan = replace(small_plan(cutout=41), period=(2, 3))
     row = plan_effects(plan, 0.03).row("array_decentre")
-    assert not row.on and "not known of this camera" in row.reason
+    assert not row.on and "unknown for this camera" in row.reason
     switched = plan_effects(plan, 0.03, {"array_decentre": "on"})
     plain = simulate_psf(plan, plan_effects(plan, 0.03), sampling=FAST)
     decentred = simulate_psf(plan, switched, sampling=FAST)
@@ -99,7 +99,7 @@ BROKEN = {
     "no effect": ("class effect:\n    name = 'theirs'", "not a class derived from Effect"),
     "abstract": (ABSTRACT, "it lacks estimate"),
     "not frozen": (SHOWN.replace("frozen=True, ", ""), "not a frozen dataclass"),
-    "no title": (SHOWN.replace("    title:", "    subtitle:"), "does not say its title"),
+    "no title": (SHOWN.replace("    title:", "    subtitle:"), "lacks a title"),
     "no defaults": (SHOWN.replace("float = 1.0", "float"), "rows_um"),
     "estimate fails": (SHOWN.replace("outlook.pixel_um", "outlook.pixels_um"), "pixels_um"),
     "no estimate": (SHOWN.replace('return Estimate(shift, "px", ', 'return (shift, "px", '), "it has no estimate"),

@@ -131,7 +131,7 @@ def test_what_cannot_show_in_h_stays_off_though_asked_for() -> None:
         ("zernike", "no typical size"),
     ):
         row = found.row(name)
-        assert not row.on and row.reason.startswith("asked for, but") and words in row.reason
+        assert not row.on and row.reason.startswith("switched on, but") and words in row.reason
     frames = plan_effects(plan, 0.2, asked, frames=True)
     assert frames.row("read_noise").on and frames.row("backlash").on and not frames.row("zernike").on
     H = simulate_psf(replace(plan, period=(1, 2)), (*BASE, ReadNoise(3.0)), sampling=FAST)
@@ -335,7 +335,7 @@ def test_every_reason_has_a_brief_that_repeats_no_number() -> None:
     choices = {"coma": "on", "crosstalk": "off", "shot_noise": "on", "zernike": "on"}
     found = plan_effects(plan, 0.05, choices)
     briefs = {row.name: row.brief for row in found.rows}
-    assert (briefs["coma"], briefs["crosstalk"], briefs["shot_noise"]) == ("asked for", "switched off", "not on H")
+    assert (briefs["coma"], briefs["crosstalk"], briefs["shot_noise"]) == ("switched on", "switched off", "not on H")
     assert briefs["zernike"] == "give its size" and briefs["spherical"] == "not known"
     assert all(row.brief == "needed" for row in found.rows if row.setting == "auto" and "above the" in row.reason)
     assert all(len(brief) <= 14 for brief in briefs.values())

@@ -110,7 +110,7 @@ def test_an_effect_of_nobody_cannot_travel(plan: ScanPlan, tmp_path: Path) -> No
         pass
 
     run = RunChoice("threads", 1)
-    with pytest.raises(InputError, match="one of the catalogue"):
+    with pytest.raises(InputError, match="a known effect"):
         drain(iter_simulate_psf(plan, [Own()], run=run, out=tmp_path / "H.h5"))
     assert dataclasses.is_dataclass(Own)
     assert not list(tmp_path.iterdir())

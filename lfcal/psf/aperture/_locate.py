@@ -108,7 +108,7 @@ def find_patch(image: Image) -> LitPatch | None:
         if top > 8 * floor or sigma > side / 12:
             break
         sigma *= 1.4
-    # the second limit is for an even image without noise, whose rounding errors would be taken for light
+    # the second limit is for an even image without noise, whose rounding errors would look like light
     if not top > max(4 * floor, 1e-12 * abs(background)):
         return None
     level = float(np.median(smooth[smooth > 0.6 * top]))

@@ -1,4 +1,4 @@
-"""Estimates of effects plane by plane: by formula where it can be trusted, by running the effect where it cannot."""
+"""Estimate effects plane by plane: by a formula if it can be trusted, otherwise by running the effect."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from lfcal.simulate.staging import filter_kernel, outlook_of, resolve_level, sce
 __all__ = ["MAX_RUNS", "Influence", "estimates_of"]
 
 MAX_PLANES = 5
-"""Planes at which effects are run; between them what was measured is interpolated."""
+"""Number of planes at which effects are run; results are interpolated between them."""
 
 RUN = "run with it and without at a few positions"
-"""What an estimate that was measured says of its formula."""
+"""Text in place of the formula of an estimate that was measured."""
 
 CACHED = 4096
-"""Measurements kept: a plan is judged again at every turn of a slider, and its measurements stay the same."""
+"""Number of measurements kept, because a plan is judged again after every change of a slider."""
 
 
 def estimates_of(
@@ -51,11 +51,11 @@ def estimates_of(
     effects
         The effects to estimate.
     counting
-        Those that act on this camera; only these are run, concurrently.
+        Effects that act on this camera; only these are run, concurrently.
     planes
         The depth planes.
     plan
-        The plan whose planes they are.
+        The plan with these planes.
     """
     found = [[effect.estimate(outlook) for outlook in planes] for effect in effects]
     counted = tuple(e for e in counting if e.acts_on.enters_h and not _is_run_without(e, planes))
@@ -106,35 +106,35 @@ def _between(plane: int, known: dict[int, float]) -> float:
 
 @lru_cache(maxsize=CACHED)
 def measured(plan: ScanPlan, z: int, counting: tuple[Effect, ...], effect: Effect) -> float | None:
-    """Return what leaving an effect out costs at a plane, or None where it cannot be run."""
+    """Return the error of leaving an effect out at a plane, or None if the effect cannot be run."""
     made = influence if _hashable(plan, counting) else influence.__wrapped__
     return made(plan, z, counting).of(effect)
 
 
 @lru_cache(maxsize=2)
 def influence(plan: ScanPlan, z: int, counting: tuple[Effect, ...]) -> Influence:
-    """Return what measures a plane; its undisturbed responses are shared by the effects asked for."""
+    """Return the object that measures effects at a plane; its undisturbed responses serve all effects."""
     return Influence(plan, z, counting)
 
 
 FINENESS = 0.02
-"""Relative L1 error of the computation: what it does to both responses alike drops out of their difference."""
+"""Relative L1 error of the computation; errors common to both responses cancel in their difference."""
 
 MAX_RUNS = 24
-"""Samples of the light beyond which a measurement takes too long: the formula of a large source or spectrum stays."""
+"""Number of light samples above which the formula for a large source or spectrum is used, to save time."""
 
 MAX_SECONDS = 15.0
-"""Processor time, as it is reckoned, beyond which a measurement takes too long as well: of cutouts of many hundreds of
-pixels a large source takes minutes."""
+"""Forecast processor time above which the formula is used: with cutouts of many hundreds of pixels, a large source
+takes minutes."""
 
 ROWS, COLUMNS = (0.2, 0.7), (0.07, 0.41, 0.76)
 """Positions that are computed, as shares of the period."""
 
 NATIVE_ROWS, NATIVE_COLUMNS = (0.05, 0.2, 0.45, 0.7), (0.07, 0.24, 0.41, 0.58, 0.76, 0.93)
-"""The same near the native plane, where one lenslet has all the light, or the gap between two."""
+"""The same near the native plane, where one lenslet receives all the light, or the gap between two lenslets does."""
 
 ATTEMPTS = 3
-"""Samplings tried until the energy balances."""
+"""Number of samplings tried until the energy balances."""
 
 
 class Influence:
@@ -145,8 +145,8 @@ class Influence:
     plan, z
         The plan and the number of the plane.
     effects
-        All that act on it: what an effect changes depends on what else there is. Sources and spectra are added
-        to the others one at a time, as each multiplies the work.
+        All effects on the plane, because the influence of an effect depends on the others. Sources and spectra are
+        added to the others one at a time, because each multiplies the work.
     """
 
     def __init__(self, plan: ScanPlan, z: int, effects: Sequence[Effect]) -> None:
@@ -161,12 +161,12 @@ class Influence:
         )
 
     def of(self, effect: Effect) -> float | None:
-        """Return sum(|without - with|) / sum(|with|) over the positions; None where it cannot be computed."""
+        """Return sum(|without - with|) / sum(|with|) over the positions; None if it cannot be computed."""
         if isinstance(effect, FrameEffect | MotionEffect):
             return None
         others = tuple(e for e in self._unspread if e.name != effect.name)
         present = len(others) < len(self._unspread)
-        if isinstance(effect, LensletDiffraction):  # rays do not show effects that need waves
+        if isinstance(effect, LensletDiffraction):  # rays cannot show effects that need waves
             others = tuple(e for e in others if not e.needs_waves)
         if isinstance(effect, LightEffect):
             runs = effect.runs(self._outlook)
@@ -178,7 +178,7 @@ class Influence:
         try:
             complete, changed = self._response_pair(changed_set)
         except LfcalError:
-            return None  # a scene that no engine computes: its formula is all there is
+            return None  # no engine can compute this scene: only its formula remains
         with_it, without = (complete, changed) if present else (changed, complete)
         light = float(np.abs(with_it).sum())
         return float(np.abs(with_it - without).sum()) / light if light > 0 else None
@@ -217,7 +217,7 @@ class Influence:
 
         The Debye path serves separable scenes alone; rays need no sampling.
         """
-        from lfcal.simulate.engines import is_separable  # compiled code: not loaded before it is needed
+        from lfcal.simulate.engines import is_separable  # compiled code: loaded only when it is needed
 
         def choosy(found: tuple[Scene, str]) -> tuple[bool, bool]:
             scene, level = found

@@ -1,4 +1,4 @@
-"""What each step of accuracy costs: seconds and error of every level and sampling, measured on one scene."""
+"""Measure the cost of accuracy: time and error of every level and sampling, on one scene."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ __all__ = [
 ]
 
 REFERENCE_SAMPLES = (12, 10, 8, 6, 4)
-"""Samples per pixel of the reference, the most that its grid holds."""
+"""Largest number of samples per pixel of the reference that fits into its grid."""
 
 DEBYE_SHOWN, WIDEST_SHOWN = 6, 40
-"""Finest nodes per pixel, and margin (px), that are measured: finer ones take longer than the rest together."""
+"""Finest nodes per pixel and largest margin (px) that are measured; finer ones take longer than all others together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +73,14 @@ class LadderRung:
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """All rungs, their reference, and the one that a tolerance selects.
+    """All rungs, their reference, and the rung that a tolerance selects.
 
     Attributes
     ----------
     rungs
         Rungs whose energy balanced, fastest first.
     refused
-        Labels of rungs with more light after than before the lenslets, which are too coarse for this scene.
+        Labels of rungs whose energy did not balance, because their sampling is too coarse for this scene.
     tolerance
         Requested relative L1 error.
     reference
@@ -112,7 +112,7 @@ class Ladder:
 
 @dataclass(frozen=True, slots=True)
 class LadderProgress(Progress):
-    """How far measuring has come, with the rungs so far: a measurement that is stopped keeps them."""
+    """Progress of the measurement, with the rungs so far, which remain available if it is stopped."""
 
     ladder: Ladder = field(kw_only=True)
 
@@ -127,7 +127,7 @@ def iter_ladder(
     samplings: Iterable[Sampling | LevelSampling] | None = None,
     reference: Sampling | None = None,
 ) -> Work[Ladder]:
-    """Return seconds and error of every level and sampling for one plane of a plan, against the reference.
+    """Return the time and error of every level and sampling for one plane of a plan, compared with the reference.
 
     Parameters
     ----------
@@ -142,9 +142,9 @@ def iter_ladder(
     positions
         Number of positions to compare, spread over the period.
     samplings
-        Samplings of the scene's wave level to measure, or steps of any; by default coarse to fine.
+        Samplings of the scene's wave level to measure, or steps of any level; by default from coarse to fine.
     reference
-        Sampling of the reference; by default the finest grid that is quick enough.
+        Sampling of the reference; by default the finest grid that does not take too long.
 
     Yields
     ------
@@ -181,7 +181,7 @@ def iter_ladder(
     tasks: list[tuple[str, Sampling | None]] = [("geometric", None), *steps]
     clock = Clock("accuracy against time", len(tasks) + 1)
     yield clock.at(0, "reference")
-    # one scene for all rungs: what differs is how it is computed.
+    # one scene for all rungs: they differ only in how it is computed
     truth, per_px, each = _reference(scene, places, reference)
     shares = cost_scaling(plan, z, budget, level)
     whole = each * scene.period[0] * scene.period[1] * shares.runs * shares.planes
@@ -238,7 +238,7 @@ def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
 
 
 def quick_steps(scene: Scene, level: str) -> list[LevelSampling]:
-    """Return the steps of a wave level that are quick enough to be measured, cheapest first."""
+    """Return the steps of a wave level that are fast enough to be measured, fastest first."""
 
     def quick(step: LevelSampling) -> bool:
         if step.level == "debye":
@@ -273,7 +273,7 @@ def _reference(
     choices = [sampling] if sampling is not None else [Sampling(samples_per_px=n) for n in REFERENCE_SAMPLES]
     reach = 2 * scene.shadow_radius_um / scene.reduced_pixel_um + 4 * scene.lattice.pitch_um / scene.reduced_pixel_um
     if sampling is None:
-        # the finest grid that is still quick; the coarsest where none is.
+        # the finest grid that is still fast; the coarsest one if none is
         choices = [c for c in choices if reach * (c.samples_per_px or 8) <= LARGEST_GRID] or choices[-1:]
     engine = engine_for(scene, "reference", choices[0])
     start = time.process_time()
@@ -336,7 +336,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
     from lfcal.base import COLOURS, LINES, figure, save_figure
 
     if not found.rungs:
-        raise LfcalError("accuracy against time: no rung was computed; try a finer sampling")
+        raise LfcalError("accuracy against time: no sampling balanced the energy; try a finer one")
     with figure(6.4, 4.2) as fig:
         axes = fig.add_subplot()
         for k, kind in enumerate(dict.fromkeys(_family(r) for r in found.rungs)):
@@ -358,7 +358,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_xlabel("processor time for the whole H (s)")
-        axes.set_ylabel(f"L1 error against {found.reference} (%)")
+        axes.set_ylabel(f"L1 error relative to {found.reference} (%)")
         axes.set_title(title or f"Accuracy against time, v = {found.virtual_depth:.3g}")
         axes.legend()
         save_figure(fig, path)

@@ -1,4 +1,4 @@
-"""Predicted computing time of a simulation, from a short run of its engine."""
+"""Predict the computing time of a simulation from a short run of its engine."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from lfcal.simulate.staging import light_samples, outlook_of
 __all__ = ["CostScaling", "computed_share", "cost_scaling", "engine_clock", "plane_seconds", "predict_seconds"]
 
 PER_PLANE, PER_BYTE = 0.01, 1e-9
-"""CPU-seconds in addition to the engine: for starting a plane, and for its memory."""
+"""CPU-seconds besides the engine: to start a plane, and for its memory."""
 
 LONGEST_RUN = 0.5
-"""CPU-seconds for which rows of an engine that reuses its own results are run."""
+"""CPU-seconds for which rows are run, if an engine reuses its results."""
 
 
 SHORT_PROBE_S = 1.0
@@ -63,18 +63,18 @@ def predict_seconds(
         start = engine_clock()
         response.engine()
         took = engine_clock() - start
-        # tables that scenes share are made once: a probe that is soon over is timed when they are there
+        # tables that scenes share are made only once: time a short probe after they exist
         again = probe == math.inf and took < SHORT_PROBE_S
         probe = min(probe, took)
     setup = plane = math.inf
-    for _ in range(2):  # the first of a session may fill caches; another program may take turns
+    for _ in range(2):  # the first probe of a session may fill caches, and other programs may interfere
         start = engine_clock()
         engine = engine_for(response.scene, response.level, response.settled)
         setup = min(setup, engine_clock() - start)
         plane = min(plane, plane_seconds(engine))
     shares = cost_scaling(plan, z, budget, response.level, response.runs)
     nz, ny, nx, nt, ns = plan.shape
-    # each plane is probed once, whatever its light is made of
+    # each plane is probed once, for any number of light samples
     return shares.seconds(setup, plane) + nz * (probe + PER_PLANE + PER_BYTE * 4 * ny * nx * nt * ns)
 
 
@@ -85,9 +85,9 @@ class CostScaling:
     Attributes
     ----------
     planes
-        Cost of the positions of all planes, relative to that of the measured plane.
+        Cost of the positions of all planes, relative to the measured plane.
     count
-        Cost of the tables of all planes, relative to those of the measured plane.
+        Cost of the tables of all planes, relative to the measured plane.
     runs
         Number of light samples of the measured plane.
     """
@@ -97,16 +97,16 @@ class CostScaling:
     runs: int
 
     def seconds(self, setup: float, plane: float) -> float:
-        """Return the whole from the tables' and the positions' seconds of one plane."""
+        """Return the time of the whole H from the times for the tables and positions of one plane (s)."""
         return self.runs * (setup * self.count + plane * self.planes)
 
 
 def cost_scaling(
     plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None
 ) -> CostScaling:
-    """Return how plane ``z`` scales to the whole plan at an engine's level, by the effects' own estimates."""
+    """Return the factors from plane ``z`` to the whole plan at an engine's level, by the effects' estimates."""
     budget = effects if isinstance(effects, Budget) else Budget(tuple(effects), 1.0)
-    # planes differ by how many lenslets they light and by their effects: the ratio is estimated, one is measured.
+    # planes differ in the number of lit lenslets and in effects: the ratio is estimated, one plane is measured
     samples = [_samples(plan, k, budget) for k in range(plan.shape[0])]
     costs = [_expected(plan, k, budget, level) for k in range(plan.shape[0])]
     return CostScaling(sum(costs) / costs[z], sum(samples) / samples[z], samples[z] if runs is None else runs)
@@ -128,7 +128,7 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
 
 
 def plane_seconds(engine: PlaneEngine) -> float:
-    """Return the CPU-seconds of a whole plane of an engine that has computed nothing yet.
+    """Return the CPU-seconds for a whole plane by an engine that has not computed anything yet.
 
     The Debye path shares matrices and responses among positions, so a few of them are not representative. Its rows are
     run one after the other for up to half a second.
@@ -145,11 +145,11 @@ def plane_seconds(engine: PlaneEngine) -> float:
 
 
 def engine_clock() -> float:
-    """Return CPU-seconds of this thread, but for those in which kernels are loaded: that is done once in a process."""
+    """Return the CPU-seconds of this thread, without those for loading kernels, which happens once in a process."""
     return time.thread_time() - preparing_seconds()
 
 
 def computed_share(engine: PlaneEngine) -> float:
-    """Return the share of source rows that are computed; the others are their mirror images."""
+    """Return the share of source rows that are computed; the others are mirror images."""
     ny = engine.scene.period[0]
     return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level in ("wave", "grid") else 1.0

@@ -1,4 +1,4 @@
-"""How much memory a simulation takes at most, from its description: the tables of its engines, and H."""
+"""Estimate the peak memory of a simulation from its description: the tables of its engines, and H."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from lfcal.work.executors import concurrent_memory, concurrent_units
 __all__ = ["engine_bytes", "predict_bytes", "task_bytes"]
 
 SMALL_PARTS = 24 << 20
-"""Bytes of everything small: matrices, outlines, lists of lenslets."""
+"""Bytes of all small objects: matrices, outlines, lists of lenslets."""
 
 TRIED, GRID_REFERENCE = 2, 3
-"""Steps that are tried until one settles a plane, as a rule, and which on a grid judges others."""
+"""Number of samplings usually tried for a plane, and index of the sampling on a grid that is used for comparison."""
 
 FAST = 2.5
-"""F-number below which windows and coarse grids may all fall short, and the finest grid judges another."""
+"""f-number below which windows and coarse grids may all be too coarse, so that the finest grid is needed."""
 
 FAINT = 0.02
-"""Share of the light below which a cutout's relative errors are large: any step may be tried."""
+"""Share of the light below which relative errors in a cutout are large, so that any sampling may be tried."""
 
 FIELD_PEAK, FIELD_STORED = 72, 16
-"""Bytes to a sample of the main lens's field while it is made, and once windows or a grid have it."""
+"""Bytes per sample of the main lens's field while it is computed, and afterwards, for windows or a grid."""
 
 CELL_PEAK, CELL_STORED, CELL_CACHED = 48, 4, 8
-"""The same to a sample of the fine table of a lenslet's cell, and of one that other scenes share."""
+"""Bytes per sample of the fine table of a lenslet's cell, and of a table shared with other scenes."""
 
 TRANSFER_PEAK = 110
-"""Bytes to a sample of the propagation over the gap at exact angles, while it is made."""
+"""Bytes per sample of the propagation over the gap at exact angles, while it is computed."""
 
 WORK = 32
-"""Bytes to a sample of a position's grid that each thread works on."""
+"""Bytes per sample of a position's grid, for each thread."""
 
 STEPPED = 6
-"""Additional bytes per value for a plane that is stored in steps, and read back."""
+"""Additional bytes per value for a plane that is stored in steps and read back."""
 
 REFERENCE = 120
-"""Bytes to a sample of the reference's grid, in double precision."""
+"""Bytes per sample of the reference's grid, in double precision."""
 
 
 def predict_bytes(
@@ -94,7 +94,7 @@ def predict_bytes(
     held += 0 if store_tolerance is None else STEPPED * math.prod(rest)
 
     def plane(threads: int) -> int:
-        """Return the bytes of one plane by so many threads."""
+        """Return the bytes of one plane with a number of threads."""
         most = 0
         for z, z_um in enumerate(plan.depths_um):
             chosen, share = budget.at(z_um)
@@ -111,7 +111,7 @@ def predict_bytes(
 
 
 def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:
-    """Return the bytes that one plane takes at most by one thread, with its values, to be stored in steps or not."""
+    """Return the peak bytes of one plane with one thread, including its values, stored in steps or not."""
     values = math.prod(task.plan.shape[1:]) * (8 + (STEPPED if stepped else 0))
     return values + _plane_bytes(task.plan, task.z, task.effects, task.level, task.tolerance, task.sampling, workers=1)
 
@@ -128,15 +128,15 @@ def _plane_bytes(
 ) -> int:
     scene, resolved = resolve_level(scene_for(plan, z, effects), level)
     kernel = filter_kernel(effects, plan.camera)
-    # rows of responses that a filter goes over, copied
+    # rows of responses are copied for the filter
     filtered = 0 if kernel is None else 12 * math.prod(plan.cutout) * plan.period[1] * 4
     if sampling is not None:
         return SMALL_PARTS + filtered + engine_bytes(scene, LevelSampling(resolved, sampling, 0.0), workers)
     steps = steps_for(scene, resolved)
     first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
-    if resolved == "reference":  # what others are judged by is not judged itself
+    if resolved == "reference":  # the reference is not compared with anything
         return SMALL_PARTS + filtered + engine_bytes(scene, steps[first], workers)
-    # what was settled on stays while a finer step is made, or the one that judges it
+    # the chosen engine stays in memory while a finer one, for comparison, is made
     tried = steps[first:] if _captured_share(scene) < FAINT else steps[first : first + TRIED]
     fast = scene.f_number < FAST
     grids = [step for step in steps if step.level == "grid"][: GRID_REFERENCE + fast]
@@ -167,7 +167,7 @@ def _between_lenslets(scene: Scene, y: int, x: int) -> bool:
 
 
 def engine_bytes(scene: Scene, step: LevelSampling, workers: int) -> int:
-    """Return the bytes that an engine of one step takes at most, while it is made or at work with so many threads."""
+    """Return the peak bytes of an engine of one sampling, while it is made or at work with a number of threads."""
     if step.level == "geometric":
         return 0
     if step.sampling.double and step.level != "reference":
@@ -198,7 +198,7 @@ def _cell_bytes(scene: Scene, dx: float, reach: float, bent: bool = False) -> tu
 
     Bent ones, of a grid, are complex.
     """
-    # compiled code: loaded when it is needed
+    # compiled code: loaded only when it is needed
     from lfcal.simulate.engines import MAX_CACHED, MAX_TABLE, bent_fineness, fineness
 
     if scene.round_lenslets:
@@ -250,11 +250,11 @@ def _grid_bytes(scene: Scene, sampling: Sampling, workers: int) -> int:
     field = _field_samples(scene, dx, side * dx / 2 + scene.farthest_um / scene.scale, _mode(scene))
     made, kept = _cell_bytes(scene, dx, scene.lattice.pitch_um, bent=True)
     kinds, orders = len(scene.lattice.types), tilt_orders(scene, side * dx / 2)
-    # each order of a tilted array is a spectrum and a field, and its sums have their own
+    # each order of a tilted array has a spectrum and a field, and the sums need memory too
     tilted = 8 * side**2 * (2 * orders + 4 + 2 * workers) if orders > 1 else 0
     at_work = (WORK * workers + 16) * side**2 + 24 * field
     peak = max(FIELD_PEAK * field, TRANSFER_PEAK * side**2, made, at_work)
-    # the fields of a microscope share the array
+    # the fields of a microscope share the table of the array
     return int(tilted + array + 8 * side**2 + kinds * kept + _fields(scene) * (8 * field + 8 * side**2) + peak)
 
 

@@ -1,4 +1,4 @@
-"""Choice of the effects that a scene needs: those whose estimate exceeds their share of the tolerance."""
+"""Choose the effects that a scene needs: those whose estimate exceeds their share of the tolerance."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EFFECTS_SHARE = 0.5
 """Share of the tolerance available to all omitted effects together; the computation may use the rest."""
 
 NEGLIGIBLE = 1e-5
-"""Estimates below this share of the image are as good as none."""
+"""Estimates below this share of the image count as zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class PlannedEffect:
     z_um
         Depth where the effect matters most (µm).
     reason
-        Why it is on or off there, as one sentence with numbers and units.
+        Reason why it is on or off there, as one sentence with numbers and units.
     brief
         The reason in a few words, for a table column.
     seconds
@@ -77,18 +77,18 @@ class PlannedEffect:
 
     @property
     def name(self) -> str:
-        """The effect's name."""
+        """Name of the effect."""
         return self.effect.name
 
     @property
     def on(self) -> bool:
-        """Whether it is simulated at any plane."""
+        """Whether it is simulated in any plane."""
         return any(self.planes)
 
 
 @dataclass(frozen=True, slots=True)
 class EffectSelection:
-    """All effects with setting, estimate, reason and cost: the result of `plan_effects`.
+    """All effects with setting, estimate, reason and cost, as `plan_effects` returns them.
 
     Attributes
     ----------
@@ -101,11 +101,11 @@ class EffectSelection:
     level
         Level of the engine that the effects need.
     seconds
-        CPU-seconds for the whole plan with all effects that are on, accurate to a factor of about 2.
+        CPU-seconds for the whole plan with all effects that are on, accurate to within a factor of about 2.
     ideal_seconds
         CPU-seconds of the ideal camera.
     left_out
-        For each plane, the sum of the estimates of omitted effects (relative L1), at most half the tolerance.
+        Sum of the estimates of omitted effects for each plane (relative L1), at most half the tolerance.
 
     Examples
     --------
@@ -128,7 +128,7 @@ class EffectSelection:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that are on at any plane."""
+        """The effects that are on in any plane."""
         return tuple(row.effect for row in self.rows if row.on)
 
     def plane(self, z_um: float) -> int:
@@ -136,7 +136,7 @@ class EffectSelection:
         return min(range(len(self.depths_um)), key=lambda k: abs(self.depths_um[k] - z_um))
 
     def at(self, z_um: float) -> tuple[Effect, ...]:
-        """Return the effects that are on at a depth: those of the planned plane nearest to it."""
+        """Return the effects that are on at a depth, which are those of the nearest planned plane."""
         k = self.plane(z_um)
         return tuple(row.effect for row in self.rows if row.planes[k])
 
@@ -153,7 +153,7 @@ class EffectSelection:
         return iter(self.effects)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return every effect with its estimate, level and times, as plain values."""
+        """Return every effect with its estimate, level and times as plain JSON types."""
         return {
             "level": self.level,
             "tolerance": self.tolerance,
@@ -188,9 +188,9 @@ def plan_effects(
 ) -> EffectSelection:
     """Return the effects that the planes of a scan need.
 
-    Effects are left out, the expensive ones first and then the smallest, as long as their estimates add up to less
-    than half the tolerance. The other half is for the computation. Errors of assembly and use (a gap error, a loose
-    stage) are simulated only if they are given in ``effects`` or switched on, because their typical size says nothing
+    Effects are left out as long as their estimates add up to less than half the tolerance, the slowest ones first,
+    then the smallest. The other half is for errors of the computation. Errors of assembly and use (a gap error, a
+    loose stage) are simulated only if they are given in ``effects`` or switched on. Their typical size says nothing
     about this camera.
 
     Parameters
@@ -202,9 +202,9 @@ def plan_effects(
     overrides
         Effect name to ``"auto"``, ``"on"`` or ``"off"``.
     effects
-        Effects with known magnitudes; each replaces the effect of its name in the catalogue.
+        Effects with known magnitudes; each replaces the effect with its name in the catalogue.
     frames
-        Whether sensor frames are made; otherwise effects on frames and on the stage's motion are off.
+        Whether sensor frames are simulated; otherwise effects on frames and on the stage's motion are off.
     peak
         Share of the full well that the brightest pixel reaches.
 
@@ -226,7 +226,7 @@ def plan_effects(
     """
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     planes = tuple(outlook_of(plan, z, peak=peak) for z in range(plan.shape[0]))
-    # a given effect takes the place, and the order, of the catalogue's of its name.
+    # a given effect replaces that of the same name in the catalogue, in its order
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
     known = {effect.name for effect in effects}
@@ -238,7 +238,7 @@ def plan_effects(
         for e, found in zip(candidates, estimates, strict=True)
     ]
     allowed = EFFECTS_SHARE * tolerance
-    # False before True: what costs a fifth of the whole simulation or more comes first, then the smallest errors.
+    # False before True: first effects that take a fifth of the computing time or more, then the smallest errors
     decided = [
         _decided(sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.at(k).error)), k, allowed)
         for k in range(len(planes))
@@ -276,17 +276,17 @@ class _Costs:
         return self.waves if any(effect.needs_waves for effect in effects) else "geometric"
 
     def of(self, effect: Effect) -> float:
-        """Return what one effect adds to a wave simulation of one source point."""
+        """Return the computing time that one effect adds to a wave simulation of one source point."""
         return sum(effect.seconds(outlook, engine) for outlook, engine in self.planes)
 
     def total(self, chosen: Sequence[Sequence[Effect]]) -> float:
-        """Return the seconds of the effects chosen for each plane: source points and wavelengths multiply."""
+        """Return the seconds for the effects chosen in each plane; source points and wavelengths multiply."""
         seconds = 0.0
         for (outlook, engine), effects in zip(self.planes, chosen, strict=True):
             by_rays = self.level_of(effects) == "geometric"
             runs = len(light_samples(effects, outlook))
             seconds += runs * (engine.rays if by_rays else engine.waves)
-            # the step from rays to waves and further runs are in the engines' seconds already.
+            # the step from rays to waves, and further runs, are included in the seconds of the engines
             seconds += sum(e.seconds(outlook, engine) for e in effects if not _in_engines(e))
         return seconds
 
@@ -308,7 +308,7 @@ class _Draft:
     frames: bool
 
     def at(self, plane: int) -> Estimate:
-        """Return the estimate that decides at a plane: frames are alike at all of them, so there the largest does."""
+        """Return the estimate that decides at a plane; for effects on frames, it is the largest of all planes."""
         return self.estimates[plane] if self.effect.acts_on.enters_h else max(self.estimates, key=lambda e: e.error)
 
 
@@ -335,14 +335,14 @@ def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Deci
     width = next(d for d in drafts if d.effect.name == Bandwidth.name)
     if not coloured or width.setting != "auto" or found[Bandwidth.name].on or not width.at(plane).size:
         return 0.0
-    found[Bandwidth.name] = _Decision(True, "comes along", f"comes with {' and '.join(coloured)}")
+    found[Bandwidth.name] = _Decision(True, "needed by others", f"needed by {' and '.join(coloured)}")
     return width.at(plane).error
 
 
 def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str, _Decision]]) -> PlannedEffect:
     """Return the row of an effect; its reason is that of the plane where it matters most."""
     on = tuple(found[draft.effect.name].on for found in decided)
-    # among the planes where it is on, if there are any: an estimate a little larger elsewhere may have found room
+    # among the planes where it is on, if any: a slightly larger estimate elsewhere may have been within the tolerance
     worst = max(range(len(planes)), key=lambda k: (on[k], draft.at(k).error))
     _, brief, reason = decided[worst][draft.effect.name]
     if any(on) and not all(on):
@@ -369,14 +369,14 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decisio
     if draft.setting == "off":
         return _Decision(False, "switched off", f"switched off: {size}, {share} is missing")
     if not draft.frames and not effect.acts_on.enters_h:
-        asked = "asked for, but " if draft.setting == "on" else ""
+        asked = "switched on, but " if draft.setting == "on" else ""
         return _Decision(False, "not on H", f"{asked}acts on the {effect.acts_on.value}, not on H ({size})")
     if draft.setting == "on":
         if e.size == 0 and effect.deviation and not draft.known:
-            return _Decision(False, "give its size", f"asked for, but has no typical size: {size}, give its own")
-        return _Decision(True, "asked for", f"asked for: {size}, {share}{cost}")
+            return _Decision(False, "give its size", f"switched on, but has no typical size: {size}, give one")
+        return _Decision(True, "switched on", f"switched on: {size}, {share}{cost}")
     if effect.deviation and not draft.known:
-        return _Decision(False, "not known", f"not known of this camera; a typical {size} would be {share}")
+        return _Decision(False, "not known", f"unknown for this camera; a typical {size} would be {share}")
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
         return _Decision(True, "always", f"frames hold whole numbers: {size}, {share}")
     if e.error < NEGLIGIBLE:
@@ -386,6 +386,6 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decisio
         return _Decision(True, "needed", f"{size}: {share}, above {within}{cost}")
     if e.error > allowed - used:
         return _Decision(
-            True, "needed", f"{size}: {share}, too much in addition to {format_share(used)} left out already{cost}"
+            True, "needed", f"{size}: {share}, too much, because {format_share(used)} is left out already{cost}"
         )
     return _Decision(False, "small", f"{size}: {share}, within {within}")

@@ -1,4 +1,4 @@
-"""The fineness that a plane needs, by computing a few of its positions more finely."""
+"""Find the sampling that a plane needs, by computing a few of its positions more finely."""
 
 from __future__ import annotations
 
@@ -16,49 +16,49 @@ from lfcal.simulate.scene import Scene
 __all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "places", "settle"]
 
 RETRIES = 4
-"""Refinements until the energy balances."""
+"""Largest number of refinements until the energy balances."""
 
 MARGIN = 1.1
-"""What a few positions may fall short of a plane by."""
+"""Factor by which the error of a plane may exceed that of a few positions."""
 
 VISIBLE_COHERENT, VISIBLE_SUMMED = 0.65, 0.5
-"""Share of a step's error that shows against one with a window twice as wide, which errs itself (measured)."""
+"""Share of a sampling's error that a window twice as wide shows, which has an error too (measured)."""
 
 VISIBLE_BY_GRID = 0.9
-"""The same of windows against a grid, which has none."""
+"""The same for windows compared with a grid, which has no such error."""
 
 FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
-"""Step by which each step on a grid is judged, and the share of its error that shows (measured)."""
+"""Index of the sampling with which samplings on a grid are compared, and the share of their error that shows."""
 
 GRID_REFERENCE = 0.003
-"""Largest error of the grid on which windows are judged."""
+"""Largest error of the grid with which windows are compared."""
 
 OF_WINDOWS = 1.5
-"""What windows may err by over what they are expected to."""
+"""Factor by which the error of windows may exceed the expected one."""
 
 STAGNATION = 0.8
-"""Share of the error of the step before above which it is the engine's, and no sampling lowers it."""
+"""Ratio to the previous sampling's error above which the error comes from the engine, and finer sampling is useless."""
 
 WIDER = (1.9, 1.4, 1.1)
-"""Margin of the step that another is judged by, over its own: tails fall off with the window's width or faster. The
-first that memory allows is taken."""
+"""Margin of the sampling used for comparison, relative to the sampling's own. Tails decrease with the window's width or
+faster. The first margin that fits into memory is used."""
 
 LARGEST_GRID = 3200
-"""Side of the reference's grid that is still quick enough at a few positions."""
+"""Side of the reference's grid up to which it is fast enough for a few positions."""
 
 Responses = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """A fineness that was measured.
+    """A sampling whose error was measured.
 
     Attributes
     ----------
     engine
-        The engine of the undisplaced source.
+        The engine for the undisplaced source.
     level, sampling
-        What it computes with.
+        Level and sampling of the engine.
     error
         Relative L1 error over the positions probed, against a finer computation.
     """
@@ -72,10 +72,10 @@ class Settled:
 def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) -> Settled:
     """Return the cheapest sampling of a level with an error of at most ``share``, or the finest one.
 
-    Steps are tried from the cheapest that is expected to suffice. Each is compared with one that is finer in all
-    respects: windows with the whole array on one grid, a grid with a finer one. If no grid is large enough for the
-    scene, windows are compared with wider ones whose fields are added; for exact angles, which they follow to first
-    order, with the reference. A smaller ``share`` never gives a coarser step.
+    Samplings are tried from the fastest that is expected to suffice. Each is compared with one that is finer in all
+    respects: windows with the whole array on one grid, and a grid with a finer grid. If no grid is large enough for
+    the scene, windows are compared with wider ones whose fields are added. Exact angles, which windows follow only to
+    first order, are then compared with the reference. A smaller ``share`` never gives a coarser sampling.
 
     Parameters
     ----------
@@ -84,14 +84,14 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
     level
         ``"wave"``, ``"grid"``, ``"debye"`` or ``"reference"``; rays have no sampling.
     share
-        Relative L1 error that the computation may have.
+        Relative L1 error allowed for the computation.
     escalate
         Whether the reference may be used if the wave level does not reach the share.
 
     Raises
     ------
     EnergyError
-        If no step balances the energy.
+        If the energy does not balance at any sampling.
     """
     if level == "geometric":
         return Settled(engine_for(scene, level), level, Sampling(), 0.0)
@@ -110,20 +110,20 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
         except (InputError, EnergyError):
             if settled is None:
                 raise
-            break  # a grid too large: what was reached before is what there is
+            break  # the grid is too large: keep what was reached before
         stuck = probe.by_reference and settled is not None and found.error > STAGNATION * settled.error
         summed = summed or probe.is_summing(step, found.error, share)
         if settled is None or found.error < settled.error:
             settled = found
-        del found  # its tables make room for the next
+        del found  # free its tables for the next one
         if settled.error <= share:
             break
-    assert settled is not None  # there is a step at least
+    assert settled is not None  # there is at least one sampling
     return settled
 
 
 def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
-    """Return an engine whose energy balances, its responses at a few positions, and how finely it samples."""
+    """Return an engine whose energy balances, its responses at a few positions, and its sampling."""
     ys, xs = places(scene)
     for attempt in range(RETRIES + 1):
         engine = engine_for(scene, level, sampling)
@@ -142,9 +142,10 @@ def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine,
 
 
 def places(scene: Scene) -> tuple[list[int], list[int]]:
-    """Return rows and columns of the positions that represent all.
+    """Return rows and columns of the positions that represent all others.
 
-    Four are used. Near the native plane, where one lenslet or the gap between two has all the light, there are more.
+    Four are used. There are more near the native plane, where one lenslet or the gap between two receives all the
+    light.
     """
     near = scene.objective is None and scene.fresnel_number < SWITCH
     shares = ((0.0, 0.2, 0.5), (0.07, 0.25, 0.41, 0.75)) if near else ((0.0, 0.5), (0.25, 0.75))
@@ -153,7 +154,7 @@ def places(scene: Scene) -> tuple[list[int], list[int]]:
 
 
 DARK = 1e-3
-"""Smallest reference of relative errors, as a share of the iris's light: a cutout outside the light is black."""
+"""Smallest reference of relative errors, as a share of the iris's light, because a cutout without light is dark."""
 
 
 class _ErrorProbe:
@@ -169,11 +170,11 @@ class _ErrorProbe:
 
     @property
     def summed(self) -> tuple[LevelSampling, ...]:
-        """The steps that add intensities of neighbouring lenslets, where fields can be added on a grid."""
+        """The samplings that add intensities of neighbouring lenslets, if a grid can add their fields."""
         return tuple(s for s in self.steps if s.level == "wave" and not s.sampling.coherent) if self._on_grid else ()
 
     def is_summing(self, step: LevelSampling, error: float, share: float) -> bool:
-        """Return whether intensities that are added are what keeps a step from ``share``: its windows are the rest."""
+        """Return whether adding intensities prevents a sampling from reaching ``share``."""
         if step not in self.summed:
             return False
         windows = OF_WINDOWS * (step.expected - self.summed[-1].expected)
@@ -187,13 +188,13 @@ class _ErrorProbe:
         return samples * max(across / scene.reduced_pixel_um, max(scene.cutout))
 
     def measured(self, step: LevelSampling, before: Settled | None = None) -> Settled:
-        """Return a step with its error; where nothing finer can be computed, as that of the step before lets expect."""
+        """Return a sampling with its error, which is predicted if nothing finer can be computed."""
         engine, found, sampling = balanced(self.scene, step.level, step.sampling)
         self._computed[step.level, sampling] = found
         for level, finer_sampling, visible in self._references(step, sampling, engine.level):
             try:
                 truth = self._responses(level, finer_sampling)
-            except (InputError, EnergyError):  # a grid too large
+            except (InputError, EnergyError):  # for example, the grid is too large
                 continue
             ny, nx = truth.shape[:2]
             light = max(float(truth.sum()), DARK * ny * nx)

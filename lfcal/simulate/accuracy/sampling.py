@@ -1,4 +1,4 @@
-"""How finely an engine computes: steps from coarse to fine, with the error each is expected to leave."""
+"""Samplings of an engine, from coarse to fine, each with its expected error."""
 
 from __future__ import annotations
 
@@ -35,25 +35,25 @@ COHERENT: tuple[tuple[float, int, float, float], ...] = (
     (34, 1, 1e-3, 0.002),
     (48, 1, 5e-4, 0.001),
 )
-"""Steps that add fields: margin (px), nodes beyond those the fringes need, energy floor, and the error left."""
+"""Samplings that add fields: margin (px), nodes beyond those for the fringes, energy floor, and expected error."""
 
 AIRY_PX = 0.5
-"""lambda B/d, in pixels, up to which margins hold: they grow with larger spots."""
+"""lambda B/d in pixels up to which the margins are sufficient; they grow with larger spots."""
 
 WIDEST = 1000
-"""Margin (px) beyond which no window reaches."""
+"""Largest margin of a window (px)."""
 
 SPARE = 0.6
-"""Nodes per pixel beyond the band of the light: aliases then fall where pixels see nothing."""
+"""Nodes per pixel beyond the band of the light, with which aliases fall where pixels do not respond."""
 
 DEBYE_NODES: tuple[tuple[int, float], ...] = ((1, 0.12), (2, 0.015), (3, 0.005), (4, 0.0025))
-"""Nodes per pixel of the Debye path, and the error each is expected to leave."""
+"""Nodes per pixel of the Debye path, each with its expected error."""
 
 MAX_NODES = 12
-"""Nodes per pixel up to which the Debye path is refined."""
+"""Largest number of nodes per pixel of the Debye path."""
 
 DEBYE_GAIN = 2.5
-"""What a node more per pixel divides the Debye path's error by, at least (measured: 2.6 to 5)."""
+"""Factor by which one more node per pixel reduces the Debye path's error, at least (measured: 2.6 to 5)."""
 
 GRID: tuple[tuple[float, int, float, float], ...] = (
     (1.0, 4, 0.008, 0.006),
@@ -69,15 +69,15 @@ KINK = 1.4
 sampling for its angles, a response on a corner has an error of 5 %, with 1.6 of 0.6 % (4x/0.28, lenslets of f/7)."""
 
 OUTSIDE = 0.15
-"""Share of light farther outside the shadow than r, times r / (lambda Nw)."""
+"""Share of light farther than r outside the shadow, times r / (lambda Nw)."""
 
 REFERENCE = ((1.0, 0.03), (1.25, 0.006), (1.6, 0.002), (2.4, 0.0005))
-"""Samples of the reference over the fewest that hold the light's angles, and the error each is expected to leave."""
+"""Samples of the reference relative to the smallest number for the light's angles, and the expected error of each."""
 
 
 @dataclass(frozen=True, slots=True)
 class LevelSampling:
-    """One fineness: an engine's level, its sampling, and the relative L1 error it is expected to leave."""
+    """An engine's level with one sampling and its expected relative L1 error."""
 
     level: str
     sampling: Sampling
@@ -107,7 +107,7 @@ class Fringes:
 
     @classmethod
     def of(cls, described: Scene | Outlook) -> Fringes:
-        """Return those of a scene, or of an outlook (apart from cells that are turned)."""
+        """Return the frequencies of a scene, or of an outlook (which does not know about rotated cells)."""
         if isinstance(described, Outlook):
             lattice, px = described.camera.lattice, described.pixel_um
             width, spread = described.clear_um, described.wavelength_um * described.gap_um
@@ -117,7 +117,7 @@ class Fringes:
         else:
             from lfcal.simulate.engines import (
                 aperture_width,
-                largest_angle,  # compiled code: loaded when it is needed
+                largest_angle,  # compiled code: loaded only when it is needed
             )
 
             lattice, px = described.lattice, described.reduced_pixel_um
@@ -133,21 +133,21 @@ class Fringes:
 
     @property
     def spot(self) -> float:
-        """By how much margins exceed those of lenslets whose spots are `AIRY_PX`."""
+        """Factor by which margins exceed those for spots of size `AIRY_PX`."""
         return max(1.0, 1 / (max(self.band, 1e-6) * AIRY_PX))
 
     @property
     def incoherent(self) -> float:
-        """Relative L1 error of adding intensities of neighbouring lenslets instead of fields (measured)."""
+        """Relative L1 error of adding intensities of neighbouring lenslets instead of their fields (measured)."""
         return 0.4 / self.pitch_px
 
 
 def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ...]:
-    """Return the steps of a level, cheapest first.
+    """Return the samplings of a level, fastest first.
 
-    Of level ``"wave"``: windows whose intensities are added, then the whole array on one grid; windows whose fields
-    are added where no grid holds the scene. Of level ``"debye"``: nodes of the separable path; other arrays on a grid.
-    Of level ``"grid"`` the grids; the smallest where none is small enough, which its engine refuses.
+    Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; or windows whose fields
+    are added, if no grid holds the scene. Level ``"debye"``: nodes of the separable path; for other arrays, a grid.
+    Level ``"grid"``: all grids that are small enough, or else the smallest one, which its engine refuses.
     """
     fringes = Fringes.of(described)
     if level == "debye":
@@ -165,7 +165,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ..
     grid = _grid_steps(described, fringes)
     if level == "grid":
         return grid or _every_grid_step(described, fringes)[:1]
-    if grid and _near(described):  # spots overlap, and exact angles are not followed
+    if grid and _near(described):  # spots overlap, and windows do not follow exact angles
         return grid
     steps = []
     for margin, per_cycle, error in WINDOWS:
@@ -176,7 +176,7 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ..
         return (*steps, *grid)
     for margin, extra, floor, error in COHERENT:
         if margin * fringes.spot > WIDEST:
-            break  # slow lenslets on small pixels: what is left is judged as it is
+            break  # slow lenslets on small pixels: the remaining samplings are tried as they are
         sampling = Sampling(
             nodes_per_px=fringes.nodes + extra, margin_px=_margin_px(margin, fringes), energy_floor=floor, coherent=True
         )
@@ -219,7 +219,7 @@ def _kink_factor(described: Scene | Outlook) -> float:
 
 
 def grid_margin(described: Scene | Outlook, left_out: float) -> int:
-    """Return the margin of a grid (px) beyond which there is the share ``left_out`` of the light."""
+    """Return the margin of a grid (px) outside of which the share ``left_out`` of the light lies."""
     airy = described.wavelength_um * described.f_number / _pixel_um(described)
     return min(WIDEST, math.ceil(OUTSIDE * airy / left_out))
 
@@ -229,18 +229,18 @@ def _pixel_um(described: Scene | Outlook) -> float:
 
 
 def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
-    """Return how many fields a tilted array takes; 1 of one that is not."""
+    """Return the number of fields for a tilted array; 1 without tilt."""
     if not isinstance(described, Scene) or described.tilt == (0.0, 0.0):
         return 1
-    from lfcal.simulate.engines import orders_of  # compiled code: loaded when it is needed
+    from lfcal.simulate.engines import orders_of  # compiled code: loaded only when it is needed
 
     return orders_of(described, reach_um)
 
 
 def grid_extent(described: Scene | Outlook) -> Extent:
-    """Return what a grid must hold of the light of one position."""
+    """Return the region that a grid must cover for the light of one position."""
     if isinstance(described, Scene):
-        from lfcal.simulate.engines import extent_of  # compiled code: loaded when it is needed
+        from lfcal.simulate.engines import extent_of  # compiled code: loaded only when it is needed
 
         return extent_of(described)
     outwards = _near(described) or described.shift_um < 0
@@ -249,7 +249,7 @@ def grid_extent(described: Scene | Outlook) -> Extent:
 
 
 def _separable(scene: Scene) -> bool:
-    from lfcal.simulate.engines import is_separable  # compiled code: loaded when it is needed
+    from lfcal.simulate.engines import is_separable  # compiled code: loaded only when it is needed
 
     return is_separable(scene)
 
@@ -268,13 +268,13 @@ def _margin_px(margin: float, fringes: Fringes) -> int:
 
 
 def step_for(described: Scene | Outlook, level: str, tolerance: float) -> LevelSampling:
-    """Return the cheapest step of a level that is expected to keep ``tolerance``, or the finest."""
+    """Return the fastest sampling of a level that is expected to keep ``tolerance``, or the finest one."""
     steps = steps_for(described, level)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])
 
 
 def finer(sampling: Sampling) -> Sampling:
-    """Return the next finer sampling: a node more per pixel, and samples for a window a quarter wider."""
+    """Return the next finer sampling: one more node per pixel, and samples for a window a quarter wider."""
     return replace(
         sampling, nodes_per_px=min(32, sampling.nodes_per_px + 1), margin_px=min(WIDEST, sampling.margin_px + 3)
     )

@@ -1,4 +1,4 @@
-"""Physical effects as objects: an ideal camera is the empty tuple.
+"""Physical effects as objects. An ideal camera is the empty tuple of effects.
 
 An effect is one class in one module, which lists it in ``EFFECTS``. Other distributions add effects through the entry
 point group ``lfcal.effects`` (``docs/extending.md``).
@@ -13,14 +13,14 @@ point group ``lfcal.effects`` (``docs/extending.md``).
 - ``faults``: ghost images, the sensor's nonlinearity
 - ``glass``: the sensor's cover glass
 - ``image``: field curvature, distortion
-- ``lenslets``: their spherical aberration, defective ones
+- ``lenslets``: spherical aberration of the lenslets, and defective lenslets
 - ``kernel``: a free filter of the pixels
 - ``light``: finite source, bandwidth
 - ``microscope``: light as a vector field, specimens of another refractive index
 - ``pixels``: fill factor, response to angles, crosstalk
 - ``motion``: positioning error, backlash, drift, depth error
-- ``sensor``: stray light, colour filter, noise, quantisation, saturation; ``_poisson``: its deviates
-- ``magnitudes``: the magnitudes of an effect one by one, with units and sources
+- ``sensor``: stray light, colour filter, noise, quantisation, saturation; ``_poisson``: Poisson random numbers
+- ``magnitudes``: single magnitudes of an effect, with units and sources
 - ``described``: effects in words and in files
 - ``registered``: all effects, found by registry
 """

@@ -36,16 +36,16 @@ class _Aberration(SceneEffect):
 
     @abstractmethod
     def terms_of(self) -> Wavefront:
-        """Return the Zernike terms."""
+        """Return the Zernike terms of the wavefront."""
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront on its pupil, which rays do not show; none where it has no terms."""
+        """Return the scene with the wavefront on its pupil, which rays do not show; nothing changes without terms."""
         del outlook
         terms = self.terms_of()
         return replace(scene, wavefront=scene.wavefront + terms, lenslet_diffraction=True) if terms else scene
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of the table of the aberrated field."""
+        """Return the computing time for the table of the aberrated field (s)."""
         del outlook
         return engine.fringes
 
@@ -75,7 +75,7 @@ class Spherical(_Aberration):
     rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the area-mean spot shift, 0.4 of the rim's 8 Nw W lambda / v, and the light it moves."""
+        """Return the area-mean spot shift, 0.4 of the rim's 8 Nw W lambda / v, and the share of light that it moves."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
@@ -161,7 +161,7 @@ class Zernike(_Aberration):
         )
 
     def terms_of(self) -> Wavefront:
-        """Return the terms as they are given."""
+        """Return the given terms."""
         return self.terms
 
 
@@ -219,7 +219,7 @@ class FieldAberrations(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def terms_at(self, field_um: tuple[float, float]) -> Wavefront:
-        """Return the Zernike terms at a point (y, x) from the axis on the sensor; those that are 0 are left out."""
+        """Return the Zernike terms at a point (y, x) from the axis on the sensor, without those that are 0."""
         y, x = field_um
         at = complex(x, y) / self.radius_um
         coma = self.coma * at
@@ -234,18 +234,18 @@ class FieldAberrations(SceneEffect):
         return tuple(term for term in found if term[2])
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms wavefront in the middle of the region, and the spot shift as of any wavefront."""
+        """Return the rms wavefront in the middle of the region, and the spot shift as for any wavefront."""
         rms, slope = wavefront_rms(self.terms_at(outlook.field_um))
         return Estimate(
             rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront of its place in the field; none where there is nothing."""
+        """Return the scene with the wavefront at its place in the field; nothing changes without one."""
         terms = self.terms_at(outlook.field_um)
         if not terms:
             return scene
-        # one term of each order: how steep a wavefront may be is reckoned term by term
+        # one term of each order, because the steepness of a wavefront is estimated term by term
         total = {(n, m): waves for n, m, waves in terms}
         for n, m, waves in scene.wavefront:
             total[n, m] = total.get((n, m), 0.0) + waves
@@ -253,13 +253,13 @@ class FieldAberrations(SceneEffect):
         return replace(scene, wavefront=found, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of the table of the aberrated field."""
+        """Return the computing time for the table of the aberrated field (s)."""
         del outlook
         return engine.fringes
 
 
 def wavefront_rms(terms: Wavefront) -> tuple[float, float]:
-    """Return the rms of a wavefront about its mean and of its gradient per radius (waves), by quadrature."""
+    """Return the rms of a wavefront about its mean and the rms of its gradient per radius (waves), by quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     rho = (nodes + 1) / 2
     area = weights * rho  # sums to 1: the mean over the disc is twice the integral over rho d rho
@@ -287,4 +287,4 @@ def _radial(n: int, m: int) -> np.polynomial.Polynomial:
 
 
 EFFECTS = (Spherical, Coma, Zernike, FieldAberrations)
-"""What the catalogue takes from this module; the same in every module of effects."""
+"""The effects that the catalogue uses from this module; the name is the same in every module of effects."""

@@ -1,4 +1,4 @@
-"""Effects of the lenslet array's place: telecentricity, gap, rotation, pitch and tilt."""
+"""Effects of the position of the lenslet array: telecentricity, gap, rotation, pitch and tilt."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["ArrayRotation", "ArrayTilt", "LensletGap", "PitchError", "Telecentri
 class Telecentricity(SceneEffect):
     """The main lens at a finite distance: micro-images are farther apart than lenslets, by the factor 1 + B/b.
 
-    Without it the pupil lies at infinity and the micro-images have the lenslets' own pitch.
+    Without this effect, the pupil is at infinity, and micro-images have the same pitch as lenslets.
 
     Examples
     --------
@@ -42,20 +42,20 @@ class Telecentricity(SceneEffect):
         if optics.telecentric:
             return Estimate(0.0, "px", 0.0, "telecentric")
         excess = outlook.gap_um / optics.image_distance_um
-        # micro-images are farther apart than lenslets by the ratio of the distances from the pupil.
+        # micro-images are farther apart than lenslets by the ratio of their distances from the pupil
         period = max(outlook.camera.period_px) * excess
         return Estimate(
             period, "px", outlook.array_moved(excess * outlook.field_rms_px), "period * B/b; shift B/b * r_rms"
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the pupil where it is."""
+        """Return the scene with the pupil at its actual distance."""
         return replace(scene, pupil_um=outlook.camera.optics.image_distance_um)
 
 
 @dataclass(frozen=True, slots=True)
 class LensletGap(SceneEffect):
-    """The sensor farther behind the lenslets than described; their focal lengths stay.
+    """The sensor is farther behind the lenslets than described; their focal lengths are unchanged.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class LensletGap(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rim's spot shift dB/(2 Nw); two thirds of it is the mean over the shadow."""
+        """Return the rim's spot shift dB/(2 Nw); its mean over the shadow is two thirds of it."""
         rim = abs(self.error_um) / (2 * outlook.f_number) / outlook.pixel_um
         return Estimate(rim, "px", outlook.moved(2 / 3 * rim), "dB/(2 Nw) at the rim, 2/3 of it in the mean")
 
@@ -94,12 +94,12 @@ class LensletGap(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class ArrayRotation(SceneEffect):
-    """The lenslet array turned on the sensor beyond the described rotation, about the region's lenslet.
+    """The lenslet array is rotated relative to its description, about the region's lenslet.
 
     Attributes
     ----------
     angle_rad
-        Turn from +x towards +y (rad).
+        Rotation from +x towards +y (rad).
 
     Examples
     --------
@@ -126,7 +126,7 @@ class ArrayRotation(SceneEffect):
         return Estimate(shift, "px", outlook.array_moved(shift), "alpha * r_rms")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the array turned."""
+        """Return the scene with the array rotated."""
         del outlook
         turned = replace(scene.lattice, rotation_rad=scene.lattice.rotation_rad + self.angle_rad)
         return replace(scene, lattice=turned)
@@ -171,22 +171,23 @@ class PitchError(SceneEffect):
         """Return the scene with the true pitch."""
         del outlook
         lattice, grow = scene.lattice, 1.0 + self.relative
-        # None means rows as far apart as the kind of lattice has them: they grow with the pitch.
+        # None: the row spacing of the kind of lattice, which grows with the pitch
         rows = None if lattice.row_pitch_um is None else lattice.row_pitch_um * grow
         return replace(scene, lattice=replace(lattice, pitch_um=lattice.pitch_um * grow, row_pitch_um=rows))
 
 
 @dataclass(frozen=True, slots=True)
 class ArrayTilt(SceneEffect):
-    """The lenslet array not parallel to the sensor: it turns about the optical axis's point on it.
+    """The lenslet array is not parallel to the sensor: it is tilted about the point where the optical axis meets it.
 
-    The region's lenslets lie farther from the sensor, and as much farther before the image; and from lenslet to
-    lenslet so, by which rays through their centres land elsewhere. Where the lattice is seen stays as described.
+    The region's lenslets are farther from the sensor, and closer to the image by the same distance. The distance also
+    varies from lenslet to lenslet, which moves the rays through their centres. The lattice of micro-images stays as
+    described.
 
     Attributes
     ----------
     rows_rad, columns_rad
-        Growth of the gap per length down the rows and along the columns (rad).
+        Increase of the gap per length down the rows and along the columns (rad).
 
     Examples
     --------
@@ -208,18 +209,18 @@ class ArrayTilt(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def farther_um(self, outlook: Outlook) -> float:
-        """Return how much larger the gap is in the middle of the region (µm)."""
+        """Return the increase of the gap in the middle of the region (µm)."""
         return self.rows_rad * outlook.field_um[0] + self.columns_rad * outlook.field_um[1]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rim's spot shift d (1 - 1/v)/(2 Nw), two thirds of it in the mean, and that within the region.
+        """Return the rim's spot shift d (1 - 1/v)/(2 Nw), with a mean of two thirds, and the shift within the region.
 
-        Over the lit lenslets the gap differs by t r: averaged over a disc, |c cos| c is r²/pi.
+        Over the lit lenslets, the gap changes by t r; averaged over a disc, |c cos| c is r²/pi.
         """
         farther, tilt = self.farther_um(outlook), math.hypot(self.rows_rad, self.columns_rad)
         across = outlook.shadow_px * outlook.pixel_um * tilt
         v = outlook.virtual_depth
-        # besides their places, the widths of spots change; near the native plane, that of the whole cone does
+        # the widths of spots change as well; near the native plane, that of the whole cone does
         rate = math.hypot(1.0 - 1.0 / v, 0.45) if abs(v) >= 1.0 else 1.0
         cone = rate / (2 * outlook.f_number) / outlook.pixel_um
         shift = math.hypot(2 / 3 * farther, across / math.pi) * cone
@@ -227,7 +228,7 @@ class ArrayTilt(SceneEffect):
         return Estimate(abs(farther), "µm", outlook.moved(shift), formula)
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the region's own gap and image distance, and the tilt about its middle."""
+        """Return the scene with the gap and image distance of the region, and the tilt about its middle."""
         farther = self.farther_um(outlook)
         gap = scene.gap_um + farther
         if not (0.2 * scene.gap_um <= gap <= 3 * scene.gap_um and scene.pupil_um > farther):
@@ -237,7 +238,7 @@ class ArrayTilt(SceneEffect):
             )
         tilt = scene.tilt[0] + self.rows_rad, scene.tilt[1] + self.columns_rad
         lattice = replace(scene.lattice, gap_um=gap)
-        # the main lens stays where it is: its pupil is as much nearer as the image is farther
+        # the main lens does not move: its pupil is closer by the same distance as the image is farther
         found = replace(scene, lattice=lattice, pupil_um=scene.pupil_um - farther, tilt=tilt)
         return found.refocused(farther)
 

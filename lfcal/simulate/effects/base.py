@@ -1,4 +1,4 @@
-"""Base of all effects: a frozen object with a name, an a-priori estimate, a cost, and an effect on the simulation.
+"""Base of all effects: a frozen object with a name, an a-priori estimate, a cost, and its action on the simulation.
 
 An ideal camera is simulated with the empty tuple of effects. Each effect changes one thing; see `ActsOn`.
 """
@@ -37,28 +37,28 @@ __all__ = [
 
 
 class ActsOn(Enum):
-    """What an effect changes; the value is for people. In the order of the light's way."""
+    """What an effect changes, in the order of the light path; the values are shown to users."""
 
     SCENE = "optics"
-    """The `Scene` handed to the engine: costs nothing, unless waves must be followed."""
+    """The `Scene` given to the engine; costs nothing, unless waves must be computed."""
     LIGHT = "light"
-    """The light is a sum of point sources or wavelengths: the engine runs once per sample."""
+    """The light is a sum of point sources or wavelengths; the engine runs once for each sample."""
     RESPONSE = "response"
-    """A small filter over the pixels of each response."""
+    """Each response is filtered over a few pixels."""
     MOTION = "stage"
-    """The source is not where the scan plan says."""
+    """The source is not at the planned position."""
     FRAME = "sensor frame"
     """Gain, noise and quantisation of the recorded frame."""
 
     @property
     def enters_h(self) -> bool:
-        """Whether H shows it; else only the frames of a session do."""
+        """Whether H shows it; otherwise, only the frames of a session do."""
         return self not in (ActsOn.MOTION, ActsOn.FRAME)
 
 
 @dataclass(frozen=True, slots=True)
 class EngineSeconds:
-    """CPU-seconds of one depth plane without the effect, from which the cost of the effect is derived.
+    """CPU-seconds of one depth plane without the effect, from which its cost is derived.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class EngineSeconds:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Size of an effect, predicted from the description alone.
+    """Size of an effect, predicted only from the description of the camera.
 
     Attributes
     ----------
@@ -96,11 +96,11 @@ class Estimate:
     error
         Relative L1 error of the image if the effect is left out, sum(|without - with|) / sum(|with|).
     formula
-        How size and error were computed, as text.
+        How size and error were computed, in words.
     upper_bound
-        Whether ``error`` is an upper bound (within a factor of 4) and not an estimate (within 2).
+        Whether ``error`` is an upper bound (within a factor of 4) instead of an estimate (within 2).
     measured
-        Whether ``error`` comes from running the effect instead of the formula.
+        Whether ``error`` was found by running the effect instead of by the formula.
 
     Examples
     --------
@@ -194,7 +194,7 @@ class SensorStrip:
 
 
 def typical(value: float | None, camera: Camera, lens: float, microscope: float) -> float:
-    """Return ``value``, or where it is None what is typical of the kind of optics."""
+    """Return ``value``, or if it is None the typical value for the kind of optics."""
     if value is not None:
         return value
     return microscope if camera.optics.telecentric else lens
@@ -205,9 +205,9 @@ def _frozen(value: Any) -> Any:
 
 
 class Effect(ABC):
-    """An effect; subclasses are frozen dataclasses whose fields are magnitudes (None: from the camera).
+    """An effect; subclasses are frozen dataclasses whose fields are magnitudes (None: the camera's value).
 
-    Every field has a default: an effect made without arguments is what the catalogue shows.
+    Every field has a default: the catalogue shows each effect as it is made without arguments.
 
     Examples
     --------
@@ -221,28 +221,28 @@ class Effect(ABC):
     __slots__ = ()
 
     name: ClassVar[str]
-    """What plans, files and commands call it; never changed, because files keep it."""
+    """Name in plans, files and commands; it must never change, because files contain it."""
     title: ClassVar[str]
     """For people."""
     acts_on: ClassVar[ActsOn]
     rank: ClassVar[int] = 50
-    """Order among the effects that act on the same thing, that of the light's way."""
+    """Order along the light path, among the effects that act on the same thing."""
     deviation: ClassVar[bool] = False
-    """Whether the effect is an error of build or use whose size the camera's description does not hold."""
+    """Whether it is an error of assembly or use whose size is not in the camera's description."""
     needs_waves: ClassVar[bool] = False
-    """Whether rays cannot show the effect: it switches lenslet diffraction on."""
+    """Whether rays cannot show the effect, so that it switches lenslet diffraction on."""
     by_wavelength: ClassVar[bool] = False
-    """Whether it acts by the light's wavelengths: they are spread over the spectrum, with `Bandwidth` or without."""
+    """Whether it depends on wavelength; wavelengths are then spread over the spectrum, even without `Bandwidth`."""
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Least and largest value of magnitudes that cannot be any number."""
+    """Smallest and largest values of magnitudes that are limited."""
     units: ClassVar[Mapping[str, str]] = {}
-    """Units of magnitudes whose names do not end in one (``_um``, ``_rad``, ``_s``): waves, pupil radii, a share."""
+    """Units of magnitudes whose names do not end with one (``_um``, ``_rad``, ``_s``): waves, pupil radii, a share."""
     titles: ClassVar[Mapping[str, str]] = {}
     """Display names of magnitudes, if they differ from the name of the field."""
     described: ClassVar[Mapping[str, str]] = {}
-    """Where in the camera's description the values of magnitudes that are None stand, such as ``"sensor.prnu"``."""
+    """Place of the values in the camera's description, such as ``"sensor.prnu"``, for magnitudes that are None."""
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Typical sizes of magnitudes that are None and not described: with a main lens, and in a microscope."""
+    """Typical sizes of magnitudes that are neither given nor described: with a main lens, and in a microscope."""
 
     def __post_init__(self) -> None:
         """Check that every magnitude is a finite number within its limits.
@@ -251,17 +251,17 @@ class Effect(ABC):
         """
         for field in fields(self):  # type: ignore[arg-type]  # subclasses are dataclasses
             value = getattr(self, field.name)
-            if isinstance(value, list):  # an effect is a value: equal ones compare, and have the same hash
+            if isinstance(value, list):  # effects are values: equal ones compare equal and have the same hash
                 object.__setattr__(self, field.name, _frozen(value))
             if isinstance(value, bool) or not isinstance(value, Real):
-                continue  # letters of a colour filter, Zernike terms: checked by what reads them
+                continue  # letters of a colour filter, Zernike terms: checked where they are used
             bounds = self.limits.get(field.name, (-math.inf, math.inf))
             low, high = (bound if math.isfinite(bound) else None for bound in bounds)
-            # refuses NaN and infinity, which a file or a command line may bring
+            # refuses NaN and infinity, which may come from a file or a command line
             check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
     def spectrum_um(self) -> float | None:
-        """Return the full width of the spectrum that an effect by wavelength states; None: that of the camera."""
+        """Return the full width of the spectrum stated by an effect that depends on wavelength; None: the camera's."""
         return None
 
     def magnitude(self, field: str, camera: Camera) -> Any:
@@ -275,19 +275,19 @@ class Effect(ABC):
 
     @classmethod
     def is_described(cls, field: str, camera: Camera) -> bool:
-        """Return whether the description of ``camera`` has a value for ``field``: a microscope has no iris blades."""
+        """Return whether the description of ``camera`` has a value for ``field``; a microscope has no iris blades."""
         return has_value(camera, cls.described.get(field, ""))
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return what leaving the effect out would cost for the plane of ``outlook``."""
+        """Return the error that leaving the effect out would cause in the plane of ``outlook``."""
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether the estimate's formula can be trusted there; else the effect is run at a few positions."""
+        """Return whether the formula of the estimate is valid there; otherwise the effect is run at a few positions."""
         return outlook.regular
 
     def wavelengths(self, outlook: Outlook) -> int:
-        """Return the fewest wavelengths over the spectrum, of an effect that acts by them."""
+        """Return the smallest number of wavelengths that an effect depending on wavelength needs."""
         del outlook
         return 1
 
@@ -303,7 +303,7 @@ class Effect(ABC):
 
 
 class SceneEffect(Effect):
-    """An effect that only describes the optics more fully.
+    """An effect that adds detail to the description of the optics.
 
     Examples
     --------
@@ -318,7 +318,7 @@ class SceneEffect(Effect):
 
     @abstractmethod
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the effect in it."""
+        """Return the scene with the effect."""
 
 
 class LightEffect(Effect):
@@ -336,14 +336,14 @@ class LightEffect(Effect):
 
     @abstractmethod
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return ``samples`` spread out; the sum of weights stays the same."""
+        """Return ``samples`` spread over source points or wavelengths; the sum of the weights is unchanged."""
 
     def runs(self, outlook: Outlook) -> int:
-        """Return the number of samples one point becomes."""
+        """Return the number of samples that one point becomes."""
         return len(self.spread((LightSample(0.0, 0.0, outlook.wavelength_um, 1.0),), outlook))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of the engine's further runs."""
+        """Return the computing time of the additional engine runs (s)."""
         return engine.waves * (self.runs(outlook) - 1)
 
 
@@ -364,7 +364,7 @@ class PsfEffect(Effect):
 
     @abstractmethod
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the filter ``(rows, columns)``, odd in both directions, that sums to the light kept."""
+        """Return the filter ``(rows, columns)``, odd in both directions; its sum is the share of light that is kept."""
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the cost of nine multiply-adds per pixel relative to a wave engine: 2 % (measured)."""
@@ -373,7 +373,7 @@ class PsfEffect(Effect):
 
 
 class MotionEffect(Effect):
-    """An effect that displaces the source from where the plan says it is.
+    """An effect that displaces the source from its planned position.
 
     Examples
     --------
@@ -410,21 +410,21 @@ class FrameEffect(Effect):
     __slots__ = ()
     acts_on: ClassVar[ActsOn] = ActsOn.FRAME
     stream: ClassVar[int | None] = None
-    """Key of the effect's random numbers; None derives it from the name, which no two effects share."""
+    """Key of the effect's random numbers; None derives it from the name, which is unique."""
     pixel_ns: ClassVar[float] = 1.0
-    """Nanoseconds per pixel of a frame (measured)."""
+    """Computing time per pixel of a frame (ns, measured)."""
     whole_numbers: ClassVar[bool] = False
-    """Whether frames hold whole numbers after it: they are stored as such, and none is planned without it."""
+    """Whether frames contain whole numbers after it; they are then stored as such, and it is always planned."""
 
     @abstractmethod
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip ``(rows, columns)`` after the effect; it may be changed in place.
 
-        It holds electrons below rank 80 and sample values (counts) from there.
+        The strip contains electrons below rank 80, and sample values (counts) from rank 80 on.
         """
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of all frames of the plane."""
+        """Return the computing time for all frames of the plane (s)."""
         del engine
         rows, columns = outlook.camera.sensor.shape
         return outlook.period[0] * outlook.period[1] * rows * columns * self.pixel_ns * 1e-9

@@ -1,4 +1,4 @@
-"""Effects that depend on the wavelength; monochromatic light has none."""
+"""Effects that depend on the wavelength; monochromatic light does not show them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _Chromatic(SceneEffect):
     described: ClassVar[Mapping[str, str]] = {"width_um": "bandwidth_um"}
 
     def spectrum_um(self) -> float | None:
-        """Return the spectrum's full width where it is stated (µm)."""
+        """Return the spectrum's full width, if it is stated (µm)."""
         return self.width_um
 
     def width(self, outlook: Outlook) -> float:
@@ -89,19 +89,19 @@ class ChromaticFocus(_Chromatic):
     rank: ClassVar[int] = 75
 
     def wavelengths(self, outlook: Outlook) -> int:
-        """Return how many wavelengths the spots' blur needs."""
+        """Return the number of wavelengths needed for the blur of the spots."""
         return _wavelengths(refocus_px(outlook, self.rate * self.width(outlook) / 2), outlook)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's shift over the spectrum, and the blur of spots by its rms, da/sqrt(12)/(4 Nw v)."""
+        """Return the shift of the image over the spectrum, and the spots' blur by its rms, da/sqrt(12)/(4 Nw v)."""
         shift = abs(self.rate) * self.width(outlook)
-        # the rms of the pupil's coordinate along an axis is half a radius
+        # along an axis, the rms of the pupil's coordinate is half a radius
         rms = refocus_px(outlook, shift / math.sqrt(12)) / 2
         error = max(outlook.blurred(rms), _fringes(1.2 * rms, outlook))
         return Estimate(shift, "µm", error, "da = rate dl; blur s = da/sqrt(12)/(4 Nw v), or 0.09 (1.2 s/w)^1.5")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene whose image moves with the wavelength."""
+        """Return the scene with an image that moves with the wavelength."""
         shift = self.rate * self.width(outlook)
         if not shift:
             return scene
@@ -116,7 +116,7 @@ class ChromaticFocus(_Chromatic):
 class LensletDispersion(_Chromatic):
     """Dispersion of the lenslets' glass: their described focal lengths hold only at the design wavelength.
 
-    1/f goes with n - 1, with n from Cauchy's A + B/lambda² through the glass's F and C lines; the index itself cancels.
+    1/f is proportional to n - 1. n follows Cauchy's A + B/lambda² through the glass's F and C lines; n itself cancels.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class LensletDispersion(_Chromatic):
 
     def strength(self, wavelength_um: float) -> float:
         """Return b in f(lambda) = f / (1 + b (1/lambda² - 1/lambda_0²)), lambda_0 the design wavelength (µm²)."""
-        # of a glass whose power is 1 at the d line
+        # for a glass whose power is 1 at the d line
         b = 1.0 / (self.abbe * (LINE_F**-2 - LINE_C**-2))
         return b / (1.0 + b * (wavelength_um**-2 - LINE_D**-2))
 
@@ -157,19 +157,19 @@ class LensletDispersion(_Chromatic):
         return 2 * self.strength(lam) / lam**3 * self.width(outlook)
 
     def wavelengths(self, outlook: Outlook) -> int:
-        """Return how many wavelengths the spots' blur needs."""
+        """Return the number of wavelengths needed for the blur of the spots."""
         steep = max(outlook.gap_um / kind.focal_length_um for kind in outlook.camera.lattice.types)
         return _wavelengths(outlook.lit_px * steep * self._share(outlook) / 2, outlook)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return df/f over the spectrum, and what the motion of the spots' rims, R B/f df/f/sqrt(12), moves."""
+        """Return df/f over the spectrum, and the light moved by the motion of the spots' rims, R B/f df/f/sqrt(12)."""
         share, radius = self._share(outlook), 0.5 * outlook.clear_um / outlook.pixel_um
         steep = outlook.gap_um / outlook.camera.lattice.types[0].focal_length_um
         error = 1.5 * _fringes(radius * steep * share / math.sqrt(12), outlook)
         return Estimate(share, "of f", error, "df/f = 2 b dl/l³; 0.14 (s/w)^1.5, s = R B/f df/f/sqrt(12)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene whose lenslets' power follows the wavelength."""
+        """Return the scene with lenslets whose power depends on the wavelength."""
         if not self.width(outlook):
             return scene
         return replace(scene, dispersion_um2=scene.dispersion_um2 + self.strength(scene.wavelength_um))

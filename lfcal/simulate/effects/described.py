@@ -1,4 +1,4 @@
-"""Effects in words and in files: magnitudes with their units, as command lines and JSON files give them."""
+"""Read and write effects as text: magnitudes with their units, as in command lines and JSON files."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ __all__ = [
 SETTINGS = ("auto", "on", "off")
 
 MEASURED = " measured"
-"""End of a magnitude that was measured; others are stated."""
+"""Suffix of a magnitude that was measured; others are stated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Entry of one effect in a file.
+    """Entry for one effect in a file.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Entry:
 
 
 def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
-    """Return settings by name, and effects with magnitudes, from words and files as `effect_entries`."""
+    """Return settings by name, and effects with magnitudes, from words and files; see `effect_entries`."""
     settings: dict[str, str] = {}
     given: dict[str, Effect] = {}
     for entry in effect_entries(items):
@@ -68,15 +68,14 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
 
 
 def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
-    """Return the effects and settings given by words and files.
+    """Return the effects and settings in words and files.
 
     Parameters
     ----------
-    items
-        ``NAME=on``, ``off`` or ``auto``; ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
-        ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, with ``@`` for the direction; or a JSON
-        file of effects (`read_entries`). A magnitude may end with the word measured: ``coma=0.3 measured``. If a name
-        occurs several times, the last entry counts.
+    ``NAME=on``, ``off`` or ``auto``; or ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
+    ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, with ``@`` for the direction; or the path of a
+    JSON file of effects (`read_entries`). A magnitude may be followed by the word measured: ``coma=0.3 measured``. If
+    a name occurs several times, the last entry counts.
 
     Raises
     ------
@@ -98,7 +97,7 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
 
 
 def effect_words(entries: Iterable[Entry]) -> tuple[str, ...]:
-    """Return words that `effect_entries` reads: a setting and all magnitudes that are given of each effect."""
+    """Return the words that `effect_entries` reads: a setting and all given magnitudes of each effect."""
     words = []
     for entry in entries:
         parts = []
@@ -113,9 +112,9 @@ def effect_words(entries: Iterable[Entry]) -> tuple[str, ...]:
 
 
 def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
-    """Return settings by name, and effects with magnitudes, of a JSON file.
+    """Return settings by name, and effects with magnitudes, from a JSON file.
 
-    Raises as `read_entries`.
+    Raises the same errors as `read_entries`.
     """
     entries = read_entries(path)
     settings = {entry.name: entry.setting for entry in entries if entry.setting != "auto"}
@@ -123,14 +122,15 @@ def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[E
 
 
 def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
-    """Return what a JSON file says of effects: a list of ``{"name": "coma", "waves": 0.3}``.
+    """Return the effects in a JSON file: a list of ``{"name": "coma", "waves": 0.3}``.
 
-    An entry may hold ``"setting"`` (on, off, auto), and ``"sources"``: how fields are known, ``{"waves": "measured"}``.
+    An entry may contain ``"setting"`` (on, off, auto), and ``"sources"``, which states how fields are known:
+    ``{"waves": "measured"}``.
 
     Raises
     ------
     FileFormatError
-        If the file holds no such list.
+        If the file contains no such list.
     InputError
         For an unknown effect or magnitude.
     """
@@ -139,7 +139,7 @@ def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
     try:
         data = json.loads(read_text(source))
     except (ValueError, RecursionError):
-        raise FileFormatError.expected(str(source), wanted, "no JSON", "correct the file") from None
+        raise FileFormatError.expected(str(source), wanted, "not JSON", "correct the file") from None
     if isinstance(data, dict):
         data = data.get("effects")
     if not isinstance(data, list) or not all(
@@ -162,7 +162,7 @@ def _entry(data: Mapping[str, Any]) -> Entry:
 
 
 def entries_json(entries: Iterable[Entry]) -> str:
-    """Return the text of a JSON file that `read_entries` reads: the fields that are given, and settings."""
+    """Return the text of a JSON file for `read_entries`, with the fields that were given and the settings."""
     listed = []
     for entry in entries:
         one: dict[str, Any] = {"name": entry.name}
@@ -177,12 +177,12 @@ def entries_json(entries: Iterable[Entry]) -> str:
 
 
 def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
-    """Return the effect ``name`` with ``magnitudes`` by field, in the units of its fields; others are the catalogue's.
+    """Return the effect ``name`` with ``magnitudes`` by field, in the units of its fields; others as in the catalogue.
 
     Raises
     ------
     InputError
-        For an unknown effect or magnitude, or a value out of its limits.
+        For an unknown effect or magnitude, or a value outside its limits.
     """
     kind = CATALOGUE.get(name)
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]  # effects are dataclasses

@@ -1,4 +1,4 @@
-"""Faults of the recorded light: ghosts, and the sensor's nonlinearity."""
+"""Faults of the recorded light: ghosts and the nonlinearity of the sensor."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ __all__ = ["Ghost", "SensorNonlinearity"]
 
 @dataclass(frozen=True, slots=True)
 class SensorNonlinearity(FrameEffect):
-    """A sensor whose signal bends: e electrons are read as e (1 - q e/full well).
+    """A sensor with a nonlinear signal: e electrons are read as e (1 - q e/full well).
 
     Attributes
     ----------
     share
-        What is missing at full well, q; negative: too much. It stays the same beyond, where the well may overflow.
+        Share q of the signal that is missing at full well; negative: too much. It is constant above the full well.
 
     Examples
     --------
@@ -44,26 +44,26 @@ class SensorNonlinearity(FrameEffect):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (-0.5, 0.5)}
     units: ClassVar[Mapping[str, str]] = {"share": "share"}
     title: ClassVar[str] = "sensor nonlinearity"
-    # of the collected charge, which the well has limited; read noise comes after it
+    # acts on the collected charge, which the well has limited; read noise is added later
     rank: ClassVar[int] = 67
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return q, and what Gaussian spots of equal light lose: half of q peak/full well in the sharpest."""
+        """Return q, and the loss of Gaussian spots of equal light: half of q peak/full well in the sharpest spot."""
         full, sharp = outlook.camera.sensor.full_well_e, min(outlook.widths_px)
 
         def lost(width: float) -> float:
-            # the mean of e² over that of e is half the peak; beyond the full well the share stays
+            # the mean of e² over the mean of e is half the peak; above the full well, the share is constant
             return min(1.0, 0.5 * outlook.peak_e / full * (sharp / width) ** 2)
 
         error = self.share * outlook.over_types(lost)
         return Estimate(abs(self.share), "of full well", abs(error) / (1.0 - error), "q peak/(2 full well) (w_min/w)²")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip as it is read; electrons, before the gain."""
+        """Return the strip as it is read, in electrons before the gain."""
         if self.share:
             full = np.float32(view.camera.sensor.full_well_e)
-            # clipped, so that more light never reads as less
+            # clipped, so that more light never gives a lower value
             strip *= 1 - np.float32(self.share) * np.clip(strip / full, 0, 1)
         return strip
 
@@ -79,7 +79,7 @@ class Ghost(FrameEffect):
     scale
         Size of the ghost relative to that of the image.
     rows_um, columns_um
-        Place of the ghost of a point on the axis (µm).
+        Place of the ghost of a point that is on the axis (µm).
 
     Examples
     --------
@@ -109,7 +109,7 @@ class Ghost(FrameEffect):
     pixel_ns: ClassVar[float] = 30.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share, and what of the region's own ghost falls into its cutout; often it misses it."""
+        """Return the share, and the part of the region's ghost that falls into its cutout, which is often zero."""
         seen, px = 1.0, outlook.pixel_um
         moved = self.rows_um, self.columns_um
         for field, place, pixels in zip(outlook.field_um, moved, outlook.cutout, strict=True):

@@ -1,4 +1,4 @@
-"""Effects of the field: cos^4 fall-off and mechanical vignetting."""
+"""Effects that vary over the field: cos^4 fall-off and mechanical vignetting."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ class CosFourth(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class MechanicalVignetting(SceneEffect):
-    """A rim of the lens barrel that cuts the pupil seen from off the axis (cat's eye).
+    """A rim of the lens barrel that cuts the pupil as seen from off the axis (cat's eye).
 
     Attributes
     ----------
     distance_um
         Distance from the pupil to the rim along the axis (µm).
     radius
-        Radius of the rim over that of the pupil, both as seen from the sensor.
+        Ratio of the rim's radius to the pupil's, both as seen from the sensor.
 
     Examples
     --------
@@ -95,43 +95,43 @@ class MechanicalVignetting(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def shift(self, outlook: Outlook) -> tuple[float, float]:
-        """Return the rim's shift ``(y, x)`` against the pupil, seen from the region (pupil radii)."""
+        """Return the rim's shift ``(y, x)`` relative to the pupil, seen from the region (pupil radii)."""
         optics = outlook.camera.optics
         if not isinstance(optics, MainLens):
             return 0.0, 0.0
-        # the rim slides over the pupil in proportion to its distance from it (radius of the pupil: f/(2 N)).
+        # the rim moves across the pupil in proportion to its distance from the pupil (whose radius is f/(2 N))
         unit = self.distance_um / optics.image_distance_um * 2.0 * optics.f_number / optics.focal_length_um
         return outlook.field_um[0] * unit, outlook.field_um[1] * unit
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return light lost over light left, of two discs whose centres are s apart; 1.27 s/D for equal ones."""
+        """Return light lost over light left for two discs at a distance s; 1.27 s/D for equal discs."""
         shift = math.hypot(*self.shift(outlook))
         kept = overlap(shift, self.radius)
         error = min(2.0, (1.0 - kept) / max(kept, 1e-9))
         return Estimate(shift, "pupil radii", error, "overlap of two discs; 1.27 s/D for equal ones")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the second stop; none where it cuts nothing."""
+        """Return the scene with the second stop, unless it cuts nothing."""
         y, x = self.shift(outlook)
-        # a stop that cuts nothing would still cost the symmetry and the tables of a circular pupil.
+        # a stop that cuts nothing would still lose the symmetry and the tables of a circular pupil
         if overlap(math.hypot(y, x), self.radius) >= 1.0:
             return scene
         return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of a table of the cut pupil's field."""
+        """Return the computing time for a table of the field of the cut pupil (s)."""
         del outlook
         return engine.fringes
 
 
 def overlap(distance: float, radius: float) -> float:
-    """Return the share of a unit disc that a disc of ``radius`` whose centre is ``distance`` away covers."""
+    """Return the share of a unit disc that is covered by a disc of ``radius`` at ``distance``."""
     d, r = distance, radius
     if d >= 1.0 + r:
         return 0.0
     if d <= abs(r - 1.0):
         return min(1.0, r * r)
-    # at tangency rounding pushes the cosines beyond 1 and the kite below 0.
+    # at tangency, rounding makes the cosines exceed 1 and the kite negative
     a = math.acos(min(1.0, max(-1.0, (d * d + 1 - r * r) / (2 * d))))
     b = math.acos(min(1.0, max(-1.0, (d * d + r * r - 1) / (2 * d * r))))
     kite = 0.5 * math.sqrt(max(0.0, (1 + r - d) * (d + 1 - r) * (d + r - 1) * (d + r + 1)))

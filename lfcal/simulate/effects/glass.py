@@ -17,9 +17,9 @@ __all__ = ["CoverGlass"]
 
 @dataclass(frozen=True, slots=True)
 class CoverGlass(SceneEffect):
-    """A plane plate between lenslets and sensor: the focus moves by t (1 - 1/n), and further for steep rays.
+    """A plane plate between lenslets and sensor: the focus moves by t (1 - 1/n), and more for steep rays.
 
-    Rays include the first effect; the second one needs non-paraxial angles, in waves.
+    Rays show the first effect; the second one needs non-paraxial angles and waves.
 
     Attributes
     ----------
@@ -52,26 +52,26 @@ class CoverGlass(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def shorter_um(self) -> float:
-        """Return by how much the gap in air is shorter than described (µm)."""
+        """Return the difference between the described gap and the gap in air (µm)."""
         return self.thickness_um * (1.0 - 1.0 / self.index) * (1.0 - self.in_gap)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the focus shift, and two thirds of the rim's spot shift with what the plate's aberration adds."""
+        """Return the focus shift, and two thirds of the rim's spot shift plus the effect of the plate's aberration."""
         cone = 1.0 / (2.0 * outlook.f_number)
         rim = self.shorter_um() * cone
-        # of B tan, t (1/n - 1/n³)/2 s³ is missing: 0.4 of the rim's in the mean
+        # of B tan, t (1/n - 1/n³)/2 s³ is missing; the mean is 0.4 of the rim's value
         steep = self.thickness_um * (1.0 / self.index - self.index**-3.0) / 2.0 * cone**3
         shift = (2 / 3 * rim + 0.4 * steep) / outlook.pixel_um
         formula = "t (1 - 1/n)/(2 Nw) at the rim, 2/3 of it in the mean, 0.2 t (1/n - 1/n³)/(2 Nw)³"
         return Estimate(self.shorter_um(), "µm", outlook.moved(shift), formula)
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the gap in air, and the plate."""
+        """Return the scene with the gap in air and the plate."""
         del outlook
         if not self.thickness_um or self.index == 1.0:
             return scene
         gap = scene.gap_um - self.shorter_um()
-        # what is left of the way between lenslets and sensor when the plate is taken out
+        # distance that remains between lenslets and sensor without the plate
         if scene.glass[0] or gap - self.thickness_um / self.index < 0:
             wanted = f"one plate that fits into the gap, {scene.gap_um:.4g} µm as described"
             raise InputError.expected(self.title, wanted, f"{self.thickness_um:.4g} µm", "correct the thickness")

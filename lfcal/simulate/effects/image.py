@@ -1,4 +1,4 @@
-"""Effects on where the main lens forms the image: field curvature and distortion."""
+"""Effects on the place of the main lens's image: field curvature and distortion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Distortion", "FieldCurvature"]
 
 
 def refocus_px(outlook: Outlook, by_um: float) -> float:
-    """Return the rim's spot shift when the image moves along the axis by ``by_um``, da/(2 Nw v) (pixels)."""
+    """Return the rim's spot shift if the image moves along the axis by ``by_um``, da/(2 Nw v) (pixels)."""
     shift = abs(by_um) / (2 * outlook.f_number * outlook.depth) / outlook.pixel_um
     return shift if outlook.has_lens else min(shift, 1.5 * outlook.shadow_px)
 
@@ -55,7 +55,7 @@ class FieldCurvature(SceneEffect):
             raise InputError.expected(f"{self.title}: radius_um", "a radius that is not 0", 0, "leave the effect out")
 
     def sag_um(self, outlook: Outlook) -> float:
-        """Return how much farther the image of the region lies, h²/(2 R) (µm)."""
+        """Return how much farther the image of the region is, h²/(2 R) (µm)."""
         y, x = outlook.field_um
         return (y * y + x * x) / (2 * self.radius_um)
 
@@ -66,7 +66,7 @@ class FieldCurvature(SceneEffect):
         return Estimate(abs(sag), "µm", error, "da = h²/(2 R); shift (2/3) da/(2 Nw v)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the image where the surface has it."""
+        """Return the scene with the image on the curved surface."""
         sag = self.sag_um(outlook)
         behind = 1.0 + (scene.image_um + sag) / scene.pupil_um
         if not (math.isfinite(sag) and behind > 0):
@@ -77,15 +77,15 @@ class FieldCurvature(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class Distortion(SceneEffect):
-    """Images farther from the axis, or nearer, than a magnification that is the same everywhere has them.
+    """Images are farther from the axis, or closer to it, than with a uniform magnification.
 
     Attributes
     ----------
     relative
-        Displacement over distance from the axis, at ``radius_um``; it grows with the square of the distance. Positive:
-        pincushion, negative: barrel.
+        Displacement over distance from the axis, at ``radius_um``; it grows with the square of the distance. Positive
+        values mean pincushion, negative ones barrel distortion.
     radius_um
-        Distance from the axis on the sensor at which ``relative`` holds (µm).
+        Distance from the axis on the sensor at which ``relative`` is valid (µm).
 
     Examples
     --------
@@ -114,12 +114,12 @@ class Distortion(SceneEffect):
         return share * y, share * x
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the displacement k h³ of the region's images, spots following by 1/v."""
+        """Return the displacement k h³ of the region's images, which spots follow by 1/v."""
         shift = math.hypot(*self.at(outlook)) / outlook.pixel_um
         return Estimate(shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with displaced images, spread or pressed together over the period as about its middle."""
+        """Return the scene with images displaced by the distortion, linearized about the middle of the period."""
         (dy, dx), (y, x) = self.at(outlook), outlook.field_um
         if not (dy or dx):
             return scene

@@ -1,4 +1,4 @@
-"""What pixels do to the light of their neighbours, however it comes: a free filter of 3 x 3 pixels."""
+"""A free filter of 3 x 3 pixels, for light that appears in neighbouring pixels for any reason."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NEIGHBOURS: Mapping[str, tuple[int, int]] = {
     "down": (1, 0),
     "down_right": (1, 1),
 }
-"""The neighbours of a pixel by name, with where they lie (rows, columns)."""
+"""Names of the eight neighbours of a pixel, with their offsets (rows, columns)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class PixelKernel(PsfEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shares' sum, and the larger of the blur and the displacement that they make."""
+        """Return the sum of the shares, and the effect of the blur or the displacement, whichever is larger."""
         shares = {place: getattr(self, name) for name, place in NEIGHBOURS.items()}
         aside = math.hypot(*(sum(w * place[k] for place, w in shares.items()) for k in (0, 1)))
         variance = sum(abs(w) * (y * y + x * x) for (y, x), w in shares.items()) / 2
@@ -78,7 +78,7 @@ class PixelKernel(PsfEffect):
         return Estimate(moved, "of the light", error, "the larger of 0.74 s²/(w² + 0.17) and the shift")
 
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the 3 x 3 kernel, of sum 1."""
+        """Return the 3 x 3 kernel, whose sum is 1."""
         del camera
         found = np.zeros((3, 3))
         for one in fields(self):

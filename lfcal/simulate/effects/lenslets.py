@@ -1,4 +1,4 @@
-"""Effects of the lenslets themselves: their spherical aberration, defective ones."""
+"""Effects of the lenslets themselves: spherical aberration and defects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["LensletSpherical", "MissingLenslets"]
 OF_TYPES = ("type_0", "type_1", "type_2")
 
 PLACES = 7
-"""Source positions per axis over which the light behind a lenslet is averaged."""
+"""Number of source positions along each axis over which the light behind a lenslet is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +30,10 @@ class MissingLenslets(SceneEffect):
     Attributes
     ----------
     lenslets
-        ``(row, column, transmission)``: row and column of the lattice, counted from the lenslet of type 0 nearest to
-        the region's first position. The column follows the lattice vectors (`LensletLattice.centres_um`, r and q): in
-        a hexagonal array, column 0 of the next row is the right one of the two below. Transmission is the share of
-        transmitted light, 0 to 1.
+        ``(row, column, transmission)``: row and column of the lattice, counted from the type-0 lenslet nearest to the
+        region's first position. Columns follow the lattice vectors (`LensletLattice.centres_um`, r and q): in a
+        hexagonal array, column 0 of the next row is the right one of the two lenslets below. Transmission is the
+        share of light that passes, 0 to 1.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class MissingLenslets(SceneEffect):
         object.__setattr__(self, "lenslets", tuple((r, q, t) for (r, q), t in known.items()))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return light lost over light left: 1 - t of the lenslets' shares of the shadow, over all positions."""
+        """Return light lost over light left: 1 - t times each lenslet's share of the shadow, over all positions."""
         lattice, px = outlook.camera.lattice, outlook.pixel_um
         first = [
             c + f / px - (n - 1) / 2
@@ -100,10 +100,10 @@ class LensletSpherical(SceneEffect):
     Attributes
     ----------
     waves
-        W040 at the rim of the clear diameter (waves of the design wavelength); positive: the rim focuses farther.
-        Square lenslets that touch have four times as much in their corners.
+        W040 at the rim of the clear diameter (waves of the design wavelength). Positive: the rim focuses farther
+        away. In the corners of touching square lenslets it is four times as large.
     type_0, type_1, type_2
-        What each lens type has beyond that (waves).
+        Additional aberration of each lens type (waves).
 
     Examples
     --------
@@ -131,7 +131,7 @@ class LensletSpherical(SceneEffect):
     titles: ClassVar[Mapping[str, str]] = {name: f"more in lens type {k}" for k, name in enumerate(OF_TYPES)}
 
     def of_types(self, types: int) -> tuple[float, ...]:
-        """Return what each of a camera's ``types`` lens types has beyond `waves`; raise for a type it lacks."""
+        """Return the addition to `waves` for each of a camera's ``types`` lens types; raise an error for others."""
         by_type = self.type_0, self.type_1, self.type_2
         if any(by_type[types:]):
             missing = next(k for k in range(types, len(by_type)) if by_type[k])
@@ -139,9 +139,9 @@ class LensletSpherical(SceneEffect):
         return by_type[:types]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return W, and the light moved by 0.4 of the rim's 4 W lambda B/R, in all directions: 0.6 of a shift."""
+        """Return W, and the light moved by 0.4 of the rim's 4 W lambda B/R; in all directions it is 0.6 of a shift."""
         radius = 0.5 * outlook.clear_um
-        # light is moved in proportion to the size: types count alike
+        # moved light is proportional to the size: all types count equally
         sizes = [abs(self.waves + more) for more in self.of_types(len(outlook.camera.lattice.types))]
         size = sum(sizes) / len(sizes)
         shift = 4 * size * outlook.wavelength_um * outlook.gap_um / (radius * outlook.pixel_um)

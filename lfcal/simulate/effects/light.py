@@ -15,20 +15,20 @@ from lfcal.simulate.effects.outlook import Outlook
 __all__ = ["Bandwidth", "FiniteSource"]
 
 DEGREE_PER_WIDTH = 3.0
-"""Degree of the rule per radius of the source's image in spot widths."""
+"""Degree of the quadrature rule per radius of the source's image, in spot widths."""
 
 MAX_DEGREE = 150
-"""Largest number of points (5738): a source a hundred spots wide; more would take too long."""
+"""Largest number of points (5738), for a source a hundred spots wide; more would take too long."""
 
 
 @dataclass(frozen=True, slots=True)
 class FiniteSource(LightEffect):
-    """A pinhole of finite size, evenly bright.
+    """A pinhole of finite size with uniform brightness.
 
     Attributes
     ----------
     diameter_um
-        Diameter of the source in object space (µm); None: a pinhole of 50 µm, a bead of 0.2 µm in a microscope.
+        Diameter of the source in object space (µm); None: a pinhole of 50 µm, or a bead of 0.2 µm for a microscope.
 
     Examples
     --------
@@ -56,28 +56,29 @@ class FiniteSource(LightEffect):
         return diameter / outlook.camera.step_um(outlook.z_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the source's image through a lenslet, D |M| / |v|; its rms is a quarter of the diameter.
+        """Return the size of the source's image through a lenslet, D |M| / |v|; its rms is a quarter of the diameter.
 
-        The shadow's edge is blurred too: an annulus of the image's mean chord, 2/pi of its rms, of the area.
+        The edge of the shadow is blurred too: an annulus of the mean chord of the image, 2/pi of its rms, times the
+        area.
         """
         image = self.image_px(outlook)
-        # the rms of a disc's coordinate is a quarter of its diameter, and defocus scales the image by 1/v
+        # the rms of a disc's coordinate is a quarter of its diameter; defocus scales the image by 1/v
         spot = image / outlook.depth
         edge = outlook.shadow_moved(0.4 * image / 4)
         return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
 
     def degree(self, outlook: Outlook) -> int:
-        """Return the degree up to which polynomials must be integrated over the source's disc.
+        """Return the polynomial degree that must be integrated exactly over the source's disc.
 
-        A spot that moves by R over the disc is a function exp(i k x), |k| up to about 2/w. A rule of degree D is
-        accurate up to k R of about D/2. The shadow's edge moves over lenslets in the same way.
+        A spot that moves by R over the disc is a function exp(i k x) with |k| up to about 2/w. A rule of degree D is
+        accurate up to k R of about D/2. The edge of the shadow moves over lenslets in the same way.
         """
         radius = self.image_px(outlook) / 2
         moved = max(radius / outlook.depth / min(outlook.widths_px), 2 * radius / outlook.camera.pitch_px)
         return min(MAX_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return points and weights over the disc: 7, and more where the source's image is larger than a spot."""
+        """Return points and weights over the disc: 7 points, or more if the source's image is larger than a spot."""
         radius = self.image_px(outlook) / 2
         points = disc_rule(self.degree(outlook))
         return tuple(
@@ -90,13 +91,14 @@ class FiniteSource(LightEffect):
 def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
     """Return ``(y, x, weight)`` of points on the unit disc, exact for polynomials up to ``degree``; weights sum to 1.
 
-    Up to 5 the 7 points of Abramowitz & Stegun 25.4.61; else rings at Gauss-Legendre nodes of the squared radius, each
+    Up to degree 5: the 7 points of Abramowitz & Stegun 25.4.61. Above: rings at Gauss-Legendre nodes of the squared
+    radius, each
     of ``degree`` + 1 points.
     """
     if degree <= 5:
         radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6
         return [(0.0, 0.0, 1 / 4), *((radius * math.sin(t), radius * math.cos(t), 1 / 8) for t in turns)]
-    # what is left of a polynomial after the mean over the angle is one of the squared radius, of half the degree
+    # averaged over the angle, a polynomial is one in the squared radius, of half the degree
     nodes, weights = np.polynomial.legendre.leggauss(degree // 4 + 1)
     count = degree + 1
     rule = []
@@ -115,7 +117,7 @@ class Bandwidth(LightEffect):
     Attributes
     ----------
     width_um
-        Full width of the spectrum (µm); None takes the camera's.
+        Full width of the spectrum (µm); None: that of the camera.
 
     Examples
     --------
@@ -143,10 +145,11 @@ class Bandwidth(LightEffect):
         return width
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative width x, and what it washes out of the spots' fringes and of those between lenslets.
+        """Return the relative width x, and the light that it washes out of fringes in spots and between lenslets.
 
-        Quadratic for narrow light; beyond about a tenth the outer fringes are gone and it grows linearly. Fringes
-        between lenslets are finer and gone sooner; how much light they move falls with the lenslets' size.
+        The effect is quadratic for narrow light. Beyond about a tenth, the outer fringes have vanished and it grows
+        linearly. Fringes between lenslets are finer and vanish sooner; the light in them decreases with the size of
+        the lenslets.
         """
         x = self.width(outlook) / outlook.wavelength_um
         fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
@@ -156,7 +159,7 @@ class Bandwidth(LightEffect):
         return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether lenslets see enough of the iris's fringes for them to wash out alike."""
+        """Return whether each lenslet sees enough fringes of the iris for them to wash out in the same way."""
         return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
 
     @staticmethod
@@ -171,11 +174,11 @@ class Bandwidth(LightEffect):
         return most * -math.expm1(-steep * x * x / most)
 
     def count(self, outlook: Outlook, least: int = 1) -> int:
-        """Return the number of wavelengths: 3, more where many fringes wash out, and at least ``least``."""
+        """Return the number of wavelengths: 3, or more if many fringes wash out, and at least ``least``."""
         width = self.width(outlook)
         if width == 0:
             return 1
-        # fringes of the iris that wash out over the spectrum: their number grows with Fresnel number times width
+        # number of fringes of the iris that wash out over the spectrum: proportional to Fresnel number times width
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
@@ -185,7 +188,7 @@ class Bandwidth(LightEffect):
             return samples
         nodes, weights = np.polynomial.legendre.leggauss(self.count(outlook, least))
         return tuple(
-            # leggauss integrates over [-1, 1], whose weights sum to 2
+            # leggauss integrates over [-1, 1]; its weights sum to 2
             LightSample(s.rows, s.columns, s.wavelength_um + 0.5 * width * float(u), s.weight * float(w) / 2)
             for s in samples
             for u, w in zip(nodes, weights, strict=True)

@@ -1,4 +1,4 @@
-"""Magnitudes of an effect one by one: what each is called, its unit for people, its value, and who says so."""
+"""Single magnitudes of an effect: name, unit for display, value, and source of the value."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lfcal.simulate.effects.base import Effect
 __all__ = ["GIVEN", "Magnitude", "magnitudes_of", "number_in", "units_of"]
 
 GIVEN = ("stated", "measured")
-"""How a magnitude that a user gave is known."""
+"""Ways in which a magnitude given by the user is known."""
 
 LENGTHS = {"um": 1.0, "µm": 1.0, "nm": 1e-3, "mm": 1e3}
 ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180}
@@ -24,14 +24,14 @@ SHARES = {"%": 0.01}
 NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)")
 
 TRIPLES = {"Wavefront": ("n,m,waves", "4,0,0.1;3,1,0.05"), "Defects": ("row,column,transmission", "0,0,0;1,-2,0.4")}
-"""Kinds of magnitudes that are lists of three numbers, the first two whole: what the three are, and an example."""
+"""Magnitudes that are lists of three numbers, the first two whole: the meaning of the three, and an example."""
 
 SHOWN = {"_um": "µm", "_rad": "°", "_s": "s"}
-"""Units in which people give what the ends of names say."""
+"""Display unit for each unit at the end of a field's name."""
 
 
 def units_of(kind: type[Effect], field: str) -> dict[str, float]:
-    """Return the units in which the magnitude ``field`` may be given, with what one of them is in the field's own."""
+    """Return the units in which the magnitude ``field`` may be given, each with its size in the field's unit."""
     named = kind.units.get(field)
     if named is not None:
         return SHARES if named in ("share", "%") else {named: 1.0} if named else {}
@@ -42,12 +42,12 @@ def units_of(kind: type[Effect], field: str) -> dict[str, float]:
 
 
 def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1.0) -> float:
-    """Return the number that ``text`` means, in the field's unit; ``plain`` is the factor of one without a unit.
+    """Return the number in ``text``, converted to the field's unit; ``plain`` is the factor if no unit is given.
 
     Raises
     ------
     InputError
-        If it is no finite number, or has another unit.
+        If it is not a finite number, or has another unit.
     """
     match = NUMBER.fullmatch(text.strip())
     known = {"": plain, **units}
@@ -62,7 +62,7 @@ def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1
 
 @dataclass(frozen=True, slots=True)
 class Magnitude:
-    """One magnitude of an effect in its displayed and edited form.
+    """One magnitude of an effect, as it is displayed and edited.
 
     Attributes
     ----------
@@ -76,23 +76,22 @@ class Magnitude:
     scale
         Displayed number = value / scale.
     units
-        Other units that may be typed, with their size in the field's unit.
+        Other units that may be entered, with their size in the field's unit.
     value
-        Value of the effect; None: the value of the camera's description, or a typical one.
+        Value in the effect; None: the value in the camera's description, or a typical value.
     counts
-        Effective value: ``value`` or its replacement; None if there is none.
+        Effective value: ``value``, or what replaces None; None if there is no value.
     default
-        Value of an effect made without it.
+        Value of an effect that was made without this magnitude.
     limits
         Smallest and largest value, in the field's unit.
     source
         ``"given"`` by the user; ``"camera"``: from the camera's description; ``"typical"``: the usual size of a
         deviation, which says nothing about this camera.
-    mark
-        Mark of the value: one of `GIVEN` for a given value, the mark of the camera's value (`lfcal.camera.Marks`)
-        otherwise.
+    Mark of the value: for a given value one of `GIVEN`, otherwise the mark of the camera's value
+    (`lfcal.camera.Marks`).
     otherwise
-        Source and mark of the effective value if none is given.
+        Source and mark of the effective value if no value is given.
     columns
         Names of the three numbers of triples.
     """
@@ -113,7 +112,7 @@ class Magnitude:
     columns: tuple[str, ...] = ()
 
     def text(self, value: Any) -> str:
-        """Return ``value`` as people write it, without its unit; `read` reads it back."""
+        """Return ``value`` as text without its unit; `read` reads it back."""
         if value is None or isinstance(value, str):
             return value or ""
         if self.kind == "terms":
@@ -121,13 +120,13 @@ class Magnitude:
         return f"{value / self.scale:.10g}" if self.kind in ("number", "whole") else str(value)
 
     def range_text(self) -> str:
-        """Return the limits in words, empty where any number is allowed."""
+        """Return the limits in words; empty if any number is allowed."""
         low, high = (None if math.isinf(limit) else f"{limit / self.scale:g}" for limit in self.limits)
         words = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}" if high else ""
         return f"{words} {self.unit}".rstrip() if words else ""
 
     def read(self, text: str) -> Any:
-        """Return the value of ``text``: a number in `unit` or in a unit that it names.
+        """Return the value in ``text``: a number in `unit`, or with another unit.
 
         Raises
         ------
@@ -159,7 +158,7 @@ def magnitudes_of(effect: Effect, camera: Camera, given: Mapping[str, str] | Non
     camera
         Camera whose description provides the values of magnitudes that are None.
     given
-        Fields given by the user, with one of `GIVEN`; fields that differ from the default always count as given.
+        Fields given by the user, each with one of `GIVEN`; fields that differ from the default always count as given.
 
     Raises
     ------
@@ -208,9 +207,9 @@ def kind_of(annotation: str) -> str:
 
 
 def shown_unit(kind: type[Effect], field: str) -> tuple[str, float]:
-    """Return the unit in which people give the magnitude ``field``, and what one of it is in the field's unit.
+    """Return the display unit of the magnitude ``field``, and its size in the field's unit.
 
-    What the camera's description has is shown as there.
+    Values of the camera's description are displayed in the same unit as there.
     """
     named = kind.units.get(field)
     if named is not None:
@@ -223,6 +222,6 @@ def shown_unit(kind: type[Effect], field: str) -> tuple[str, float]:
 
 
 def plain_title(field: str) -> str:
-    """Return the name of a field as words, without the unit it ends with."""
+    """Return the name of a field as words, without the unit at its end."""
     base, _, unit = field.rpartition("_")
     return (base if f"_{unit}" in SHOWN and base else field).replace("_", " ")

@@ -1,4 +1,4 @@
-"""Effects of a microscope's objective and specimen: the light's vector nature, another index behind an interface."""
+"""Effects of a microscope's objective and specimen: vector fields, and a mismatch of the refractive index."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lfcal.simulate.scene import Scene, Specimen, ray_heights
 __all__ = ["IndexMismatch", "VectorialPupil"]
 
 RAYS = 4000
-"""Rays over the pupil from which the mismatch's estimate is taken."""
+"""Number of rays over the pupil with which the index mismatch is estimated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class VectorialPupil(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the light's share in fields other than the first, and a fit to runs with NA 0.1 to 1.49.
+        """Return the share of light in fields other than the first, and a fit to simulations with NA 0.1 to 1.49.
 
         In focus, the fields differ by sin²(alpha). The difference is visible if the focus is large on the lenslets,
         and less if pixels are wider than the fringes between lenslets. Out of focus, parts of the pupil meet only if
@@ -54,7 +54,7 @@ class VectorialPupil(SceneEffect):
             return Estimate(0.0, "of the light", 0.0, "cones of f/2 and slower: fields keep their direction to 1e-3")
         sine2 = (optics.numerical_aperture / optics.medium_index) ** 2
         cosine = math.sqrt(1 - sine2)
-        # a0² = (1 + cos)²/4, its mean over solid angle; 1 - that without cancellation
+        # a0² = (1 + cos)²/4, averaged over solid angle; 1 minus that without cancellation
         less = sine2 / (1 + cosine)
         share = less / 2 - less * less / 12
         focus = math.sqrt(0.61 * outlook.wavelength_um * outlook.f_number * 2 / lattice.pitch_um)
@@ -69,17 +69,17 @@ class VectorialPupil(SceneEffect):
         return Estimate(share, "of the light", min(2.0, error), formula)
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return True: the formula was fitted to microscopes of every aperture, in focus and out of it."""
+        """Return True: the formula was fitted to microscopes of all apertures, in focus and out of focus."""
         del outlook
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with a vector field, which waves alone show; that of a photographic camera as it is."""
+        """Return the scene with a vector field, which only waves show; the scene of a main lens is unchanged."""
         del outlook
         return scene if scene.objective is None else replace(scene, vectorial=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return what four more fields take: their tables are shared where rows and columns part (measured)."""
+        """Return the cost of four more fields; their tables are shared if rows and columns are separable (measured)."""
         if not outlook.camera.optics.telecentric:
             return 0.0
         lattice = outlook.camera.lattice
@@ -119,14 +119,14 @@ class IndexMismatch(SceneEffect):
     units: ClassVar[Mapping[str, str]] = {"index": ""}
 
     def specimen(self) -> Specimen:
-        """Return what the light crosses."""
+        """Return the media that the light crosses."""
         return Specimen(self.index, self.depth_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the paraxial focal shift; of every ray how far it moves on the array, X, and how bright it becomes.
+        """Return the paraxial focal shift, and an estimate from the displacement X and brightness of each ray.
 
-        A ray's light changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), and all of it where the ray enters the cutout
-        or leaves it; brightness adds in quadrature. Fitted to runs.
+        A ray's light changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), and completely if the ray enters or leaves
+        the cutout. Changes of brightness are added in quadrature. The formula was fitted to simulations.
         """
         optics, specimen, z = outlook.camera.optics, self.specimen(), outlook.z_um
         formula = "rays of Snell: 2 (1 - exp(-2.1 X/p/(1 + (v/2)²)^½)); Fresnel"
@@ -148,7 +148,7 @@ class IndexMismatch(SceneEffect):
         follows = np.isfinite(rays)
         there = np.where(follows, rays, 0.0)
         reach = math.inf
-        if abs(outlook.virtual_depth) > 2:  # nearer to the array the cutout holds all light
+        if abs(outlook.virtual_depth) > 2:  # closer to the array, the cutout contains all the light
             reach = 0.55 * max(outlook.cutout) * outlook.pixel_um
         seen, seen_then = np.abs(here) < reach, follows & (np.abs(there) < reach)
         rate = 2.1 / outlook.camera.lattice.pitch_um / math.hypot(1.0, outlook.virtual_depth / 2)
@@ -159,12 +159,12 @@ class IndexMismatch(SceneEffect):
         return Estimate(shift, "µm", min(2.0, error), formula)
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return True: the formula was fitted to microscopes of every aperture, in focus and out of it."""
+        """Return True: the formula was fitted to microscopes of all apertures, in focus and out of focus."""
         del outlook
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the specimen, its paraxial image where rays see it; a main lens has none."""
+        """Return the scene with the specimen, or for rays with its paraxial image; unchanged for a main lens."""
         del outlook
         if scene.objective is None:
             return scene
@@ -173,10 +173,10 @@ class IndexMismatch(SceneEffect):
         return replace(scene, specimen=specimen, image_um=image)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of the tables: the field's integral has more nodes, the responses cost the same."""
+        """Return the computing time of the tables (s): the integral has more nodes, responses cost the same."""
         del outlook, engine
         return 0.0
 
 
 EFFECTS = (VectorialPupil, IndexMismatch)
-"""What the catalogue takes from this module; the same in every module of effects."""
+"""The effects that the catalogue uses from this module; the name is the same in every module of effects."""

@@ -1,4 +1,4 @@
-"""Effects of the stage: the source is not where the plan says it is."""
+"""Effects of the stage: the source is not at the planned position."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _pixels(outlook: Outlook, length_um: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PositioningError(MotionEffect):
-    """Random error of every stop, normally distributed.
+    """Random error of every position of the stage, normally distributed.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class PositioningError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's rms shift |M| e and the light its mean length moves."""
+        """Return the image's rms shift |M| e, and the light moved by its mean length."""
         shift = _pixels(outlook, self.rms(outlook.camera))
         length = math.sqrt(math.pi / 2) * shift  # mean length of a two-dimensional normal deviate
         return Estimate(shift, "px", outlook.source_moved(length), "|M| e; spots by 1.25 |M| e/v, shadow by 1.25 |M| e")
@@ -75,7 +75,7 @@ class PositioningError(MotionEffect):
 
 @dataclass(frozen=True, slots=True)
 class Backlash(MotionEffect):
-    """Play between drive and carriage: after a reversal the carriage stands still until the play is taken up.
+    """Play between drive and carriage: after a reversal, the carriage stays still until the play is taken up.
 
     Attributes
     ----------
@@ -109,21 +109,21 @@ class Backlash(MotionEffect):
         return play
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's shift |M| e; a serpentine scan lags by it in every other row."""
+        """Return the image's shift |M| e; every other row of a serpentine scan lags by it."""
         shift = _pixels(outlook, self.play(outlook.camera))
         return Estimate(shift, "px", outlook.source_moved(shift), "|M| e; at most every position lags", True)
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return carriage minus drive of a play that starts taken up towards increasing coordinates."""
+        """Return carriage minus drive; at the start, the play is taken up towards increasing coordinates."""
         del rng
         out, play = np.zeros_like(commanded_um), self.play(camera)
         for axis in (1, 2):
             drive = commanded_um[:, axis]
             carriage = drive[0]
             for k, target in enumerate(drive):
-                # the drive pushes the carriage one way and pulls it the other, with the play between.
+                # the drive pushes the carriage in one direction and pulls it in the other, with the play between
                 carriage = min(max(carriage, target), target + play)
                 out[k, axis] = carriage - target
         return out
@@ -131,7 +131,7 @@ class Backlash(MotionEffect):
 
 @dataclass(frozen=True, slots=True)
 class Drift(MotionEffect):
-    """A slow, even creep of the source over the session.
+    """A slow, uniform drift of the source over the session.
 
     Attributes
     ----------
@@ -162,14 +162,14 @@ class Drift(MotionEffect):
         return self.magnitude("rows_um", camera), self.magnitude("columns_um", camera)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's shift at the end; half of it in the mean."""
+        """Return the image's shift at the end of the session; its mean is half of it."""
         shift = _pixels(outlook, math.hypot(*self.end(outlook.camera)))
         return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "|M| e at the end, half of it in the mean")
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return a displacement that grows evenly from the first to the last stop."""
+        """Return a displacement that grows linearly from the first to the last position."""
         del rng
         out = np.zeros_like(commanded_um)
         share = np.arange(len(out)) / max(1, len(out) - 1)
@@ -179,7 +179,7 @@ class Drift(MotionEffect):
 
 @dataclass(frozen=True, slots=True)
 class DepthError(MotionEffect):
-    """Every plane farther away than planned by a random amount, the same for all positions of the plane.
+    """A random error of the depth of each plane, the same for all its positions.
 
     Attributes
     ----------
@@ -212,9 +212,9 @@ class DepthError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that it makes."""
+        """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that results."""
         camera = outlook.camera
-        # the depth is nonlinear in z: a finite step of the mean size, not a derivative.
+        # virtual depth is nonlinear in z: use a finite step of the mean size, not a derivative
         step = MEAN * self.rms(camera)
         dv = abs(camera.virtual_depth(outlook.z_um + step) - camera.virtual_depth(outlook.z_um))
         shift = dv * outlook.gap_um / (3 * outlook.f_number * abs(outlook.virtual_depth)) / outlook.pixel_um
@@ -225,7 +225,7 @@ class DepthError(MotionEffect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return one normal deviate per plane."""
+        """Return one normal deviate for each plane."""
         out = np.zeros_like(commanded_um)
         planes, which = np.unique(commanded_um[:, 0], return_inverse=True)
         out[:, 0] = (self.rms(camera) * rng.standard_normal(len(planes)))[which]

@@ -17,19 +17,19 @@ __all__ = ["ExactAngles", "IrisDiffraction", "IrisShape", "LensLaw", "LensTypeDe
 
 
 INSEPARABLE = 8.0
-"""Fresnel number of the shadow below which it is computed with its fringes or not at all, exact angles or not."""
+"""Fresnel number of the shadow below which it is computed with its fringes or not at all, whatever the angles."""
 
 OF_RIM, SMALL = 0.2, 0.01
 """Share of light moved per pixel of displacement of a microscope's steepest ray behind the lenslets, an upper estimate
 (measured: 0.06 to 0.26), and the limit of its use: running the effect takes longer than most simulations."""
 
 FRINGED, SHOWN = 20.0, 0.5
-"""Fresnel number of the iris, and rms width of spots (px), below which angles change more, or less, than a shift."""
+"""Fresnel number of the iris, and rms width of spots (px), below which a shift does not describe exact angles."""
 
 
 @dataclass(frozen=True, slots=True)
 class LensTypeDefocus(SceneEffect):
-    """Lens types and their defocus: without it every lenslet is of the type that is sharpest at the depth.
+    """Lens types and their defocus; without this effect, every lenslet has the type that is sharpest at the depth.
 
     Examples
     --------
@@ -49,7 +49,8 @@ class LensTypeDefocus(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the largest spot diameter d |1/vf - 1/v|, and the mean change from the sharpest type's width.
 
-        Spots pass from Gaussians to discs, which differ by twice the area they do not share, as N_F grows.
+        With growing N_F, spots change from Gaussians to discs, whose difference is twice the area that they do not
+        share.
         """
         sharp = min(outlook.widths_px)
         error = 0.0
@@ -60,13 +61,13 @@ class LensTypeDefocus(SceneEffect):
         return Estimate(2 * max(outlook.geometric_px), "px", error, "d |1/vf - 1/v|; mean width change over the types")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with every lens type's own focal length."""
+        """Return the scene with the focal length of each lens type."""
         return replace(scene, lattice=replace(scene.lattice, types=outlook.camera.lattice.types))
 
 
 @dataclass(frozen=True, slots=True)
 class LensletDiffraction(SceneEffect):
-    """Diffraction at the lenslets: without it rays are followed.
+    """Diffraction by the lenslets; without this effect, rays are used.
 
     Examples
     --------
@@ -95,17 +96,17 @@ class LensletDiffraction(SceneEffect):
         return replace(scene, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return what waves take longer than rays."""
+        """Return the additional time of waves compared with rays."""
         del outlook
         return max(0.0, engine.waves - engine.rays)
 
 
 @dataclass(frozen=True, slots=True)
 class IrisDiffraction(SceneEffect):
-    """Fresnel fringes of the main iris on the lenslets: without it the iris casts a sharp shadow.
+    """Fresnel fringes of the main iris on the lenslets; without this effect, the iris casts a sharp shadow.
 
-    Within the iris's own depth of focus (N_F below 8), and in a microscope's Debye integral, fringes and shadow
-    are one: there it comes with lenslet diffraction, on or off.
+    Fringes and shadow cannot be separated within the iris's depth of focus (N_F below 8), or in a microscope's Debye
+    integral. There, this effect is computed together with lenslet diffraction, even if it is off.
 
     Examples
     --------
@@ -149,7 +150,7 @@ class IrisShape(SceneEffect):
     Attributes
     ----------
     blades, curvature, rotation_rad
-        As in `MainLens`; None takes the camera's.
+        As in `MainLens`; None: the camera's values.
 
     Examples
     --------
@@ -192,15 +193,15 @@ class IrisShape(SceneEffect):
                 check_number(f"{self.title}: blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
 
     def iris(self, camera: Camera) -> PupilIris:
-        """Return the iris of ``camera`` with this effect's values in it."""
+        """Return the iris of ``camera`` with the given values of this effect."""
         blades, curvature, rotation = (self.magnitude(f.name, camera) for f in fields(self))
         return PupilIris(int(blades), float(curvature), float(rotation))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the symmetric difference of the polygon and the circle of the same area.
+        """Return the difference in area between the polygon and the circle of the same area.
 
-        A regular polygon of half angle h = pi/n differs from its circle by 0.257 h² of the area; diffraction
-        at its edges makes that 0.4 h². Curved blades differ in proportion to 1 - curvature.
+        A regular polygon of half angle h = pi/n differs from its circle by 0.257 h² of the area, and with diffraction
+        at its edges by 0.4 h². For curved blades, the difference is proportional to 1 - curvature.
         """
         iris = self.iris(outlook.camera)
         if iris.circular:
@@ -209,8 +210,8 @@ class IrisShape(SceneEffect):
         return Estimate(float(iris.blades), "blades", error, "0.4 (pi/n)² (1 - curvature)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the bladed iris; a second stop stays."""
-        # mechanical vignetting may have been applied before.
+        """Return the scene with the bladed iris; a second stop is kept."""
+        # mechanical vignetting may have been applied before
         return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
 
 
@@ -218,12 +219,12 @@ class IrisShape(SceneEffect):
 class ExactAngles(SceneEffect):
     """Non-paraxial angles: the main lens's defocus as a (1 - cos theta), lenslet rays by tan theta.
 
-    The two belong together. Each alone displaces the rays through the lenslets' centres, by 8 Nw W lambda/v with W =
-    a/(8 lambda (2 Nw)^4), and by B/(2 (2 Nw)³) at the rim. With both, these rays meet the sensor at the paraxial
-    places, because a straight line to the image must. The remaining effects are the coma of lenslets with a parabolic
-    phase, and a shadow larger by 1/(8 Nw²). A microscope's field is exact up to the array, by its Debye integral;
-    behind it, the angles of cone and lenslets are. The light of a position is then computed on one grid, not by rows
-    and columns.
+    The two belong together. Each alone displaces the rays through the lenslets' centres: by 8 Nw W lambda/v with W =
+    a/(8 lambda (2 Nw)^4), and by B/(2 (2 Nw)³) at the rim. With both, these rays meet the sensor at their paraxial
+    places, because the path to the image is a straight line. What remains is the coma of lenslets with a parabolic
+    phase, and a shadow that is larger by 1/(8 Nw²). A microscope's field is always exact up to the array, by its
+    Debye integral. With this effect, the angles behind the array are exact too; the light of a position is then
+    computed on one grid, not by rows and columns.
 
     Examples
     --------
@@ -241,12 +242,12 @@ class ExactAngles(SceneEffect):
     rank: ClassVar[int] = 60
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rim's displacement B/(2 (2 Nw)³); 0.56 to 0.65 of it moves as much light as is measured."""
+        """Return the rim's displacement B/(2 (2 Nw)³); 0.56 to 0.65 of it moves the measured amount of light."""
         if not outlook.has_lens:
             return self._behind_lenslets(outlook)
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
-        near = min(1.0, abs(outlook.virtual_depth) / 1.2)  # the cone covers less than a lenslet
-        share = 0.56 if outlook.shift_um > 0 else 0.65  # before the array rays run apart
+        near = min(1.0, abs(outlook.virtual_depth) / 1.2)  # the cone covers less than one lenslet
+        share = 0.56 if outlook.shift_um > 0 else 0.65  # in front of the array, rays diverge
         return Estimate(rim, "px", outlook.moved(share * rim * near), "B/(2 (2 Nw)³); a shift of 0.56 to 0.65 of it")
 
     @staticmethod
@@ -258,9 +259,9 @@ class ExactAngles(SceneEffect):
         return Estimate(rim, "px", min(2.0, OF_RIM * rim), "B s³/2, s of cone and lenslet; rather much, by runs")
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether spots move as rays do: of many lenslets, lit by more than fringes, wide enough for pixels.
+        """Return whether spots move like rays: many lenslets are lit, by more than fringes, and spots are wide enough.
 
-        Of a microscope, whether what they move is little.
+        For a microscope, return whether the angles move little light.
         """
         if not outlook.has_lens:
             return self._behind_lenslets(outlook).error < SMALL
@@ -269,7 +270,7 @@ class ExactAngles(SceneEffect):
         return outlook.regular and spread
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with exact defocus and exact rays: a microscope's Debye integral has the former already."""
+        """Return the scene with exact rays and exact defocus, which a microscope's Debye integral already has."""
         if outlook.has_lens:
             return replace(scene, exact_defocus=True, exact_rays=True)
         return replace(scene, exact_rays=True)
@@ -289,9 +290,9 @@ class ExactAngles(SceneEffect):
 class LensLaw(SceneEffect):
     """Departure of the main lens from the sine condition, at exact angles.
 
-    Without it a ray from height u in the pupil reaches the array at sin theta = u/(2 Nw), as in a lens without coma. In
-    a thin lens with a stop of diameter f/N it is tan theta. An iris smaller by 1/(8 Nw²) looks much the same. A
-    microscope's objective obeys the sine condition.
+    Without this effect, a ray from height u in the pupil reaches the array at sin theta = u/(2 Nw), as in a lens
+    without coma. In a thin lens with a stop of diameter f/N, tan theta = u/(2 Nw). An iris that is smaller by 1/(8
+    Nw²) has nearly the same effect. A microscope's objective obeys the sine condition.
 
     Attributes
     ----------
@@ -320,7 +321,7 @@ class LensLaw(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the change of the rim's sine, and the light that moves in a shadow 1/(8 Nw²) smaller, even by area."""
+        """Return the change of the rim's sine, and the light moved by a shadow that is smaller by 1/(8 Nw²)."""
         if not outlook.has_lens:
             return Estimate(0.0, "of the rim's sine", 0.0, "an objective obeys the sine condition")
         square = abs(self.tangent) / (2 * outlook.f_number) ** 2
@@ -333,7 +334,7 @@ class LensLaw(SceneEffect):
         return replace(scene, lens_law=self.tangent, exact_defocus=True, exact_rays=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the seconds of the table of a pupil whose edges bend."""
+        """Return the computing time of the table for a pupil with curved edges (s)."""
         return engine.fringes if outlook.has_lens else 0.0
 
 

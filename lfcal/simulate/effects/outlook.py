@@ -1,4 +1,4 @@
-"""Numbers on one depth plane that are known before the simulation; all estimates use them."""
+"""Numbers about one depth plane that are known before the simulation; all estimates use them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def share_widened(width_a: float, width_b: float) -> float:
 
 @dataclass(frozen=True)
 class Outlook:
-    """A camera, a depth and a region: the common input of the estimates of all effects.
+    """A camera, a depth and a region: the common input for the estimates of all effects.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Outlook:
 
     @cached_property
     def shift_um(self) -> float:
-        """Distance a of the main image behind the lenslets (µm), floored at a wavelength's size."""
+        """Distance a of the main image behind the lenslets (µm), at least about a wavelength."""
         a = self.camera.image_shift_um(self.z_um)
         least = self.wavelength_um
         return a if abs(a) >= least else math.copysign(least, a)
@@ -112,15 +112,15 @@ class Outlook:
 
     @property
     def depth(self) -> float:
-        """How many times smaller than on the array a shift of the main image is on the sensor, |v|.
+        """Ratio of a shift of the main image on the array to its shift on the sensor, |v|.
 
-        At least 1.2: nearer to the array the image's own size, not the lenslets, sets the scale.
+        It is at least 1.2: closer to the array, the size of the image determines the scale, not the lenslets.
         """
         return max(1.2, abs(self.virtual_depth))
 
     @property
     def regular(self) -> bool:
-        """Whether formulas hold: a lens's image is far enough from the array for separate spots of all lenslets."""
+        """Whether formulas are valid: the image is far enough from the array for the spots to be separate."""
         return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
 
     @property
@@ -134,14 +134,14 @@ class Outlook:
         gap = self.gap_um
         return tuple(1.0 - gap / self.shift_um - gap / t.focal_length_um for t in self.camera.lattice.types)
 
-    # -- what is seen, in pixels -----------------------------------------------------------------------
+    # -- patterns, in pixels ---------------------------------------------------------------------------
     @property
     def shadow_px(self) -> float:
         """Radius of the main iris' shadow on the lenslets (pixels), at least its Airy disc."""
         airy = 1.22 * self.wavelength_um * self.f_number
         radius = abs(self.shift_um) / (2.0 * self.f_number)
         if isinstance(self.camera.optics, Microscope):
-            radius /= math.cos(self.camera.optics.half_angle_rad)  # M |z| tan(alpha): sines on the image side
+            radius /= math.cos(self.camera.optics.half_angle_rad)  # M |z| tan(alpha); the image side has sines
         return math.hypot(radius, airy) / self.pixel_um
 
     @property
@@ -157,7 +157,7 @@ class Outlook:
 
     @property
     def pattern_px(self) -> float:
-        """Radius of the lit pattern on the sensor: the shadow shrunk by 1 - 1/v, a spot and half a lenslet."""
+        """Radius of the lit pattern on the sensor: the shadow reduced by 1 - 1/v, plus a spot and half a lenslet."""
         shrunk = self.shadow_px * abs(1.0 - 1.0 / self.virtual_depth)
         return shrunk + max(self.geometric_px) + 0.5 * self.camera.pitch_px
 
@@ -168,7 +168,7 @@ class Outlook:
 
     @property
     def airy_px(self) -> float:
-        """Rms width 0.42 lambda B / d of a lenslet's diffraction (pixels)."""
+        """Rms width 0.42 lambda B / d of a spot by lenslet diffraction (pixels)."""
         return 0.42 * self.wavelength_um * self.gap_um / (2.0 * self.lit_px * self.pixel_um) / self.pixel_um
 
     @cached_property
@@ -178,15 +178,15 @@ class Outlook:
 
     @property
     def fresnel_lenslets(self) -> tuple[float, ...]:
-        """Fresnel number of each lens type's defocused spot, |sigma| r²/(lambda B)."""
+        """Fresnel number |sigma| r²/(lambda B) of the defocused spot of each lens type."""
         unit = (self.lit_px * self.pixel_um) ** 2 / (self.wavelength_um * self.gap_um)
         return tuple(abs(s) * unit for s in self.defocus)
 
     @property
     def diffracted(self) -> float:
-        """Relative L1 change when spots are computed by rays instead of waves, 0.65/(1 + N_F)^(1/3) per type.
+        """Relative L1 change if spots are computed by rays instead of waves, 0.65/(1 + N_F)^(1/3) for each type.
 
-        For a microscope the rays are paraxial too: its shadow M z tan(alpha) is drawn as M z sin(alpha).
+        In a microscope, rays are also paraxial: the shadow M z tan(alpha) is drawn as M z sin(alpha).
         """
         change = sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
         if isinstance(self.camera.optics, Microscope):
@@ -199,41 +199,41 @@ class Outlook:
 
     @property
     def resolved(self) -> float:
-        """Share of a defocused spot's fringes that pixels resolve; they are 4.8 of `airy_px` apart."""
+        """Share of a defocused spot's fringes that pixels resolve; the fringes are 4.8 of `airy_px` apart."""
         return 1.0 / (1.0 + (0.15 / self.airy_px) ** 2)
 
     @property
     def structure(self) -> tuple[float, ...]:
-        """How much finer a defocused spot's fringes are than the spot, 1 + 0.45 N_F of what pixels resolve, per type.
+        """Ratio of a defocused spot's width to that of its fringes for each type, 1 + 0.45 N_F if they are resolved.
 
-        A Gaussian of the spot's width falls short of measured changes by this factor where N_F is large.
+        A Gaussian of the spot's width underestimates measured changes by this factor if N_F is large.
         """
         return tuple(1.0 + 0.45 * self.resolved * n for n in self.fresnel_lenslets)
 
     def moved(self, shift_px: float) -> float:
-        """Return the relative L1 change when every spot moves by ``shift_px``."""
+        """Return the relative L1 change if every spot moves by ``shift_px``."""
         changes = (share_moved(shift_px * k, w) for w, k in zip(self.widths_px, self.structure, strict=True))
         return sum(changes) / len(self.widths_px)
 
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
-        """Return the relative L1 change when every spot is blurred by ``rms_px`` per axis.
+        """Return the relative L1 change if every spot is blurred by ``rms_px`` along each axis.
 
         ``floor_px`` is the width that pixels cannot resolve, added to the widths in quadrature.
         """
         total = 0.0
-        near = abs(self.virtual_depth) < 1  # the iris's fringes, where one lenslet sees them all
+        near = abs(self.virtual_depth) < 1  # the fringes of the iris, where one lenslet receives them all
         native = (1.5 if self.has_lens else 4.0) * self.fresnel_main if near else 0.0
         for width, spot in zip(self.widths_px, self.fresnel_lenslets, strict=True):
             w, n = math.hypot(width, floor_px), max(self.resolved * spot, native)
-            finer = 1.0 + 0.4 * n + 0.05 * n * n  # a blur feels the fringes' curvature
+            finer = 1.0 + 0.4 * n + 0.05 * n * n  # a blur depends on the curvature of the fringes
             total += min(2.0, finer * share_widened(w, math.hypot(w, rms_px)))
         return total / len(self.widths_px)
 
     def array_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change when the lenslets move by ``shift_px`` under a source that stays.
+        """Return the relative L1 change if the lenslets move by ``shift_px`` and the source does not.
 
-        Spots follow by 1 - 1/v, apertures by the whole shift. In a microscope the lenslets' fields interfere in
-        fringes of lambda B/p, which are finer than a defocused spot.
+        Spots follow by 1 - 1/v of the shift, apertures by all of it. In a microscope, the lenslets' fields interfere
+        in fringes of lambda B/p, which are finer than a defocused spot.
         """
         shift = shift_px * math.hypot(0.5, 0.75 * (1.0 - 1.0 / self.virtual_depth))
         if self.has_lens:
@@ -242,15 +242,15 @@ class Outlook:
         return self.over_types(lambda w: share_moved(shift, min(w, fringe)))
 
     def shadow_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change when the shadow moves by ``shift_px``: 1.27 shift / radius."""
+        """Return the relative L1 change if the shadow moves by ``shift_px``: 1.27 shift / radius."""
         return min(2.0, 4.0 / math.pi * abs(shift_px) / self.shadow_px)
 
     def source_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change when the paraxial image moves by ``shift_px``.
+        """Return the relative L1 change if the paraxial image moves by ``shift_px``.
 
-        Spots move by shift/|v| and the shadow by the shift. As their fringes follow neither exactly, the total is the
-        root of the sum of squares, with 0.85 of the spots' part (measured). A shadow within one lenslet matters where
-        it crosses over to the next.
+        Spots move by shift/|v|, and the shadow by the shift. Fringes follow neither exactly, so the total is the root
+        of the sum of squares, with 0.85 of the spots' part (measured). A shadow within one lenslet matters where it
+        crosses over to the next.
         """
         spots = 0.85 * self.moved(shift_px / self.depth)
         within = min(1.0, 2.0 * self.shadow_px / self.camera.pitch_px)
@@ -265,12 +265,12 @@ class Outlook:
     # -- light -----------------------------------------------------------------------------------------
     @property
     def pixels(self) -> int:
-        """Pixels of a response."""
+        """Number of pixels of a response."""
         return self.cutout[0] * self.cutout[1]
 
     @cached_property
     def signal_e(self) -> float:
-        """Electrons of one source position in the whole frame: sharpest spot at the peak, equal light per lenslet."""
+        """Electrons of one source position in the whole frame, if the sharpest spot reaches the peak."""
         return self.peak_e * 2.0 * math.pi * min(self.widths_px) ** 2 * self.lenslets
 
     @property

@@ -1,4 +1,4 @@
-"""Effects of the pixels on every response: light-sensitive area and crosstalk."""
+"""Effects of the pixels on every response: light-sensitive area, crosstalk, and response to angles."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ __all__ = ["AngularResponse", "Crosstalk", "PixelFill"]
 
 @dataclass(frozen=True, slots=True)
 class PixelFill(SceneEffect):
-    """Pixels whose light-sensitive square is smaller than their pitch; without this effect, they fill the pitch.
+    """Pixels whose light-sensitive square is smaller than the pitch; without this effect, it fills the pitch.
 
-    Light outside the square is lost, and the pixel blurs less.
+    Light outside the square is lost, and each pixel averages over a smaller area.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class PixelFill(SceneEffect):
         return share
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sensitive share, and the larger of light lost over light left and the blur that is less."""
+        """Return the sensitive share, and the larger of the relative loss of light and the change by less blur."""
         share = self.share(outlook.camera)
         sharper = outlook.blurred(math.sqrt((1.0 - share) / 12.0))
         error = min(2.0, max((1.0 - share) / share, sharper))
@@ -74,8 +74,8 @@ class Crosstalk(PsfEffect):
     Attributes
     ----------
     share
-        Share x that goes to each neighbour along the rows, then along the columns: each of the four nearest gets
-        x (1 - 2 x), each diagonal one x².
+        Share x that goes to each neighbour along the rows, then along the columns: each of the four nearest pixels
+        receives x (1 - 2 x), each diagonal one x².
 
     Examples
     --------
@@ -97,9 +97,9 @@ class Crosstalk(PsfEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share and the blur it makes: a variance of 2 x per axis, on spots of at least 0.4 px.
+        """Return the share and the effect of its blur: a variance of 2 x along each axis, on spots of at least 0.4 px.
 
-        Light that is all in one pixel changes by 8 x, which a Gaussian of 0.43 px does too.
+        Light in a single pixel changes by 8 x, like a Gaussian of 0.43 px.
         """
         error = outlook.blurred(math.sqrt(2.0 * self.share), floor_px=0.41)
         return Estimate(self.share, "per neighbour", error, "0.74 * 2 x/(w² + 0.17)")
@@ -114,7 +114,7 @@ class Crosstalk(PsfEffect):
 
 @dataclass(frozen=True, slots=True)
 class AngularResponse(SceneEffect):
-    """Pixels that collect less of oblique light, cos^n of its angle to the sensor's normal.
+    """Pixels that collect less oblique light: cos^n of its angle to the sensor's normal.
 
     Attributes
     ----------
@@ -150,10 +150,10 @@ class AngularResponse(SceneEffect):
         return y / away, x / away
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return light lost over light left at the rms of the angles of chief ray, cone, and across a lenslet."""
+        """Return light lost over light left at the rms angle of chief ray, cone, and position within a lenslet."""
         focal = outlook.camera.lattice.types[0].focal_length_um
         bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
-        near = min(1.0, abs(outlook.virtual_depth))  # there the lenslet sees the whole cone
+        near = min(1.0, abs(outlook.virtual_depth))  # near the native plane, a lenslet receives the whole cone
         square = (0.5 / outlook.f_number) ** 2 / 2 + near * bend * bend / 2
         square += sum(s * s for s in self.slope(outlook))
         kept = max(1e-9, 1.0 - min(square, 1.0)) ** (self.power / 2)

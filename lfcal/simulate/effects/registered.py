@@ -1,4 +1,4 @@
-"""Every kind of effect, found by registry."""
+"""Find all kinds of effects by the registry."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from lfcal.simulate.effects.outlook import Outlook
 __all__ = ["CATALOGUE", "GROUP", "catalogue", "check_effect", "find_effects"]
 
 GROUP = "lfcal.effects"
-"""Entry point group of effects of other distributions."""
+"""Entry point group for effects of other distributions."""
 
 
 def check_effect(kind: type[Effect]) -> None:
-    """Raise `TypeError`, or what its own code raises, unless ``kind`` can be listed, planned and kept in a file."""
+    """Raise `TypeError`, or an error of the effect, unless ``kind`` can be listed, planned and stored in a file."""
     if not (isinstance(kind, type) and issubclass(kind, Effect)):
         raise TypeError("it is not a class derived from Effect")
     if inspect.isabstract(kind):
         raise TypeError(f"it lacks {', '.join(sorted(kind.__abstractmethods__))}")
-    # the fields are the magnitudes that provenance keeps; two equal effects must compare equal.
+    # the fields are the magnitudes stored in provenance; two equal effects must compare equal
     if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
         raise TypeError("it is not a frozen dataclass")
     if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
-        raise TypeError("it does not say its title or what it acts on")
-    # tried here, because one estimate that fails later would stop every plan, whether it wants the effect or not.
+        raise TypeError("it lacks a title, or what it acts on")
+    # tried here, because an estimate that fails later would stop every plan, even one without this effect
     camera = preset("bench")
     outlook = Outlook(camera, camera.depth_of(4.0), (61, 61), (33, 19))
     found = kind().estimate(outlook)
@@ -38,7 +38,7 @@ def check_effect(kind: type[Effect]) -> None:
 
 
 def find_effects() -> Registry[type[Effect]]:
-    """Return every kind of effect by name, in the order of the light's way; those of other distributions included.
+    """Return every kind of effect by name, in the order of the light path, including those of other distributions.
 
     Examples
     --------
@@ -60,11 +60,11 @@ def find_effects() -> Registry[type[Effect]]:
 
 
 CATALOGUE = find_effects()
-"""Every kind of effect."""
+"""All kinds of effects."""
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """Return one of every effect: known ones as the camera describes them, deviations at a typical size.
+    """Return one of every effect: known effects as the camera describes them, deviations at a typical size.
 
     Examples
     --------

@@ -44,17 +44,17 @@ BANDS_UM = {
     "Y": ((0.49, 9.0),),
     "E": ((0.47, 0.56),),
 }
-"""Pass bands of the filter letters (µm)."""
+"""Pass band of each filter letter (µm)."""
 
 
 @dataclass(frozen=True, slots=True)
 class StrayLight(FrameEffect):
-    """A share of the frame's light scattered evenly over the sensor.
+    """A share of the frame's light is scattered uniformly over the sensor.
 
     Attributes
     ----------
     share
-        Scattered share.
+        Share of the light that is scattered.
 
     Examples
     --------
@@ -76,14 +76,14 @@ class StrayLight(FrameEffect):
     rank: ClassVar[int] = 20
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share, and what is lost by the spots and gained by the cutout."""
+        """Return the share, and the light lost by the spots plus that gained by the cutout."""
         rows, columns = outlook.camera.sensor.shape
-        # the light is lost in the cutout and comes back spread over the whole sensor.
+        # the light is lost in the cutout and returns spread over the whole sensor
         veil = min(1.0, outlook.pixels / (rows * columns))
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with the scattered share spread out."""
+        """Return the strip with the scattered share spread over the sensor."""
         rows, columns = view.camera.sensor.shape
         strip *= np.float32(1.0 - self.share)
         strip += np.float32(self.share * view.total_e / (rows * columns))
@@ -97,9 +97,9 @@ class ColourFilter(FrameEffect):
     Attributes
     ----------
     cfa
-        Filter letters by rows, e.g. ``"GRBG"``; None takes the camera's.
+        Filter letters by rows, e.g. ``"GRBG"``; None: the camera's.
     leak
-        Transmission outside a filter's band.
+        Transmission outside the band of a filter.
 
     Examples
     --------
@@ -134,7 +134,7 @@ class ColourFilter(FrameEffect):
         return np.array(passed, np.float32).reshape(side, side)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share of light kept, and what is lost of it relative to what is kept."""
+        """Return the share of light that is kept, and the lost share relative to it."""
         kept = float(self.transmission(outlook.camera).mean())
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 
@@ -144,19 +144,19 @@ class ColourFilter(FrameEffect):
         side = len(passed)
         for r in range(side):
             for c in range(side):
-                # a strip may begin in the middle of the pattern.
+                # a strip may begin in the middle of the pattern
                 strip[(r - view.row) % side :: side, c::side] *= passed[r, c]
         return strip
 
 
 @dataclass(frozen=True, slots=True)
 class FixedPattern(FrameEffect):
-    """Pixel response non-uniformity and, where given, a fixed offset per pixel.
+    """Pixel response non-uniformity and, if given, a fixed offset for each pixel.
 
     Attributes
     ----------
     prnu
-        Relative rms of the pixels' gains; None takes the camera's.
+        Relative rms of the pixels' gains; None: the camera's.
     offset_e
         Rms of the pixels' offsets (electrons).
 
@@ -186,14 +186,14 @@ class FixedPattern(FrameEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the gains' rms and the mean deviation 0.8 rms; offsets count on every pixel of the cutout."""
+        """Return the rms of the gains and the mean deviation 0.8 rms; offsets count in every pixel of the cutout."""
         rms = self.gain_rms(outlook.camera)
-        # gains follow the light, offsets do not: they count on dark pixels too.
+        # the effect of gains is proportional to light; offsets count in dark pixels too
         offsets = self.offset_e * outlook.pixels / outlook.signal_e
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with each pixel's own gain and offset."""
+        """Return the strip with the gain and offset of each pixel."""
         rms = self.gain_rms(view.camera)
         if rms:
             strip *= np.float32(1.0) + np.float32(rms) * view.pattern("gain")
@@ -209,7 +209,7 @@ class DarkCurrent(FrameEffect):
     Attributes
     ----------
     e_per_s
-        Electrons per pixel and second; None takes the camera's.
+        Electrons per pixel and second; None: the camera's value.
 
     Examples
     --------
@@ -235,12 +235,12 @@ class DarkCurrent(FrameEffect):
         return rate * exposure_s
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the electrons per pixel, and their sum over the cutout against the signal."""
+        """Return the electrons per pixel, and their sum over the cutout relative to the signal."""
         mean = self.mean_e(outlook.camera, outlook.exposure_s)
         return Estimate(mean, "e-", mean * outlook.pixels / outlook.signal_e, "D t * pixels/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with the mean added; its noise comes with the shot noise."""
+        """Return the strip plus the mean dark current; its noise is part of the shot noise."""
         strip += np.float32(self.mean_e(view.camera, view.exposure_s))
         return strip
 
@@ -261,7 +261,7 @@ class ShotNoise(FrameEffect):
     name: ClassVar[str] = "shot_noise"
     title: ClassVar[str] = "shot noise"
     rank: ClassVar[int] = 60
-    stream: ClassVar[int | None] = 60  # a number, so that a seed gives the same session for ever
+    stream: ClassVar[int | None] = 60  # a fixed number, so that a seed always gives the same session
     pixel_ns: ClassVar[float] = 25.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -271,7 +271,7 @@ class ShotNoise(FrameEffect):
         return Estimate(1.0 / root, "relative", min(1.0, error), "1/sqrt(peak); 1.6 (w/w_min)/sqrt(peak) per type")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return Poisson deviates with the strip as their mean."""
+        """Return Poisson deviates with the values of the strip as means."""
         return poisson_quantile(strip, view.rng.random(strip.shape)).astype(np.float32)
 
 
@@ -317,7 +317,7 @@ class ReadNoise(FrameEffect):
     Attributes
     ----------
     rms_e
-        Rms (electrons); None takes the camera's.
+        Rms (electrons); None: the camera's value.
 
     Examples
     --------
@@ -345,7 +345,7 @@ class ReadNoise(FrameEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms, and its mean size over the cutout's pixels against the signal."""
+        """Return the rms, and its mean size over the cutout's pixels relative to the signal."""
         rms = self.rms(outlook.camera)
         error = min(2.0, MEAN * rms * outlook.pixels / outlook.signal_e)
         return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
@@ -358,7 +358,7 @@ class ReadNoise(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class Quantisation(FrameEffect):
-    """Whole sample values from 0 to the highest one.
+    """Samples are whole numbers from 0 to the highest value.
 
     Examples
     --------
@@ -377,7 +377,7 @@ class Quantisation(FrameEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels of the pattern.
 
-        Between the spots lies less than an LSB of diffracted light, which is lost: it counts as an error too.
+        Diffracted light of less than one LSB between the spots is lost; this counts as an error too.
         """
         sensor = outlook.camera.sensor
         lsb = sensor.electrons_per_count
@@ -386,7 +386,7 @@ class Quantisation(FrameEffect):
         return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * pixels of the pattern/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip rounded and kept within the converter's range."""
+        """Return the strip rounded and limited to the converter's range."""
         np.rint(strip, out=strip)
         return np.clip(strip, 0, view.camera.sensor.max_value, out=strip)
 

@@ -1,12 +1,13 @@
-"""Engines that compute the patterns of one depth plane, one per level of accuracy.
+"""Engines that compute the patterns of one depth plane, one for each level of accuracy.
 
 - ``base``: interface of an engine, its sampling and energy balance; ``choose`` selects one
-- ``_geometric``: rays; ``_wave``: waves per lenslet, summed without phase; ``microscope``: Debye integral, coherent;
-  ``reference``: the coherent sum over the whole array
-- ``_fields_sum``: incoherent fields, with one engine each
-- ``field``: the light in front of the array; ``masks``, ``_polygon``: apertures; ``tables``: tables computed once per
-plane
-- ``_nodes``, ``_quadrature``, ``_radial``, ``_debye``, ``zernike``: numerical parts
+- ``_geometric``: rays; ``_wave``: waves of each lenslet, added without phase; ``microscope``: Debye integral,
+coherent;
+  ``grid``: all lenslets on one grid, coherent; ``reference``: the coherent sum over the whole array
+- ``_fields_sum``: fields that do not interfere, with one engine for each
+- ``field``: the light in front of the array; ``masks``, ``_polygon``: apertures; ``tables``: tables computed once for
+  each plane
+- ``_nodes``, ``_quadrature``, ``_radial``, ``_debye``, ``zernike``: numerical methods
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Compiled loop from a field on samples to the light on pixels."""
+"""Compiled loop that integrates a sampled field over pixels."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ __all__ = ["bin_light"]
 
 @njit(fastmath=True)
 def bin_light(field: NDArray[Any], weights: NDArray[Any], per: int, top: int, left: int, out: NDArray[Any]) -> None:
-    """Write the light of a complex field on pixels: sum_ij w_i w_j |V|^2 over the samples of each.
+    """Write the light of a complex field on pixels: sum_ij w_i w_j |V|^2 over the samples of each pixel.
 
-    Pixel (t, s) takes samples ``top + per t ...`` and ``left + per s ...``, as many as there are weights: neighbours
-    share some. First down the columns, where neighbouring pixels of a row share the sums.
+    Pixel (t, s) uses the samples ``top + per t ...`` and ``left + per s ...``, one for each weight; neighbours share
+    some samples. Columns are summed first, because neighbouring pixels of a row share these sums.
     """
     taps, last = weights.size, left + (out.shape[1] - 1) * per + weights.size
     line = np.empty(field.shape[1], weights.dtype)

@@ -58,7 +58,7 @@ __all__ = [
 ]
 
 PHASE_SAMPLES = 512
-"""Samples of the phase over the pupil from which its whole variation is taken."""
+"""Number of samples of the phase over the pupil that determine its total variation."""
 SHARE_NODES = 96
 """Number of nodes for the share of light in each field, which varies slowly over the pupil."""
 
@@ -72,12 +72,12 @@ class PupilLight(NamedTuple):
     The field of order m on the array is sum_t light[m, t] J_m(k sine[t] r / M).
     """
 
-    sine: F8  # (n,) of the angle in the immersion medium
-    light: C16  # (orders, n): one for a scalar point, else orders 0, 1 and 2
+    sine: F8  # (n,) sine of the angle in the immersion medium
+    light: C16  # (orders, n): one order for a scalar point, else orders 0, 1 and 2
 
 
 def objective_of(scene: Scene) -> Microscope:
-    """Return the scene's microscope; raise `InputError` for a main lens."""
+    """Return the scene's microscope; raises `InputError` for a main lens."""
     if scene.objective is None:
         raise InputError.expected("Debye field", "a microscope", "a main lens", "use level 'wave'")
     return scene.objective
@@ -112,7 +112,7 @@ def _sections(scene: Scene, count: int) -> tuple[F8, F8]:
 
 
 def pupil_phase(scene: Scene, theta: F8) -> C16:
-    """Return the phase at ``theta``, 0 on the axis; its imaginary part attenuates.
+    """Return the phase at ``theta``, 0 on the axis; its imaginary part is an attenuation.
 
     d n2 cos t2 - D n1 cos t minus its value on the axis is z n2 (cos t2 - 1) + D (n2 cos t2 - n1 cos t - n2 + n1).
     With q = n1 sin t, the bracket is q^2 (n2 - n1) (1 + (n2 + n1)/(n2 cos t2 + n1 cos t)) / ((n1 + n1 cos t)(n2 + n2
@@ -145,17 +145,17 @@ def _amplitudes(scene: Scene, theta: F8) -> C16:
     second, s, p = specimen.crossing(n1, theta)
     if not scene.vectorial:
         return s[None, :]
-    # s - p cos t2 over one denominator, where what cancels for equal indices is gone
+    # s - p cos t2 over one denominator, without the terms that cancel for equal indices
     differ = n1 * (n1 / n2 * (2 - 2 * half) + second / n2) - n2
     apart = 2 * half * s * differ / (n2 * np.cos(theta) + n1 * second / n2)
     return np.stack([s - apart / 2, p * n1 / n2 * sine / math.sqrt(2), apart / 2])
 
 
 def pupil_nodes(scene: Scene, r_um: float) -> int:
-    """Return how many nodes to a section of the pupil the integral needs out to ``r_um`` on the array.
+    """Return the number of nodes for each section of the pupil that the integral needs out to ``r_um`` on the array.
 
-    Half the phase's variation plus half the Bessel function's largest argument, plus 30: fewer nodes do not lose a
-    digit, they lose everything (errors of 50-2000 %).
+    It is half the phase's variation plus half the Bessel function's largest argument, plus 30. With fewer nodes, the
+    result is not slightly less accurate but useless (errors of 50-2000 %).
     """
     optics = objective_of(scene)
     k, alpha = 2 * math.pi * optics.medium_index / scene.wavelength_um, optics.half_angle_rad
@@ -169,7 +169,7 @@ def pupil_nodes(scene: Scene, r_um: float) -> int:
 
 
 def pupil_light(scene: Scene, nodes: int) -> PupilLight:
-    """Return the light in the pupil, ``nodes`` nodes to a section of it.
+    """Return the light in the pupil, with ``nodes`` nodes for each of its sections.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def field_shares(scene: Scene) -> tuple[float, ...]:
 # -- fields on the array --------------------------------------------------------------------------------
 
 FAINT = 1e-7
-"""Share of the light below which a field is lost in the rounding of single precision."""
+"""Share of the light below which a field is smaller than the rounding errors of single precision."""
 
 
 class DebyeField(NamedTuple):
@@ -218,21 +218,21 @@ class DebyeField(NamedTuple):
         return self.sine, self.sine != (self.order % 2 == 1)
 
     def angular(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the factor cos(m phi) or sin(m phi) at (x, y), which are broadcast."""
+        """Return the factor cos(m phi) or sin(m phi) at (x, y), with broadcasting."""
         phi = self.order * np.arctan2(y, x)
         factor: NDArray[np.float64] = np.sin(phi) if self.sine else np.cos(phi)
         return factor
 
 
 SCALAR = DebyeField(0)
-"""The one field of a scalar point; of dipoles the field of order 0."""
+"""The only field of a scalar point; for dipoles, the field of order 0."""
 
 DIPOLE_FIELDS = (SCALAR, DebyeField(1), DebyeField(1, True), DebyeField(2), DebyeField(2, True))
 """The fields of isotropic dipoles."""
 
 
 def debye_fields(scene: Scene) -> tuple[DebyeField, ...]:
-    """Return the fields whose intensities are a point's light, those apart that carry none to speak of."""
+    """Return the fields whose intensities add up to a point's light, without those of negligible light."""
     if not scene.vectorial:
         return (SCALAR,)
     shares = field_shares(scene)
@@ -240,7 +240,7 @@ def debye_fields(scene: Scene) -> tuple[DebyeField, ...]:
 
 
 def debye_nodes(scene: Scene, r_um: float) -> int:
-    """Return how many Gauss-Legendre nodes the integral needs out to ``r_um`` on the array: see `pupil_nodes`."""
+    """Return the number of Gauss-Legendre nodes needed out to ``r_um`` on the array; see `pupil_nodes`."""
     return pupil_nodes(scene, r_um)
 
 
@@ -249,7 +249,8 @@ def debye_field(
 ) -> NDArray[np.complex128]:
     """Return U, or K_m of ``order`` m, at distances ``r_um`` from the source's image on the array.
 
-    Unit energy passes the pupil, in all fields together; those of an order share it evenly between cosine and sine.
+    All fields together carry unit energy through the pupil; fields of one order share it evenly between cosine and
+    sine.
 
     Raises
     ------

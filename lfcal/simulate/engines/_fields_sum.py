@@ -1,4 +1,4 @@
-"""Engines of scenes whose light is a sum over fields that do not interfere: one engine a field, intensities added."""
+"""Engines for light that is a sum of fields that do not interfere: one engine for each field, intensities added."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Kind = type[WavePlane] | type[ReferencePlane]
 
 
 def wave_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
-    """Return the engine of level ``"wave"``; of a vectorial scene the sum over its fields."""
+    """Return the engine of level ``"wave"``; for a vectorial scene, the sum over its fields."""
     return _plane(scene, sampling, WavePlane)
 
 
 def grid_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
-    """Return the engine of level ``"grid"``; of a vectorial scene the sum over its fields."""
+    """Return the engine of level ``"grid"``; for a vectorial scene, the sum over its fields."""
     modes = field_modes(scene)
     first = GridPlane(scene, sampling, modes[0])
     if len(modes) == 1:
@@ -38,7 +38,7 @@ def grid_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
 
 
 def reference_plane(scene: Scene, sampling: Sampling) -> PlaneEngine:
-    """Return the engine of level ``"reference"``; of a vectorial scene the sum over its fields."""
+    """Return the engine of level ``"reference"``; for a vectorial scene, the sum over its fields."""
     return _plane(scene, sampling, ReferencePlane)
 
 
@@ -68,7 +68,7 @@ class FieldsSum:
         self.level = parts[0].level
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> FieldsSum:
-        """Return the engine for sources displaced by ``(ny, nx, 2)``: tables are shared where the parts share them."""
+        """Return the engine for sources displaced by ``(ny, nx, 2)``; tables are shared if the parts share them."""
         scene, other = replace(self.scene, offsets_um=offsets_um), object.__new__(FieldsSum)
         pairs = zip(self._parts, self._makers, strict=True)
         parts = [p.displaced(offsets_um) if isinstance(p, Displaceable) else make(scene) for p, make in pairs]

@@ -1,4 +1,4 @@
-"""A response on a grid in passes that stay in the caches: product, transforms, transfer function, and pixels."""
+"""Compute a response on a grid in passes that stay in the caches: product, transforms, transfer function, pixels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Reals = NDArray[np.float32]
 
 @lru_cache(maxsize=64)
 def way_of(n: int) -> Way:
-    """Return the stages of a transform of ``n`` numbers: the fewest there are, as alike as can be.
+    """Return the stages of a transform of ``n`` numbers: as few as possible, and of similar sizes.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def _fewest(n: int, most: int) -> tuple[int, ...] | None:
 
 
 def frequency_order(n: int) -> NDArray[np.int64]:
-    """Return the frequencies 0 ... n - 1 in the order in which a transform leaves them."""
+    """Return the frequencies 0 ... n - 1 in the order in which a transform outputs them."""
     order = np.zeros(1, np.int64)
     way = way_of(n)
     for radix in (*way.then.radices[::-1], *way.first.radices):
@@ -80,20 +80,20 @@ def frequency_order(n: int) -> NDArray[np.int64]:
 
 
 def aligned(count: int) -> Reals:
-    """Return ``count`` zeros that begin a cache line."""
+    """Return ``count`` zeros aligned to a cache line."""
     raw = np.zeros(count + 16, np.float32)
     first = -(raw.ctypes.data // 4) % 16
     return raw[first : first + count]
 
 
 class FusedResponse:
-    """Takes fields to the array, and on to pixels, in single precision.
+    """Propagates fields to the array and on to the pixels, in single precision.
 
     Parameters
     ----------
     step
-        Transfer function from the array to the sensor (n, n), frequencies as `numpy.fft.fftfreq` has them; n has no
-        prime factor above 11.
+        Transfer function from the array to the sensor (n, n), with frequencies in the order of `numpy.fft.fftfreq`; n
+        must have no prime factor above 11.
     """
 
     def __init__(self, step: NDArray[Any]) -> None:
@@ -101,18 +101,18 @@ class FusedResponse:
         self._n, self._way, order = n, way_of(n), frequency_order(n)
         rows = np.zeros((-(-n // LANES), LANES, n), np.complex64)
         rows.reshape(-1, n)[:n] = step[order][:, order] / n**2
-        # rows on lanes, columns one behind the other
+        # rows on lanes, columns in sequence
         buffers = np.stack([rows.real, rows.imag]).transpose(1, 3, 0, 2)
         self._transfer = aligned(buffers.size)
         self._transfer[:] = buffers.ravel()
 
     @staticmethod
     def transforms(n: int) -> bool:
-        """Return whether grids of ``n`` samples a side are transformed."""
+        """Return whether grids with sides of ``n`` samples can be transformed."""
         return n >= LANES and _fewest(n, RADICES[-1]) is not None
 
     def workspace(self, rows: int) -> Work:
-        """Return what one thread works on for cutouts of ``rows`` pixels."""
+        """Return the scratch memory of one thread for cutouts with ``rows`` rows."""
         groups = -(-self._n // LANES)
         buffer = groups * LANES * STEP
         return Work(aligned(groups * buffer), aligned(buffer), aligned(rows * self._n))
@@ -141,7 +141,7 @@ class FusedResponse:
     ) -> NDArray[np.float64]:
         """Fill ``out`` (positions, rows, columns) with the light on pixels and return the powers behind the array.
 
-        One call handles many positions, without waiting for other threads of this process.
+        One call handles many positions, without waiting for other threads of the process.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class FusedResponse:
         array
             Table of the array's transmission, and the origin (row, column) in it of the grid of each position.
         weights
-            Weights of the samples of a pixel, along either axis.
+            Weights of the samples of a pixel along both axes.
         place
             Samples per pixel, and the first sample of the first pixel (row, column).
         work
@@ -159,7 +159,7 @@ class FusedResponse:
         Raises
         ------
         ValueError
-            If pixels or a grid exceed the arrays, because compiled code does not check this.
+            If pixels or a grid exceed the arrays, which compiled code does not check.
         """
         table, corners = array
         n, (per, *starts), (height, width) = self._n, place, table.shape

@@ -31,7 +31,7 @@ __all__ = ["LANES", "RADICES", "STEP", "Pixels", "ResponseGrid", "Stages", "Way"
 Reals = NDArray[np.float32]
 
 LANES = 16
-"""Number of transforms done together: each part is a cache line."""
+"""Number of transforms done together, such that each part fills a cache line."""
 
 STEP = 2 * LANES
 """Reals from one number on lanes to the next."""
@@ -44,25 +44,25 @@ _LANES = ir.VectorType(_REAL, LANES)
 
 
 class Stages(NamedTuple):
-    """Stages of butterflies of a transform; its last has no twiddle factors."""
+    """Stages of butterflies of a transform; the last stage has no twiddle factors."""
 
     radices: NDArray[np.int64]
-    starts: NDArray[np.int64]  # of each stage's factors
+    starts: NDArray[np.int64]  # start of the factors of each stage
     twiddles: Reals  # exp(-2 pi i j k / block) as (re, im): for each j, k = 1 ... radix - 1
 
 
 class Way(NamedTuple):
-    """A transform: its first stage, and what then becomes of each block that it leaves, within the nearest cache."""
+    """A transform: its first stage, and the further stages for each block that it leaves, in the nearest cache."""
 
     first: Stages
     then: Stages
 
 
 class ResponseGrid(NamedTuple):
-    """What responses are made of; the arrays of complex numbers flat, as reals (re, im)."""
+    """Inputs of responses; arrays of complex numbers are flat arrays of reals (re, im)."""
 
-    lit: Reals  # the field that meets the array (n, n)
-    seen: Reals  # what the array lets through, a table of which the grid of a position is a part
+    lit: Reals  # field incident on the array (n, n)
+    seen: Reals  # transmission of the array, a table of which each position's grid is a part
     width: int  # of that table
     corners: NDArray[np.int64]  # index in the table of the first sample of each position's grid
     side: int  # n
@@ -70,18 +70,18 @@ class ResponseGrid(NamedTuple):
 
 
 class Pixels(NamedTuple):
-    """The pixels of a cutout: each takes samples ``per`` apart from its neighbour's, as many as there are weights."""
+    """The pixels of a cutout: each uses samples ``per`` apart from its neighbour's, one for each weight."""
 
     weights: Reals
     per: int
-    top: int  # the first pixel's first samples
+    top: int  # first samples of the first pixel
     left: int
     rows: int
     columns: int
 
 
 class Work(NamedTuple):
-    """What a thread works on, aligned to the lanes; made of zeros."""
+    """Scratch memory of a thread, aligned to the lanes and filled with zeros."""
 
     columns: Reals  # a buffer for each LANES columns, with LANES * ceil(n / LANES) numbers each
     rows: Reals  # one buffer
@@ -102,11 +102,11 @@ class _Wave:
         return _Wave(self.b, self.b.fsub(self.re, other.re), self.b.fsub(self.im, other.im))
 
     def turned(self) -> _Wave:
-        """Return -i times this."""
+        """Return -i times this number."""
         return _Wave(self.b, self.im, self.b.fneg(self.re))
 
     def scaled(self, by: float, plus: _Wave | None = None) -> _Wave:
-        """Return a real number times this, plus another."""
+        """Return a real number times this number, plus another."""
         c = ir.Constant(_LANES, [by] * LANES)
         if plus is None:
             return _Wave(self.b, self.b.fmul(c, self.re), self.b.fmul(c, self.im))
@@ -118,7 +118,7 @@ class _Wave:
         return _Wave(b, real, _fused(b, self.re, im, b.fmul(self.im, re)))
 
     def rotated(self, part: int, whole: int) -> _Wave:
-        """Return exp(-2 pi i part / whole) times this."""
+        """Return exp(-2 pi i part / whole) times this number."""
         quarters, rest = divmod(4 * part, whole)
         found = self
         for _ in range(quarters % 4):
@@ -148,7 +148,7 @@ def _butterfly(a: list[_Wave]) -> list[_Wave]:
         return _prime_butterfly(a)
     other, out = n // first, list(a)
     if math.gcd(first, other) == 1:
-        # time other i + first j and frequency by the remainders (Good 1958)
+        # time is other i + first j; the frequency follows from the remainders (Good 1958)
         inner = [_butterfly([a[(other * i + first * j) % n] for i in range(first)]) for j in range(other)]
         for k in range(first):
             for m, wave in enumerate(_butterfly([row[k] for row in inner])):
@@ -382,7 +382,7 @@ def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, wo
     """
     n, size = grid.side, work.rows.size
     groups, part = work.columns.size // size, n // way.first.radices[0]
-    # behind the array, transformed along y; the last group of columns overlaps the one before
+    # behind the array, transformed along y; the last group of columns overlaps the previous one
     energy, sums, rows = 0.0, np.empty(LANES, np.float32), (n, 2 * n, 2 * grid.width)
     for g in range(groups):
         left, at = min(g * LANES, n - LANES), g * size
@@ -393,7 +393,7 @@ def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, wo
         for start in range(at, at + n * STEP, part * STEP):
             _forth(work.columns, start, part, way.then)
 
-    # along x, over the gap, and back: of the samples that pixels see
+    # along x, over the gap, and back, for the samples that pixels use
     beyond = pixels.left + (pixels.columns - 1) * pixels.per + pixels.weights.size
     seen = range(pixels.left // LANES, min((beyond + LANES - 1) // LANES, groups))
     whole = n * STEP

@@ -1,4 +1,4 @@
-"""G0: rays only. Each lenslet's part of the iris's shadow is drawn on the sensor with exact pixel areas.
+"""Level G0: rays only. Each lenslet's part of the iris's shadow is drawn on the sensor with exact pixel areas.
 
 A pupil point u (in radii of the disc f/(2 Nw)) sends its ray through X = X0 + a' u/(2 Nw) on the array and, by a
 lenslet at c, to s = c + (1 - B'/f)(X - c) - B' u/(2 Nw). Two forms of this map avoid division by a' or sigma: lenslets
@@ -23,7 +23,7 @@ from lfcal.simulate.scene import Scene, pixel_response
 __all__ = ["GeometricPlane"]
 
 LEAST_SPOT_PX = 1e-3
-"""Smallest radius of a spot: a lenslet exactly in focus is drawn this large."""
+"""Smallest radius of a spot; a lenslet exactly in focus is drawn with this size."""
 CIRCLE = 48
 """Number of sides of the polygon with equal area that represents a round lenslet."""
 
@@ -43,7 +43,7 @@ class GeometricPlane:
             lens = regular(CIRCLE, math.pi / CIRCLE) * scene.clear_radius_um
         pupil = iris_outline(scene.iris)
         gap, a, cone = scene.reduced_gap_um, scene.reduced_image_um, 1 / (2 * scene.f_number)
-        # 1 - B'/f of each type: the part of sigma that does not depend on the plane
+        # 1 - B'/f of each type: the part of sigma that is independent of the plane
         at_infinity = np.array([1.0 - scene.lens_curvature(k) for k in range(len(scene.lattice.types))])
         lens_is_smaller = float(np.abs(lens).max()) < abs(a) * cone
         self._lens_is_smaller, self._empty = lens_is_smaller, len(pupil) < 3
@@ -53,7 +53,7 @@ class GeometricPlane:
             subject, window = lens, pupil * (a * cone)
             factor, sign, density = 1.0, 1.0, 1 / (math.pi * (a * cone) ** 2)
             pull, size = np.full(at_infinity.size, gap / a), at_infinity - gap / a
-        else:  # the shadow is the smaller one, and a point at a' = 0: the pupil is drawn, where it has a shape
+        else:  # the shadow is smaller, or a point at a' = 0: the pupil is drawn, because it always has a shape
             subject, window = pupil, lens
             factor, sign, density = a * cone, -1.0, 1 / math.pi
             pull, size = at_infinity, (at_infinity * a - gap) * cone
@@ -61,7 +61,7 @@ class GeometricPlane:
         about, reach = (float(np.hypot(*p.T).max()) for p in (window, subject))
         far, inner = reach * abs(factor), float(limits.min())
         self._shapes = Shapes(np.ascontiguousarray(subject), normals, limits, factor, sign, far, inner, about)
-        # the same radius on the sensor in any unit of the subject
+        # the same radius on the sensor, in any unit of the subject
         least = LEAST_SPOT_PX * scene.reduced_pixel_um / reach
         self._drawing = SpotDrawing(scene.reduced_pixel_um, density * scene.pixel_fill**2, least)
         self._reach = about + far
@@ -69,7 +69,7 @@ class GeometricPlane:
 
     @property
     def certificate(self) -> Certificate:
-        """Energy in and out of all responses so far; a spot counts as far as it lies in the cutout."""
+        """Energy in and out of all responses so far; a spot counts only inside the cutout."""
         return self._ledger.certificate
 
     def rows(
@@ -115,7 +115,7 @@ class GeometricPlane:
             self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
             return
         for k in range(len(source)):
-            # of each lenslet the ray through the middle of what it is lit on
+            # for each lenslet, the ray through the middle of its lit part
             lands = centres - lenslets.pull[:, None] * (centres - source[k])
             slope = (lands - (centres if self._lens_is_smaller else source[k])) / scene.reduced_gap_um
             power, from_y, from_x = scene.accept

@@ -33,7 +33,7 @@ _SMALL = 1 << 18
 
 
 class Split(NamedTuple):
-    """Complex values as two real arrays of one shape: so the loops over them run in vectors."""
+    """Complex values as two real arrays of the same shape, so that loops over them are vectorized."""
 
     re: F4
     im: F4
@@ -48,55 +48,55 @@ class MainLensField(NamedTuple):
 
 
 class LensAperture(NamedTuple):
-    """The aperture of one lens type on the samples: the cell's table where it is not empty, else the disc's."""
+    """The aperture of one lens type on the samples: the table of its cell if there is one, else of a disc."""
 
     disc_re: F4  # (entries,) over r^2: aperture times exp(i bend r^2) times dx^2 pixel / L
     disc_im: F4
     disc_step: float  # µm^2 from entry to entry
     cell: F4  # (side, side), rows along y, origin in the middle: aperture times dx^2 pixel / L; (0, 0) for discs
     cell_step: float  # µm
-    bend: float  # pi sigma / L (rad/µm^2); the disc's table holds it already
-    quartic: float  # phase per fourth power of the distance (rad/µm^4), likewise
+    bend: float  # pi sigma / L (rad/µm^2), already included in the disc's table
+    quartic: float  # phase per fourth power of the distance (rad/µm^4), also included
 
 
 class Zoom(NamedTuple):
     """The Fourier transform from the samples to the nodes of the window on the sensor, and from nodes to pixels."""
 
     cosine: F4  # (nodes >= 0, half + 1): cos(2 pi s_i x_j / L)
-    sine: F4  # the same of sines
-    cosine_t: F4  # the transposes, contiguous as the products want them
+    sine: F4  # the same with sines
+    cosine_t: F4  # the transposes, contiguous for the matrix products
     sine_t: F4
     bins: F4  # (nodes, width): intensities at the nodes to pixels, along one axis
     bins_t: F4
-    nodes_um: F8  # (nodes,) about the window's middle
+    nodes_um: F8  # (nodes,) relative to the window's middle
     per_px: int  # nodes to a pixel
 
 
 class Optics(NamedTuple):
-    """What all lenslets of one type share besides their aperture."""
+    """Values that all lenslets of one type share, apart from their aperture."""
 
     per_spread: float  # 1 / L (1/µm^2)
-    share: float  # energy per unit of sum |E m|^2, as the aperture's table is scaled
-    sphere: float  # 1 - B'/a': what the converging sphere leaves of a lenslet's quadratic phase
+    share: float  # energy per unit of sum |E m|^2, with the scale of the aperture's table
+    sphere: float  # 1 - B'/a': remaining share of a lenslet's quadratic phase after the converging sphere
     rays: float  # 2 pi B'/lambda (rad) for rays at exact angles; 0: paraxial
     source_rate: float  # sine of a ray per µm of c - X0: 1/a'
     point_rate: float  # sine of a ray per µm on the lenslet: 1/a' + 1/f
     gap: float  # B' (µm)
     accept: tuple[float, float, float]  # power n of the pixels' response cos^n, chief ray's slope (y, x); n = 0: none
-    glass: F8  # (5,): what a plate before the sensor leaves of exact angles' terms in sin^4, sin^6 ...
+    glass: F8  # (5,): terms in sin^4, sin^6 ... of exact angles that remain with a plate before the sensor
 
 
 class LightTarget(NamedTuple):
-    """Where light is added: the cutouts; or, for fields, node grids of the positions, squared at the end."""
+    """Where light is added: the cutouts; for fields, the node grids of the positions, which are squared at the end."""
 
     image: F4  # (positions, rows, columns) of pixels
-    grid_re: F4  # (positions, rows, columns) of nodes; without positions where intensities are added
+    grid_re: F4  # (positions, rows, columns) of nodes; no positions if intensities are added
     grid_im: F4
     boxes: I8  # (positions, 4): first and past-last row and column of pixels touched so far
 
 
 EE, EO, OE, OO = range(4)
-"""Parts of a field that are even or odd in y (first letter) and x, the first axis of an array of parities."""
+"""Parts of a field that are even or odd in y (first letter) and x (second), as indices of an array of parities."""
 
 
 class _Scratch(NamedTuple):
@@ -125,7 +125,7 @@ def _product(a: F4, b: F4, out: F4) -> None:
 
 @njit(fastmath=True)
 def mask_from_disc(aperture: LensAperture, dx: float, x0: float, y0: float, mask: Split) -> None:
-    """Fill a disc times its phase, linear in its table over r^2; sample (h, h) lies at (x0, y0) from the centre."""
+    """Fill a disc times its phase by linear interpolation over r^2; sample (h, h) is at (x0, y0) from the centre."""
     table_re, table_im, re, im = aperture.disc_re, aperture.disc_im, mask.re, mask.im
     n, h = re.shape[0], re.shape[0] // 2
     last, scale = table_re.size - 2, 1.0 / aperture.disc_step
@@ -134,7 +134,7 @@ def mask_from_disc(aperture: LensAperture, dx: float, x0: float, y0: float, mask
         for j in range(n):
             x = (j - h) * dx + x0
             t = (x * x + y * y) * scale
-            k = min(int(t), last)  # the table reaches past the corners: this guards against rounding only
+            k = min(int(t), last)  # the table extends past the corners: this is only for rounding
             w = re.dtype.type(min(t - k, 1.0))
             re[i, j] = table_re[k] + w * (table_re[k + 1] - table_re[k])
             im[i, j] = table_im[k] + w * (table_im[k + 1] - table_im[k])
@@ -142,7 +142,7 @@ def mask_from_disc(aperture: LensAperture, dx: float, x0: float, y0: float, mask
 
 @njit(fastmath=True)
 def mask_from_table(aperture: LensAperture, dx: float, x0: float, y0: float, mask: Split) -> None:
-    """Fill the lattice's cell, bilinear in its fine table, times exp(i bend r^2 + i quartic r^4)."""
+    """Fill the lattice's cell by bilinear interpolation in its fine table, times exp(i bend r^2 + i quartic r^4)."""
     table, step, re, im = aperture.cell, aperture.cell_step, mask.re, mask.im
     n, h = re.shape[0], re.shape[0] // 2
     middle = table.shape[0] // 2
@@ -165,16 +165,16 @@ def mask_from_table(aperture: LensAperture, dx: float, x0: float, y0: float, mas
 
 @njit(fastmath={"contract", "nnan", "ninf", "nsz"})
 def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -> None:
-    """Write the mask times a phase by which rays of the Fresnel integral land where exact ones do, B tan away.
+    """Write the mask times a phase that makes rays of the Fresnel integral land where exact rays do, at B tan.
 
-    A ray leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f; the integral lands it
-    B times its slope away. So the phase is -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, G(v) = 1 - v/2 - sqrt(1 - v), s0 of
-    the chief ray. With 8 G as a series and s^2 - s0^2 = kappa w, w = 2 (c - X0).x/a' + kappa x^2, nothing is divided
-    by kappa. The chief ray is behind its parabola by 1/cos - 1 - tan^2/2.
+    A ray leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f. The integral makes
+    it land at B times its slope. The phase is therefore -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, with G(v) = 1 - v/2
+    - sqrt(1 - v) and s0 of the chief ray. With 8 G as a series and s^2 - s0^2 = kappa w, w = 2 (c - X0).x/a' + kappa
+    x^2, no division by kappa is needed. The chief ray is behind its parabola by 1/cos - 1 - tan^2/2.
     """
     n, real = mask.re.shape[0], mask.re.dtype.type
     ux, uy, rate = spot.lx * optics.source_rate, spot.ly * optics.source_rate, optics.point_rate
-    # coefficients of 8 (G(v) - G(v0))/(v - v0) over v; of sine and cosine by Taylor, good for |t| <= pi/2
+    # coefficients of 8 (G(v) - G(v0))/(v - v0) in powers of v; of sine and cosine by Taylor, valid for |t| <= pi/2
     v0, g = ux * ux + uy * uy, optics.glass
     e5 = g[4] * 21 / 128
     e4 = g[3] * 7 / 32 + e5 * v0
@@ -183,7 +183,7 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
     k0, k1, k2, k3, k4, k5 = real((g[0] + e2 * v0) * v0), real(g[0] + e2 * v0), real(e2), real(e3), real(e4), real(e5)
     s3, s5, s7, s9 = real(-1 / 6), real(1 / 120), real(-1 / 5040), real(1 / 362880)
     c2, c4, c6, c8, one, pi = real(-1 / 2), real(1 / 24), real(-1 / 720), real(1 / 40320), real(1), real(math.pi)
-    nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))  # added and taken away it rounds to integers
+    nearest = real(1.5 * 2.0 ** (23 if mask.re.itemsize == 4 else 52))  # adding and subtracting it rounds to integers
     half = optics.rays / (2 * math.pi)
     behind = g[0] * half * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
     chief, scale = real(behind - math.floor(behind)), half / (8 * optics.gap)
@@ -236,7 +236,7 @@ def _split_row(line: F4, i: int, parts: F4) -> None:
         parts[OO, i, j], parts[OO, i, m + j] = pr - qr, pi - qi
     parts[EE, i, 0], parts[EE, i, m] = line[0, h] + line[2, h], line[1, h] + line[3, h]
     parts[OE, i, 0], parts[OE, i, m] = line[0, h] - line[2, h], line[1, h] - line[3, h]
-    parts[EO, i, 0] = parts[EO, i, m] = parts[OO, i, 0] = parts[OO, i, m] = 0  # nothing is odd about the axis itself
+    parts[EO, i, 0] = parts[EO, i, m] = parts[OO, i, 0] = parts[OO, i, m] = 0  # odd parts vanish on the axis
 
 
 @njit(fastmath=True)
@@ -245,11 +245,10 @@ def fold(
 ) -> float:
     """Multiply field, aperture and tilt, f_k = E_k m_k exp(i (turn_y k_y + turn_x k_x)), and split f by parity.
 
-    ``place`` is the table's row and column of the sample k = 0, ``turn`` the phase per sample (y, x). With f(+-i, +-j)
-    the values at samples mirrored in both axes, ee sums all four, and o subtracts those at negative k; samples on an
-    axis count once. Returns the sum of |E m|^2. ``line`` is scratch ``(6, 2h+1)``: f at +i and at -i (re, im), and the
-    tilt along x.
-    at -i (re, im), and the tilt along x.
+    ``place`` is the table's row and column of the sample k = 0, ``turn`` the phase per sample (y, x). With f(+-i,
+    +-j) the values at samples mirrored in both axes, ee sums all four, and o subtracts those at negative k; samples
+    on an axis count once. Returns the sum of |E m|^2. ``line`` is scratch memory ``(6, 2h+1)``: f at +i and at -i
+    (re, im), and the tilt along x.
     """
     field_re, field_im, mask_re, mask_im = field.re, field.im, mask.re, mask.im
     row, col = place
@@ -266,7 +265,7 @@ def fold(
             k = h + i if side == 0 else h - i
             angle = turn_y * (k - h)
             c, s = field_re.dtype.type(math.cos(angle)), field_re.dtype.type(math.sin(angle))
-            part = field_re.dtype.type(0)  # a row's sum in its own precision keeps the loop in vectors
+            part = field_re.dtype.type(0)  # summing a row in its own precision keeps the loop vectorized
             base = col - h
             r = row - h + k
             for j in range(n):
@@ -314,7 +313,7 @@ def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int
     """
     quarters, nodes, pixels = scratch.quarters, scratch.nodes, scratch.pixels
     k, n = quarters.shape[2], nodes.shape[0]
-    up, down = n // 2, (n - 1) // 2  # of an odd number of nodes the middle one is its own mirror image
+    up, down = n // 2, (n - 1) // 2  # for an odd number of nodes, the middle one is its own mirror image
     for i in range(k):
         for j in range(k):
             ar, ai = quarters[0, 2 * i, j], quarters[0, 2 * i + 1, j]
@@ -415,16 +414,16 @@ def respond(
 ) -> None:
     """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
 
-    ``spots`` are those of `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours share their place
-    between two samples, and thus the mask; their ``energy_in`` and ``energy_out`` are filled.
+    ``spots`` come from `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours have the same position
+    between two samples and share the mask; their ``energy_in`` and ``energy_out`` are filled.
     """
-    # arrays out of their records before the loop: inside, each access would count references
+    # read arrays from their records before the loop: inside, each access would count references
     scratch, dx, per, w = _memory(zoom, field.re), field.dx_um, zoom.per_px, zoom.bins.shape[1]
     straight, bent, line, parities = scratch.mask, scratch.bent, scratch.line, scratch.parities
     half, quarters, turns = scratch.half, scratch.quarters, scratch.turns
     image, grid_re, grid_im, boxes = target.image, target.grid_re, target.grid_im, target.boxes
     cell = aperture.cell.shape[0] > 0
-    step = -2 * math.pi * optics.per_spread * dx  # turn per sample for a window 1 µm off the phase's centre
+    step = -2 * math.pi * optics.per_spread * dx  # phase per sample for a window 1 µm off the phase's centre
     last_x = last_y = 1e300
     for f in range(spots.shape[0]):
         spot = spots[f]

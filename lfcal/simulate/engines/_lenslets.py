@@ -1,4 +1,4 @@
-"""Compiled loops of the wave engine over many lenslets: which of them matter to a source, and their fields' sum."""
+"""Compiled loops of the wave engine over many lenslets: which of them matter to a source, and the sum of fields."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ F4 = NDArray[Any]
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
 
-# fields of a structured array belong to the signature a kernel is compiled for: other files may share this one.
+# fields of a structured array are part of a kernel's signature, so other files may share this type
 SPOT = np.dtype(
     [
         *((name, np.int64) for name in ("position", "row", "col", "top", "left")),
@@ -45,9 +45,9 @@ energy_in, energy_out
 
 
 class LensletLight(NamedTuple):
-    """What reaches the lenslets of one type."""
+    """The light that reaches the lenslets of one type."""
 
-    energy: F4  # (n, n): what a lenslet at each sample of the field table passes
+    energy: F4  # (n, n): light transmitted by a lenslet at each sample of the field table
     floor: float  # energy below which a lenslet is left out
     dx_um: float  # distance of samples
     half: int  # samples from the middle of an aperture to its edge
@@ -60,7 +60,7 @@ class LensletWindow(NamedTuple):
     ratio: float  # B'/a' of the converging sphere; 0 near the native plane
     pull: float  # the window's middle lies at c - pull (c - X0)
     width: int  # its side (pixels)
-    rows: int  # those of the cutout (pixels)
+    rows: int  # height of the cutout (pixels)
     columns: int
     beyond: int  # how far beyond the window light is followed (pixels)
 
@@ -69,7 +69,7 @@ class LensletWindow(NamedTuple):
 def select(
     light: LensletLight, window: LensletWindow, centre: F8, source: F8, pixel: I8, spots: Any
 ) -> tuple[int, int]:
-    """List in ``spots`` the positions whose light reaches a lenslet and, behind it, the cutout; return how many.
+    """List in ``spots`` the positions whose light passes a lenslet and reaches the cutout; return their number.
 
     Positions whose light reaches the lenslet only outside the window are listed from the end, with ``energy_in`` for
     uniform light through the lenslet; their number is the second return value.
@@ -96,7 +96,7 @@ def select(
             continue
         if light.energy[row, col] < light.floor:
             continue
-        # the window begins with a whole pixel, so that all windows of a type share their nodes
+        # the window begins with a whole pixel, so that all windows of a type have the same nodes
         wx = math.floor((centre[0] - window.pull * lx) / px + 0.5)
         wy = math.floor((centre[1] - window.pull * ly) / px + 0.5)
         left = int(wx) - pixel[p, 1] - width // 2 + window.columns // 2
@@ -121,10 +121,10 @@ def select(
 
 @njit(fastmath=True)
 def square_fields(grid_re: F4, grid_im: F4, boxes: I8, weights: F4, per: int, out: F4) -> None:
-    """Integrate the summed fields' squares over the pixels of each position's box; leave grids and boxes empty.
+    """Integrate the squares of the summed fields over the pixels of each position's box; clear grids and boxes.
 
-    A pixel is sum_ij w_i w_j |V_ij|^2 over its ``per`` nodes a side and those it shares with its neighbours; first
-    down the columns, where neighbouring pixels of a row share the sums.
+    A pixel is sum_ij w_i w_j |V_ij|^2 over its ``per`` nodes along each side and those shared with its neighbours.
+    Columns are summed first, because neighbouring pixels of a row share these sums.
     """
     taps = weights.size
     line = np.empty(grid_re.shape[2], grid_re.dtype)

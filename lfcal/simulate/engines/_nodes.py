@@ -16,14 +16,14 @@ from scipy.optimize import nnls
 __all__ = ["MANY_ANGLES", "ONE_APERTURE", "NodeRule", "conserving", "fitted_rule"]
 
 ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
-"""How the spectrum of light ends: behind a round aperture, and behind many that are lit from different angles."""
+"""Power with which the spectrum of light falls to zero: behind one round aperture, and behind many."""
 
 
 MIN_WEIGHT = 0.1
-"""Share of the best-taken nodes' weight below which others are as good as left out."""
+"""Share of the largest node weight below which a node counts as left out."""
 
 EVEN = 0.01
-"""How much weights are evened out then: the fit stays good to 2e-4."""
+"""Strength with which weights are then evened out; the fit stays accurate to 2e-4."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class NodeRule:
     weights: NDArray[np.float64]
 
     def count(self, width_px: int) -> int:
-        """Return how many nodes a window of ``width_px`` pixels needs along an axis."""
+        """Return the number of nodes along an axis for a window of ``width_px`` pixels."""
         return width_px * self.per_px + 2 * self.beyond
 
     def positions(self, width_px: int) -> NDArray[np.float64]:
@@ -47,7 +47,7 @@ class NodeRule:
         return (np.arange(n) - (n - 1) / 2) / self.per_px
 
     def matrix(self, width_px: int) -> NDArray[np.float64]:
-        """Return ``(nodes, pixels)``: intensities times this are pixel values along one axis."""
+        """Return the matrix ``(nodes, pixels)`` from intensities to pixel values along one axis."""
         m = np.zeros((self.count(width_px), width_px))
         for p in range(width_px):
             m[p * self.per_px : p * self.per_px + self.weights.size, p] = self.weights
@@ -75,9 +75,9 @@ def fitted_rule(
     beyond
         Number of nodes in each neighbour; more than one has no benefit.
     falloff
-        Power of 1 - f/band with which the light's spectrum ends, `ONE_APERTURE` or `MANY_ANGLES`.
+        Power of 1 - f/band with which the light's spectrum falls to zero: `ONE_APERTURE` or `MANY_ANGLES`.
     even
-        Strength of the pull towards equal weights; without it, light that needs fewer nodes leaves some unused.
+        Strength of the pull towards equal weights. Without it, some nodes are unused if the light needs fewer nodes.
 
     The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill, weighted by
     the transfer function 1 - f/band of the light, with the sum constrained to ``fill``.
@@ -85,7 +85,7 @@ def fitted_rule(
     n = per_px + 2 * beyond
     x = (np.arange(n) - (n - 1) / 2) / per_px
     f = np.linspace(0.0, band, 400)
-    # what is added keeps the band's end in the fit
+    # the added constant keeps the end of the band in the fit
     trust = np.clip(1 - f / band, 0.0, None) ** falloff + 1e-3
     trust[0] = 1e3
     right = x[n // 2 :]  # the weights are symmetric
@@ -101,9 +101,9 @@ def fitted_rule(
 
 
 def conserving_rule(per_px: int, band: float, falloff: float = ONE_APERTURE) -> NodeRule:
-    """Return the rule of pixels without gaps whose weights `conserving` makes; see `fitted_rule`.
+    """Return the rule for pixels without gaps, with weights made by `conserving`; see `fitted_rule`.
 
-    Where the light needs far fewer nodes the best fit leaves some out, which all pixels together must not do.
+    If the light needs far fewer nodes, the best fit leaves some out, but all pixels together must use every node.
     """
     rule = fitted_rule(per_px, band, falloff=falloff)
     taken = [float(rule.weights[first::per_px].sum()) for first in range(per_px)]
@@ -113,7 +113,7 @@ def conserving_rule(per_px: int, band: float, falloff: float = ONE_APERTURE) -> 
 
 
 def conserving(rule: NodeRule) -> NodeRule:
-    """Return the rule with weights by which the pixels together take all nodes alike: no light is made or lost."""
+    """Return the rule with weights that conserve light: all pixels together weigh all nodes equally."""
     weights = rule.weights.copy()
     for first in range(rule.per_px):
         weights[first :: rule.per_px] *= rule.weights.sum() / (rule.per_px * weights[first :: rule.per_px].sum())

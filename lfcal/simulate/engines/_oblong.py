@@ -1,4 +1,4 @@
-"""Non-square pixels: frames resampled by unequal factors, computed on fine square pixels and summed.
+"""Non-square pixels: frames resampled by unequal factors are computed on fine square pixels and summed.
 
 The engines support only square pixels. The light of each response is computed on a fine grid with `FINER` square
 pixels across the width of an oblong one. Its running sum along an axis is smooth, and differences at the edges of the
@@ -23,13 +23,13 @@ from lfcal.simulate.scene import Scene
 __all__ = ["FINER", "OblongPlane"]
 
 FINER = 3
-"""Fine pixels to the width of an oblong one: the spline through their running sum errs by 1e-4 of a response.
+"""Fine pixels across the width of an oblong one; the spline through their running sum has an error of 1e-4.
 
-An odd number: where the aspect is nearly 1, edges of oblong pixels lie near edges of fine ones.
+An odd number: if the aspect is nearly 1, edges of oblong pixels are near edges of fine ones.
 """
 
 SPARE = 6
-"""Fine pixels around the window, where the spline's ends are."""
+"""Fine pixels around the window, for the ends of the spline."""
 
 
 @lru_cache(maxsize=4096)
@@ -39,10 +39,10 @@ def _sums(fine: int, oblong: int, step: float, fill: float, shift: float, degree
     ``step`` fine pixels are between oblong ones, whose middle one is ``shift`` fine pixels from the fine middle. The
     running sum is a spline of ``degree``: 5 for waves, 1 for the sharp edges of rays.
     """
-    from scipy.interpolate import make_interp_spline  # takes long to load
+    from scipy.interpolate import make_interp_spline  # slow to import
 
     edges = np.arange(fine + 1) - 0.5 - centre(fine)
-    # the spline through the running sum of one fine pixel's light alone, for each of them
+    # the spline through the running sum of the light of a single fine pixel, for each of them
     running = make_interp_spline(edges, np.tri(fine + 1, fine, -1), k=degree)
     middle = shift + step * (np.arange(oblong) - centre(oblong))
     sums: NDArray[np.float64] = running(middle + fill * step / 2) - running(middle - fill * step / 2)
@@ -87,11 +87,11 @@ class OblongPlane:
     Parameters
     ----------
     scene
-        What is computed, ``pixel_aspect`` not 1.
+        The scene to compute; its ``pixel_aspect`` is not 1.
     sampling
-        How finely, per oblong pixel.
+        Sampling for each oblong pixel.
     make
-        Makes the engine of the fine pixels from their scene and sampling.
+        Function that makes the engine of the fine pixels from their scene and sampling.
     """
 
     def __init__(self, scene: Scene, sampling: Sampling, make: Callable[..., PlaneEngine]) -> None:
@@ -112,7 +112,7 @@ class OblongPlane:
         """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *self.scene.cutout), np.float32) if out is None else out
-        # as many rows at a time as there are threads: fine windows are larger
+        # as many rows in one block as there are threads, because fine windows are larger
         block = max(1, workers or 2)
         for start in range(0, rows.size, block):
             part = rows[start : start + block]

@@ -16,12 +16,12 @@ __all__ = ["area", "clip", "disc_transform", "half_planes", "iris_outline", "reg
 
 Points = NDArray[np.float64]
 _SAME_AS_ZERO = 1e-140
-"""Frequencies whose square underflows: there the transform equals the area."""
+"""Frequency below which the square underflows; there, the transform equals the area."""
 
 
 def area(outline: Points) -> float:
     """Return the signed area of a polygon ``(n, 2)``: positive where x turns towards y."""
-    x, y = (outline - outline[:1]).T  # far from the origin nothing cancels
+    x, y = (outline - outline[:1]).T  # relative to the first vertex, to avoid cancellation far from the origin
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
@@ -37,7 +37,7 @@ def _curved(blades: int, curvature: float, rotation_rad: float, sagitta: float) 
     corner = math.pi / blades
     rim = 1.0 / math.cos(corner)  # apothem of the chords is 1 until the scale is set
     chord = 2 * math.sin(corner) * rim
-    # the blade's radius over the apothem of the finished opening: solved for the chord's own geometry
+    # ratio of the blade's radius to the apothem of the finished opening, solved for the geometry of the chord
     radius = _blade_radius(chord, curvature)
     half = math.asin(min(1.0, chord / (2 * radius)))
     pieces = max(1, math.ceil(half / math.acos(1 - sagitta / radius)))
@@ -52,7 +52,7 @@ def _curved(blades: int, curvature: float, rotation_rad: float, sagitta: float) 
 
 def _blade_radius(chord: float, curvature: float) -> float:
     """Return r with (1 + sagitta(r)) / r = curvature: the opening's apothem, arc included, over the blade's radius."""
-    lo, hi = chord / 2, 1e12  # a radius spans many orders of magnitude: bisected on its logarithm
+    lo, hi = chord / 2, 1e12  # bisection on a logarithmic scale, because a radius spans many orders of magnitude
     for _ in range(200):
         r = math.sqrt(lo * hi)
         apothem = 1.0 + r - math.sqrt(max(0.0, r * r - chord * chord / 4))
@@ -63,8 +63,8 @@ def _blade_radius(chord: float, curvature: float) -> float:
 def iris_outline(iris: PupilIris, sagitta: float = 2e-4) -> Points:
     """Return the pupil ``(n, 2)`` as (x, y) in units of the radius of the disc f/(2N), counter-clockwise in (x, y).
 
-    The iris has that disc's area, pi; a second stop takes light away. Arcs are drawn as chords no farther
-    than ``sagitta`` from them, at equal area. The outline is empty where the stop covers everything.
+    The iris has the area of that disc, pi; a second stop removes light. Arcs are drawn as chords with a distance of
+    at most ``sagitta``, at equal area. The outline is empty if the stop covers everything.
     """
     n = max(16, 8 * math.ceil(math.pi / math.acos(1 - sagitta) / 8))
     if iris.blades == 0 or iris.curvature == 1:
@@ -87,7 +87,7 @@ def half_planes(outline: Points) -> tuple[Points, NDArray[np.float64]]:
 
 
 def clip(subject: Points, window: Points) -> Points:
-    """Return the part of a convex polygon inside another (Sutherland-Hodgman); ``(0, 2)`` where they are apart."""
+    """Return the part of a convex polygon inside another (Sutherland-Hodgman); ``(0, 2)`` if they do not overlap."""
     points = [(float(x), float(y)) for x, y in subject]
     for (nx, ny), d in zip(*half_planes(window), strict=True):
         kept: list[tuple[float, float]] = []
@@ -114,7 +114,7 @@ def disc_transform(radius: float, f: ArrayLike) -> NDArray[np.float64]:
 def transform(outline: Points, fx: ArrayLike, fy: ArrayLike) -> NDArray[np.complex128]:
     """Return the Fourier transform of a polygon's indicator, integral of exp(-2 pi i f.x), at points (fx, fy).
 
-    By the divergence theorem over the edges, in the form of `_edge_rows`. Error 2e-16 of the area at any frequency.
+    It is computed by the divergence theorem over the edges, as in `_edge_rows`. The error is 2e-16 of the area.
     """
     x, y = np.broadcast_arrays(np.asarray(fx, np.float64), np.asarray(fy, np.float64))
     centre = outline.mean(0)
@@ -150,7 +150,7 @@ def spectrum(
         for_each_chunk(lambda a, b: _edge_rows(closed, f, g[a:b], re[a:b], im[a:b]), g.size, workers)
         result.real[rows, columns], result.imag[rows, columns] = re, im  # avoids a temporary sum for a large grid
 
-    opposite = -np.arange(fx.size)  # where -f lies, counted from the first sample, or from the end
+    opposite = -np.arange(fx.size)  # index of -f, counted from the first sample, or from the end
     alone = np.flatnonzero(fx[opposite] != -fx)
     half = fy.size // 2 + 1
     if fy is fx and alone.size <= 1 and fy.size > 2:
@@ -203,7 +203,7 @@ def _edge_rows(
     for k in range(closed.shape[0] - 1):
         ex, ey = np.pi * (closed[k + 1, 0] - closed[k, 0]), np.pi * (closed[k + 1, 1] - closed[k, 1])
         mx, my = np.pi * (closed[k + 1, 0] + closed[k, 0]), np.pi * (closed[k + 1, 1] + closed[k, 1])
-        # cosines less 1: near f = 0 nothing is left of them otherwise
+        # cosines minus 1, which would cancel near f = 0
         sx, cx, px, qx = np.sin(ex * fx), np.cos(ex * fx), -2 * np.sin(mx * fx / 2) ** 2, np.sin(mx * fx)
         for r in range(fy.size):
             f = fy[r]

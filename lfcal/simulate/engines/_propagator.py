@@ -1,4 +1,4 @@
-"""Propagation of a plane's field to a parallel plane."""
+"""Propagation of a field from one plane to a parallel plane."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Complex = NDArray[np.complex128]
 def sensor_propagator(
     f: NDArray[np.float64], wavelength: float, gap: float, exact: bool, glass: tuple[float, float] = (0.0, 1.0)
 ) -> tuple[Complex, bool]:
-    """Return the transfer function over ``gap``, and whether it is separable.
+    """Return the transfer function over the distance ``gap``, and whether it is separable.
 
     ``glass`` is thickness and index of a plate; the gap is the equivalent one in air, with the same Fresnel integral.
 

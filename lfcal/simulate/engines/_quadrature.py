@@ -1,4 +1,4 @@
-"""Gauss-Legendre nodes without a linear-algebra library: fast, accurate, and without threads."""
+"""Gauss-Legendre nodes without a linear-algebra library, so that no threads are started."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _newton(n: int, x: F8, w: F8) -> None:
     with P_n' = n (P_n-1 - t P_n) / (1 - t^2) (Abramowitz and Stegun 25.4.29).
     """
     for i in range((n + 1) // 2):
-        t = math.cos(math.pi * (i + 0.75) / (n + 0.5))  # close enough that Newton finds this root and no other
+        t = math.cos(math.pi * (i + 0.75) / (n + 0.5))  # close enough for Newton's method to find this root
         slope = 1.0
         for _ in range(12):
             before, value = 1.0, t
@@ -33,7 +33,7 @@ def _newton(n: int, x: F8, w: F8) -> None:
             t -= step
             if abs(step) < 1e-15:
                 break
-        # once more at the root itself, as the weight needs the slope there
+        # once more at the root itself, because the weight needs the slope there
         before, value = 1.0, t
         for k in range(2, n + 1):
             before, value = value, ((2 * k - 1) * t * value - (k - 1) * before) / k
@@ -41,7 +41,7 @@ def _newton(n: int, x: F8, w: F8) -> None:
         x[i], x[n - 1 - i] = -t, t
         w[i] = w[n - 1 - i] = 2 / ((1 - t * t) * slope * slope)
     if n % 2 == 1:
-        x[n // 2] = 0.0  # exactly, so that the rule is symmetric
+        x[n // 2] = 0.0  # exactly 0, so that the rule is symmetric
 
 
 def gauss_legendre(n: int, low: float = -1.0, high: float = 1.0) -> tuple[F8, F8]:

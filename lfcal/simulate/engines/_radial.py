@@ -17,11 +17,11 @@ SPARE_NODES = 30
 
 
 SMALL = 0.02
-"""Argument below which J2 is its series: the recurrence loses digits there."""
+"""Argument below which J2 is computed by its series, because the recurrence loses digits there."""
 
 
 def bessel(order: int, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the Bessel function J_order(x) for order 0, 1 or 2 and x >= 0: five times as quick as for any order."""
+    """Return the Bessel function J_order(x) for order 0, 1 or 2 and x >= 0, five times faster than for any order."""
     if order < 2:
         plain: NDArray[np.float64] = (j0, j1)[order](x)
         return plain
@@ -35,10 +35,10 @@ def bessel(order: int, x: NDArray[np.float64]) -> NDArray[np.float64]:
 def hankel_sum(
     r: NDArray[np.float64], rates: NDArray[np.float64], weights: NDArray[np.complex128], order: int = 0
 ) -> NDArray[np.complex128]:
-    """Return sum_t weights[t] J_order(rates[t] r), in the shape of ``r``; order 0, 1 or 2."""
+    """Return sum_t weights[t] J_order(rates[t] r) in the shape of ``r``, for order 0, 1 or 2."""
     two = np.stack([weights.real, weights.imag], axis=1)
     parts = np.array_split(r.ravel(), 1 + r.size * rates.size // 1_000_000)
-    # einsum, not a BLAS product: those start threads that wait for one another where many engines are built
+    # einsum instead of BLAS, whose threads would block each other when many engines are built
     sums = np.concatenate([np.einsum("rt,tc->rc", bessel(order, np.outer(part, rates)), two) for part in parts])
     values: NDArray[np.complex128] = (sums[:, 0] + 1j * sums[:, 1]).reshape(r.shape)
     return values
@@ -64,9 +64,9 @@ def focus_integral(
     waves
         Aberration W(rho) in waves, or None.
     nodes
-        Number of nodes; None: that for the phase without aberration.
+        Number of nodes; None: the number for the phase without aberration.
     amplitude
-        Amplitude over the pupil A(rho), a factor of the integrand; None is 1.
+        Amplitude over the pupil A(rho), a factor of the integrand; None: 1.
     """
     at = np.asarray(v, np.float64)
     t, w = gauss_legendre(nodes or int((abs(u) / 2 + float(at.max(initial=0.0))) / 2) + SPARE_NODES, 0.0, 1.0)
@@ -79,11 +79,11 @@ def focus_integral(
 
 
 def parity_spline(values: NDArray[np.complex128], step: float, *, odd: bool = False) -> Radial:
-    """Return the quintic spline of an even or odd function given at 0, step, 2 step ...; r = 0 is no end of it."""
+    """Return the quintic spline of an even or odd function given at 0, step, 2 step ...; it is continued past r = 0."""
     mirrored = values[8:0:-1]
     whole = np.concatenate([-mirrored if odd else mirrored, values])
     at = step * np.arange(-len(mirrored), len(values))
-    from scipy.interpolate import make_interp_spline  # takes long to load
+    from scipy.interpolate import make_interp_spline  # slow to import
 
     spline = make_interp_spline(at, np.stack([whole.real, whole.imag], axis=1), k=5)
 

@@ -18,7 +18,7 @@ __all__ = ["fold_rows", "in_blocks", "node_light", "pixel_sums", "product"]
 
 Array = NDArray[Any]
 _SMALL = 1 << 18  # multiply-adds
-_ROWS = 64  # of one block of a product: what it writes stays in the first-level cache
+_ROWS = 64  # rows of a block of a product, such that the output stays in the first-level cache
 
 
 @njit(fastmath=True)
@@ -32,7 +32,7 @@ def product(a: Array, b: Array) -> Array:
     rows = max(1, _SMALL // (n * w))
     for i in range(0, k, rows):
         j = min(i + rows, k)
-        # the third part is made here, so that the next product finds it
+        # the third part is computed here, for the next product
         p, q, s = np.dot(a[0, i:j], b[0]), np.dot(a[1, i:j], b[1]), np.dot(a[2, i:j], b[2])
         for r in range(j - i):
             for c in range(w):
@@ -47,8 +47,8 @@ def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: in
 
     ``wide`` (3, rows, distances) has row r's response to sample k at ``start + per_node r -+ k``. A sample and its
     mirror image share one column of A, in ``out`` (parities, 3, nodes, n): out[0, :, r, k] = wide(-k) + wide(+k) for
-    an even field, out[1, :, r, k] = wide(-k) - wide(+k) for an odd one; the middle one counts once, where nothing is
-    odd.
+    an even field, out[1, :, r, k] = wide(-k) - wide(+k) for an odd one; the middle one counts once, and an odd field
+    is 0 there.
     """
     for part in range(3):
         for r in range(wide.shape[1]):
@@ -67,7 +67,7 @@ def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: in
 def in_blocks(value: Array) -> Array:
     """Return ``value`` (3, k, n) transposed and cut into blocks of columns: ``(3, blocks, n, w)``.
 
-    Each block is contiguous and small enough for one product; the last one is filled up with zeros.
+    Each block is contiguous and small enough for one product; the last one is padded with zeros.
     """
     k, n = value.shape[1], value.shape[2]
     width = max(1, _SMALL // (_ROWS * n))
@@ -83,7 +83,7 @@ def in_blocks(value: Array) -> Array:
 def node_light(left: Array, a: Array, light: Array) -> None:
     """Add |sum_n a[x, n] left[n, y]|^2 to ``light`` (kx, >= ky); ``left`` from `in_blocks`, a (3, kx, n).
 
-    Squared block by block, while the product is in the caches: the field itself is never stored.
+    Blocks are squared while the product is in the caches; the field itself is never stored.
     """
     blocks, width = left.shape[1], left.shape[3]
     kx = a.shape[1]
@@ -110,7 +110,7 @@ def pixel_sums(light: Array, weights: Array, per: int, out: Array) -> None:
     taps = weights.size
     line = np.empty(light.shape[1], light.dtype)
     for s in range(out.shape[1]):
-        line[:] = 0  # first across rows of memory, in vectors: the pixels of a column share these sums
+        line[:] = 0  # first along the memory order, vectorized: the pixels of a column share these sums
         for i in range(taps):
             for j in range(line.size):
                 line[j] += weights[i] * light[s * per + i, j]

@@ -22,29 +22,30 @@ F8 = NDArray[np.float64]
 
 
 class LitLenslets(NamedTuple):
-    """The lenslets that may be lit, and what each does to a spot."""
+    """The lenslets that may be lit, and how each transforms a spot."""
 
     centres: F8  # (lenslets, 2) as (x, y) (µm)
-    pull: F8  # (lenslets,): the spot's middle lies at c - pull (c - X0)
-    size: F8  # (lenslets,): spot over subject, negative where it is turned upside down
+    pull: F8  # (lenslets,): the spot's middle is at c - pull (c - X0)
+    size: F8  # (lenslets,): ratio of spot to subject, negative if it is inverted
     gain: F8  # (lenslets,): share of the light that passes
 
 
 class Shapes(NamedTuple):
-    """Two convex polygons: the light behind a lenslet is where they overlap.
+    """Two convex polygons: the light behind a lenslet is their intersection.
 
-    The subject is clipped and drawn: the lenslet's aperture (µm), or the pupil (radii of f/(2 Nw)) where its shadow is
-    smaller. The window is the other one, in µm on the array, given by its half planes normal . p <= limit.
+    The subject is clipped and drawn. It is the lenslet's aperture (µm), or the pupil (radii of f/(2 Nw)) if its
+    shadow is smaller. The window is the other polygon, in µm on the array, given by its half planes normal . p <=
+    limit.
     """
 
     subject: F8  # (vertices, 2)
     normals: F8  # (sides, 2), of length 1
     limits: F8  # (sides,) (µm)
     factor: float  # from the subject's units to µm on the array: 1, or a'/(2 Nw)
-    sign: float  # of c - X0 as the subject's place within the window
+    sign: float  # of c - X0, which places the subject within the window
     reach: float  # radius about the subject, on the array (µm)
-    inner: float  # radius in the window (µm)
-    outer: float  # radius about the window (µm)
+    inner: float  # radius inside the window (µm)
+    outer: float  # radius around the window (µm)
 
 
 class SpotDrawing(NamedTuple):
@@ -52,7 +53,7 @@ class SpotDrawing(NamedTuple):
 
     px_um: float  # pixel pitch
     density: float  # energy per area of the subject
-    least: float  # smallest scale of a spot: in focus its area would be 0 and its irradiance infinite
+    least: float  # smallest scale of a spot, because in focus its area would be 0 and its irradiance infinite
 
 
 @njit()
@@ -92,7 +93,7 @@ def _edge(acc: Array, r: int, xl: float, xr: float, d: float) -> None:
     """
     il, ir = int(xl), int(xr)
     if il == ir or xr == il + 1.0:
-        middle = 0.5 * (xl + xr) - il  # within one column the part right of the edge is a trapezoid
+        middle = 0.5 * (xl + xr) - il  # within one column, the part to the right of the edge is a trapezoid
         acc[r, il] += d * (1 - middle)
         acc[r, il + 1] += d * middle
         return
@@ -126,7 +127,7 @@ def _draw(p: Array, n: int, acc: Array, h: int) -> None:
             below = y1 if y1 < r + 1 else r + 1.0
             if below - y <= 0:
                 continue
-            # held between the ends: rounding must not leave the cells of the polygon
+            # limited to the ends: rounding must not leave the cells of the polygon
             next_x = min(max(x0 + slope * (below - y0), min(x0, x1)), max(x0, x1))
             _edge(acc, r, min(x, next_x), max(x, next_x), sign * (below - y))
             x, y = next_x, below
@@ -139,10 +140,10 @@ def _overlap(shapes: Shapes, dx: float, dy: float, a: Array, b: Array) -> int:
     for i in range(n):  # a loop, because numba takes seconds longer to compile operations on arrays of different shapes
         a[i, 0], a[i, 1] = shapes.subject[i, 0], shapes.subject[i, 1]
     if math.sqrt(dx * dx + dy * dy) <= shapes.inner - shapes.reach:
-        return n  # wholly inside: nothing to clip
+        return n  # completely inside: nothing to clip
     for k in range(shapes.limits.size):
         nx, ny = shapes.normals[k, 0], shapes.normals[k, 1]
-        # normal . (factor u + sign (c - X0)) <= limit: the window stays, the subject is moved
+        # normal . (factor u + sign (c - X0)) <= limit: the window is fixed, the subject moves
         limit = shapes.limits[k] - shapes.sign * (nx * dx + ny * dy)
         kept = _cut(a, n, b, shapes.factor * nx, shapes.factor * ny, limit)
         if kept < 3:
@@ -194,7 +195,7 @@ def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) ->
         cover = 0.0
         for c in range(w):
             cover += acc[r, c]
-            value = abs(cover) * gain  # the sign is that of the polygon's sense of turning
+            value = abs(cover) * gain  # the sign is the polygon's direction of rotation
             image[top + r, left + c] += value
             drawn += value
     return lit, drawn

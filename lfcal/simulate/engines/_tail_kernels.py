@@ -16,7 +16,7 @@ F4 = NDArray[Any]
 
 @njit(fastmath=True)
 def add_tails(spots: Any, lacking: NDArray[np.float64], pattern: F4, beyond: int, image: F4) -> None:
-    """Add to each cutout the light that the windows of spots lack, distributed as ``pattern``.
+    """Add to each cutout the light that the windows of spots do not contain, distributed as ``pattern``.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def add_tails(spots: Any, lacking: NDArray[np.float64], pattern: F4, beyond: int
         p, top, left = spot.position, spot.top - beyond, spot.left - beyond
         first, last = max(0, -left), min(m, image.shape[2] - left)
         for i in range(max(0, -top), min(m, image.shape[1] - top)):
-            # slices: an index that might be negative keeps the loop out of vectors
+            # slices, because an index that might be negative prevents vectorization
             onto, share = image[p, top + i, left + first : left + last], pattern[i, first:last]
             for j in range(last - first):
                 onto[j] += light * share[j]

@@ -1,9 +1,9 @@
 """The light of lenslets outside their windows.
 
-A window a few pixels wider than the spot lacks one or two percent of a lenslet's light, which decreases as slowly as
-1/r^3 and would need wide windows. The missing amount is known: the light that the lenslet transmits minus the light in
-its window. Its distribution is that of a uniformly lit lenslet of the same type, computed once on a wide window,
-because tails come from the edge of the aperture and hardly depend on the light on it.
+A window a few pixels wider than the spot misses one or two percent of a lenslet's light. This light decreases only as
+1/r^3 and would need wide windows. The missing amount is known: the light that the lenslet transmits minus the light
+in its window. Its distribution is that of a uniformly lit lenslet of the same type, computed once on a wide window.
+Tails come from the edge of the aperture and hardly depend on how it is lit.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ __all__ = ["Tail", "tail_of"]
 F4 = NDArray[np.float32]
 
 FINE = 2
-"""Samples of a cell's table to one of the aperture: the lenslet lies on them."""
+"""Samples of a cell's table for each sample of the aperture, so that the lenslet lies on them."""
 
 NODES = 2.2
-"""Nodes per pixel of the wide window, over the band of the intensity: 2 hold it, whatever the rule of the others."""
+"""Nodes per pixel of the wide window; 2 are sufficient for the band of the intensity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +63,8 @@ class Tail:
         Ratio of the light that a lenslet transmits to that in its samples, which soften its edge slightly.
     share
         Share of a uniformly lit lenslet's light that pixels receive outside its window.
-    by_window
-        Whether the light in a window determines what it lacks. This fails for pixels with gaps between them, which
-        receive an unrepresentative share of a small spot.
+    Whether the light in a window determines the missing light. This fails for pixels with gaps between them, which
+    receive an unrepresentative share of a small spot.
     """
 
     pattern: F4
@@ -74,7 +73,7 @@ class Tail:
     by_window: bool
 
     def add(self, spots: NDArray[Any], width: int, image: NDArray[Any]) -> float:
-        """Add what windows of ``width`` lack to the cutouts ``(positions, rows, columns)``; return how much of it."""
+        """Add the light outside windows of ``width`` to the cutouts (positions, rows, columns); return its sum."""
         passed = self.edge * spots["energy_in"]
         lacking = np.maximum(passed - spots["energy_out"], 0.0) if self.by_window else self.share * passed
         return self._spread(spots, lacking, width, image)
@@ -89,7 +88,7 @@ class Tail:
 
 
 def tail_of(scene: Scene, sampling: Sampling, lens: LensTable, kind: int) -> Tail:
-    """Return the tail of a lens type behind windows of ``lens``; its light is even, and of a distant source."""
+    """Return the tail of a lens type behind windows of ``lens``, for uniform light from a distant source."""
     px, spread = scene.reduced_pixel_um, scene.wavelength_um * scene.reduced_gap_um
     beyond = tail_px(sampling)
     width = lens.width + 2 * beyond
@@ -114,7 +113,7 @@ def tail_of(scene: Scene, sampling: Sampling, lens: LensTable, kind: int) -> Tai
     pattern = image[0].astype(np.float64)
     window = slice(beyond, beyond + lens.width)
     exact = _area(scene)
-    # rounding and the rule of the nodes leave some 1e-4: no more may lie in sight than there is
+    # rounding and the rule of the nodes leave about 1e-4: limit it to the light that exists
     outside = max(exact - float(pattern[window, window].sum()), 1e-6 * exact)
     pattern[window, window] = 0
     pattern /= max(outside, float(pattern.sum()))

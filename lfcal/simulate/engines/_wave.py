@@ -1,4 +1,4 @@
-"""W2: the light of each lenslet by a zoomed Fourier transform of the main lens's tabulated field.
+"""Level W2: the light of each lenslet by a zoomed Fourier transform of the main lens's tabulated field.
 
 With c the lenslet's centre, X0 the source's image and L = lambda B', a lenslet's field on the sensor is
 
@@ -34,15 +34,15 @@ from lfcal.simulate.scene import Scene, pixel_response
 __all__ = ["WavePlane"]
 
 TOLERANCE = 0.02
-"""Share by which a response's energy may exceed its input before it is called too coarsely sampled."""
+"""Share by which a response's energy may exceed its input before the sampling counts as too coarse."""
 
 FAINT = 0.01
-"""Share of the best-lit lenslet's energy below which a response may err by that of one so faint."""
+"""Share of the best-lit lenslet's energy that limits the absolute error of fainter lenslets."""
 COHERENT_BATCH = 8
-"""Number of positions whose node grids are in memory together."""
+"""Number of positions whose node grids are in memory at the same time."""
 
 PILOT_COLUMNS = 48
-"""Positions of a row that are timed: what is done once for each lenslet of a row counts as in whole rows."""
+"""Positions of a row that are timed, so that work done once for each lenslet of a row has its usual share."""
 
 
 class WavePlane:
@@ -51,7 +51,7 @@ class WavePlane:
     Parameters
     ----------
     scene, sampling
-        What is computed, and how finely.
+        The scene to compute, and the sampling.
     mode
         ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
     """
@@ -82,14 +82,14 @@ class WavePlane:
         return apart < 0.5 * max(lens.width for lens in self.tables.kinds) * self.scene.reduced_pixel_um
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> WavePlane:
-        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
+        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``; it shares the tables."""
         scene = replace(self.scene, offsets_um=offsets_um)
         other = copy(self)
         other.scene = scene
         # sources far outside their cutouts illuminate lenslets that are not in the tables
         if scene.farthest_um > self.scene.farthest_um and not serve(self.tables, scene, self.sampling, self.mode):
             if self._wider is None or not serve(self._wider, scene, self.sampling, self.mode):
-                # twice as far: the next source may lie farther still
+                # twice as far, because the next source may be farther away
                 farther = replace(scene, offsets_um=2 * offsets_um)
                 self._wider = build_tables(farther, self.sampling, self.mode)
             other.tables = self._wider
@@ -110,7 +110,7 @@ class WavePlane:
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out
 
-        # of rows that mirror each other about a row of lenslets one is computed, and turned
+        # of rows that are mirror images about a row of lenslets, one is computed and then mirrored
         mirrored = mirrored_rows(scene, rows)
         computed = [r for r in range(rows.size) if r not in mirrored]
 
@@ -141,12 +141,12 @@ class WavePlane:
     # -- one row of positions ------------------------------------------------------------------------------
     def _respond(self, source_yx: NDArray[np.float64], pixel: NDArray[np.int64], out: NDArray[np.float32]) -> None:
         """Fill ``out`` (n, nt, ns) for sources (n, 2) as (y, x) on the sensor; pixels are the cutouts' centres."""
-        # to the reduced frame, where micro-images lie as far apart as lenslets, and to the lattice's (x, y)
+        # to the reduced frame, where micro-images have the pitch of lenslets, and to the lattice's (x, y)
         source = np.ascontiguousarray(source_yx[:, ::-1]) / self.scene.scale
         image: Array = np.zeros(out.shape, np.float64) if self.sampling.double else out
         image[...] = 0
         batch = min(len(source), COHERENT_BATCH) if self.coherent else len(source)
-        # the squares leave the grids empty, so that one target serves all batches
+        # squaring clears the grids, so that one target serves all batches
         target = self._target(image, batch if self.coherent else 0)
         for start in range(0, len(source), batch):
             part = slice(start, start + batch)
@@ -209,7 +209,7 @@ class WavePlane:
         )
         missed, spots = spots[len(source) - far :], spots[:found]
         if found:
-            # positions that share the lenslet's place between two samples share its mask
+            # positions with the same lenslet position between two samples share its mask
             spots = spots[np.argsort(np.round(spots["x0"] / dx, 6), kind="stable")]
             respond(lens.field, lens.aperture, lens.zoom, self._optics(lens), spots, target)
         return spots, missed
@@ -220,7 +220,7 @@ class WavePlane:
         share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
         flat = 1 / tables.spread_um2, share, 1 - tables.ratio
         none = np.ones(5)
-        # near the native plane rays cross, and have no unique direction
+        # near the native plane, rays cross and have no unique direction
         straight = scene.exact_rays and self.mode == "E"
         accept = scene.accept if self._directed else (0.0, 0.0, 0.0)
         if not straight and accept[0] == 0:
@@ -231,7 +231,7 @@ class WavePlane:
         bends = (1 - sigma) / gap + (0.0 if self.mode == "E" else 1 / a)
         if not straight:
             return Optics(*flat, 0.0, 1 / a, bends, gap, accept, none)
-        # a plate takes t n G(s²/n²) instead of t/n G(s²): of the series' k-th term n^(1 - 2k) t is left
+        # a plate needs t n G(s²/n²) instead of t/n G(s²), so n^(1 - 2k) t of the series' k-th term remains
         thick, index = scene.glass[0] / scene.scale, scene.glass[1]
         left = np.asarray(1 + thick / gap * (index ** (1.0 - 2 * np.arange(2, 7)) - 1 / index), np.float64)
         return Optics(*flat, 2 * math.pi * gap / scene.wavelength_um, 1 / a, bends, gap, accept, left)
@@ -259,7 +259,7 @@ class WavePlane:
             for axis, count in enumerate(scene.cutout):
                 image_at, centre = x0[1 - axis], centres[nearest][1 - axis]
                 at = (np.arange(count) - count // 2 + pixel[k, axis]) * px
-                # in focus one pixel has all slopes: their mean
+                # in focus, one pixel receives all slopes: use their mean
                 u = (at - centre - at_infinity * (image_at - centre)) / spread if abs(spread) > 0.3 * gap else 0 * at
                 rim = 1.5 / (2 * scene.f_number)
                 slopes.append((at - image_at - a * np.clip(u, -rim, rim)) / gap + chief[axis])
@@ -278,7 +278,7 @@ class WavePlane:
             used = self.scene.reduced_pixel_um / lens.field.dx_um
             finer = f"samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
             remedy = f"ask for a smaller tolerance, or in Python raise {finer}"
-            wanted, got = f"at most what it passed (+{TOLERANCE:.0%})", f"{float(ratio.max()):.3g} times that"
+            wanted, got = f"at most the transmitted energy (+{TOLERANCE:.0%})", f"{float(ratio.max()):.3g} times that"
             raise EnergyError.expected("energy behind a lenslet", wanted, got, remedy)
         bright = energy_in >= FAINT * float(lens.energy.max())
         worst = float(ratio[bright].max(initial=0.0))

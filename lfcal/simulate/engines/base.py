@@ -1,4 +1,4 @@
-"""What all engines share: the protocol, how finely they sample, and the energy they must account for."""
+"""Interface of all engines, their sampling, and the energy balance that they must keep."""
 
 from __future__ import annotations
 
@@ -16,29 +16,30 @@ from lfcal.simulate.scene import Scene
 __all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]
 
 LEVELS: tuple[str, ...] = ("geometric", "wave", "grid", "debye", "reference")
-"""Levels of accuracy: G0, W2 lens by lens, W2 on one grid, the microscope's Debye path, W3."""
+"""Levels of accuracy: G0; W2 lens by lens; W2 on one grid; the microscope's Debye path; W3."""
 
 
 class EnergyError(LfcalError):
-    """More energy came out of a response than went in: it is sampled too coarsely."""
+    """A response contains more energy than its input, because the sampling is too coarse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """Sampling of an engine; each engine uses the fields that concern it.
+    """Sampling of an engine; each engine uses only some of the fields.
 
     Attributes
     ----------
     samples_per_px
-        Samples per pixel on the lenslet array; None: the fewest that the window allows.
+        Samples per pixel on the lenslet array; None: the smallest number that the window allows.
     nodes_per_px
-        Nodes per pixel and axis on the sensor.
+        Nodes per pixel along each axis on the sensor.
     margin_px
-        Pixels of window around the geometric spot; of the grid around the iris's shadow.
+        Margin of the window around the geometric spot, or of the grid around the iris's shadow (pixels).
     energy_floor
-        Lenslets that transmit less than this share of the brightest one, or of a sixteenth of all light, are left out.
+        Lenslets are left out if they transmit less than this share of the brightest one, or of a sixteenth of all
+        light.
     coherent
-        Whether the fields of different lenslets are summed before squaring; None: decided by the plane.
+        Whether the fields of different lenslets are summed before squaring; None: the plane decides.
     double
         Compute in complex128 instead of complex64.
     """
@@ -80,14 +81,14 @@ class Certificate:
 
 
 class Ledger:
-    """Collect certificates from several threads."""
+    """Collects certificates from several threads."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._sum = Certificate()
 
     def add(self, responses: int, energy_in: float, energy_out: float, worst: float) -> None:
-        """Add what one piece of work has certified."""
+        """Add the certificate of one piece of work."""
         with self._lock:
             s = self._sum
             self._sum = Certificate(
@@ -96,22 +97,22 @@ class Ledger:
 
     @property
     def certificate(self) -> Certificate:
-        """The sum so far."""
+        """Sum of all certificates so far."""
         with self._lock:
             return self._sum
 
 
 @runtime_checkable
 class PlaneEngine(Protocol):
-    """Computes the response of one depth plane; safe to call from several threads.
+    """Computes the responses of one depth plane; safe to call from several threads.
 
-    Values are shares of the light that passes the iris towards the array: the sum over an infinite cutout
-    is what the lenslets let through (about the fill factor).
+    Values are shares of the light that passes the iris towards the array. The sum over an infinite cutout is the
+    light that the lenslets transmit (about the fill factor).
     """
 
     @property
     def scene(self) -> Scene:
-        """What is computed."""
+        """The scene that is computed."""
         ...
 
     @property
@@ -145,7 +146,7 @@ class PlaneEngine(Protocol):
 
 @runtime_checkable
 class Displaceable(Protocol):
-    """An engine whose tables serve displaced sources too."""
+    """An engine whose tables can also be used for displaced sources."""
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> PlaneEngine:
         """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)`` as (dy, dx) (µm)."""
@@ -153,18 +154,18 @@ class Displaceable(Protocol):
 
 
 class Pilot:
-    """Predict an engine's time from a short run of it, made once on first use.
+    """Predicts an engine's time from a short run of it, made once at the first use.
 
     Positions spread over the period are computed twice in the caller's thread; the second run is timed.
     """
 
-    # it does not hold its engine: tables in a circle of references would stay in memory long after their use
+    # without a reference to its engine: circular references would keep tables in memory long after their use
     def __init__(self, columns: int = 24) -> None:
         self._columns = columns
         self._each: float | None = None
 
     def seconds(self, engine: PlaneEngine, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions`` by the engine that it belongs to."""
+        """Return the CPU-seconds of ``n_positions`` by its engine."""
         if self._each is None:
             ny, nx = engine.scene.period
             xs = np.unique(np.linspace(0, nx - 1, min(nx, self._columns)).astype(int))

@@ -1,4 +1,4 @@
-"""Which engine computes a scene at a level of accuracy."""
+"""Choose the engine for a scene and a level of accuracy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of the array and of the sensor the light of one position covers, and where near the native plane begins."""
+"""Extent of the light of one position on the array and on the sensor, and limits near the native plane."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ __all__ = ["MAX_ORDERS", "MAX_SAMPLES", "MAX_SIDE", "SWITCH", "SWITCH_EXACT", "E
 SWITCH = 12.0
 """Fresnel number of the iris's shadow above which the E-mode is used (see `lfcal.simulate.engines.field`)."""
 SWITCH_EXACT = 8.0
-"""The same where rays have exact angles, which windows follow in the E-mode alone: it errs less than they differ."""
+"""The same limit with exact angles, which windows follow only in E-mode, and which matter more than its error."""
 
 MAX_SAMPLES = 4096
-"""Largest side of a position's grid."""
+"""Largest side of a position's grid (samples)."""
 
 MAX_SIDE = 12000
-"""Largest side of the array's table: 1.2 GB."""
+"""Largest side of the array's table (samples): 1.2 GB."""
 
 MAX_ORDERS = 16
-"""Most fields that follow a tilted array (see `lfcal.simulate.engines.tilted`); more are no error of mounting."""
+"""Largest number of fields for a tilted array (`lfcal.simulate.engines.tilted`), far above mounting errors."""
 
 TAILS = 3
-"""How many times narrower the margin beyond what reaches the cutout may be than that around the shadow (measured)."""
+"""Ratio of the margin around the shadow to that around the light that reaches the cutout (measured)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +47,14 @@ class Extent:
     pitch: float
 
     def side(self, per_px: int, margin: float) -> int:
-        """Return the samples a side of a grid with ``margin`` pixels around the light, even and quick to transform.
+        """Return the side of a grid with ``margin`` pixels around the light: an even number that transforms quickly.
 
-        Light that leaves the grid comes in again on its other side: there must be room until the cutout begins.
+        Light that leaves the grid enters on the opposite side, so there must be enough space until the cutout begins.
         """
         import scipy.fft as sf
 
         reach = self.half_cutout + 2
-        # beyond the shadow there is hardly any light, and of that and all else hardly any gets far into the cutout
+        # there is hardly any light beyond the shadow, and very little of it gets far into the cutout
         lit = min(self.shadow + margin, reach + self.outward + self.pitch / 2 + margin / TAILS)
         lands = lit + self.outward
         half = max(lit, reach, min(lands, (lands + reach + self.pitch) / 2))

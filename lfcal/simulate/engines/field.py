@@ -40,19 +40,19 @@ __all__ = [
 ]
 
 MAX_SAMPLES = 8192
-"""Largest side of a table: 0.5 GB in single precision, 2.5 GB while it is made."""
+"""Largest side of a table: 0.5 GB in single precision, 2.5 GB while it is computed."""
 
 STEEPEST = 0.5
-"""Square of the sine up to which a lens law changes the amplitude: that of f/0.7."""
+"""Square of the sine up to which a lens law changes the amplitude, as for f/0.7."""
 
 EDGE_PARTS = 4
-"""Parts in which an edge of the iris is drawn where a lens law bends it: by 0.1 % of its radius at f/5."""
+"""Number of parts of an iris's edge if a lens law bends it: accurate to 0.1 % of its radius at f/5."""
 
 PART = 1_000_000
-"""Samples of a table that are processed together if that needs many temporary arrays."""
+"""Number of samples of a table that are processed together in steps that need many temporary arrays."""
 
 DIPOLE_MODES: dict[str, DebyeField] = {f"D{f.order}{'s' if f.sine else 'c'}": f for f in DIPOLE_FIELDS}
-"""Mode to field of a vectorial scene: D0c, D1c, D1s, D2c, D2s."""
+"""Field of a vectorial scene for each mode: D0c, D1c, D1s, D2c, D2s."""
 
 _SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
@@ -90,7 +90,7 @@ def choose_mode(scene: Scene) -> str:
 
 
 def field_modes(scene: Scene) -> tuple[str, ...]:
-    """Return the modes of the fields whose intensities make a point's light: one, but for a vectorial scene."""
+    """Return the modes of the fields whose intensities make up a point's light; one, except for a vectorial scene."""
     if scene.objective is None or not scene.vectorial:
         return (choose_mode(scene),)
     carrying = debye_fields(scene)
@@ -98,7 +98,7 @@ def field_modes(scene: Scene) -> tuple[str, ...]:
 
 
 def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the pupil's aberration (waves) at pupil points (ux, uy), or None where there is none.
+    """Return the pupil's aberration (waves) at pupil points (ux, uy), or None without aberration.
 
     Exact defocus adds a' lambda^3 f^4 / (2 (1+q)^2), q = sqrt(1 - lambda^2 f^2), f = u / (2 lambda Nw): the
     difference of a'(1 - cos theta) and its parabola, free of cancellation.
@@ -116,10 +116,10 @@ def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float6
 def pupil_amplitude(scene: Scene, rho2: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the amplitude, 1 in mean square over the unit disc, where sines are rho times the rim's; ``rho2`` is rho².
 
-    By the lens law of `Scene` an area of the evenly lit pupil is (1 - q sin² theta)^-2 times that of its sines.
+    By the lens law of `Scene`, an area of the uniformly lit pupil is (1 - q sin² theta)^-2 times that of its sines.
     """
     q, rim2 = scene.lens_law, 1 / (2 * scene.rim_f_number) ** 2
-    # far outside of the pupil there may be no such ray
+    # far outside of the pupil, such a ray may not exist
     found: NDArray[np.float64] = math.sqrt(1 - q * rim2) / (1 - q * np.minimum(rim2 * rho2, STEEPEST))
     return found
 
@@ -142,7 +142,7 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
     Raises
     ------
     InputError
-        Where the table would need more than `MAX_SAMPLES` a side, or where the iris's diffraction is off
+        If the table would need more than `MAX_SAMPLES` along a side, or the iris's diffraction is off
         within its own depth of focus.
     """
     chosen = mode or choose_mode(scene)
@@ -151,7 +151,7 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
 
 
 def field_spectrum(scene: Scene, dx: float, half: float, mode: str | None = None) -> Complex:
-    """Return the discrete Fourier transform of the values of `field_table`, which need not be made for it."""
+    """Return the discrete Fourier transform of the values of `field_table`, without computing the table."""
     made, transformed = _made(scene, dx, half, mode or choose_mode(scene))
     return made if transformed else sf.fft2(made, overwrite_x=True)
 
@@ -184,7 +184,7 @@ def _side(length: float, dx: float) -> int:
             "use a smaller cutout, or level 'geometric'",
         )
     size = int(sf.next_fast_len(n))
-    # even, so that alternating signs alone move the origin to sample n // 2
+    # an even number, so that alternating signs are sufficient to move the origin to sample n // 2
     return size if size % 2 == 0 else _side((n + 1) * dx, dx)
 
 
@@ -203,12 +203,12 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Co
     shadow = outline * to_shadow
     reach = float(np.abs(shadow).max())
     box = min(half + 8 * fringe, 0.5 * MAX_SAMPLES * dx - 4.5 * fringe)
-    local = max(half, box) < reach  # of a large shadow only a part is computed; the remainder fades out beyond it
+    local = max(half, box) < reach  # only a part of a large shadow is computed; the rest fades out beyond it
     if local:
         shadow = clip(shadow, box * _SQUARE)
         reach = box
         if scene.wavefront == () and not scene.exact_defocus and area(shadow) > 4 * box * box * (1 - 1e-12):
-            n = _side(2 * half, dx)  # no edge in sight
+            n = _side(2 * half, dx)  # the part contains no edge
             return np.full((n, n), level, np.complex128), False
     n = _side(2 * (max(reach, half) + 4 * fringe), dx)
     f = sf.fftfreq(n, dx)
@@ -221,7 +221,7 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Co
     _centre(g)
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
     aberrated = bool(scene.wavefront) or scene.exact_defocus
-    if local or aberrated:  # what acts on the shadow itself needs a look at it
+    if local or aberrated:  # steps that act on the shadow itself need it in real space
         shade = sf.ifft2(g, overwrite_x=True)
         if local:
             fade = taper(x, half + fringe, box - fringe)
@@ -288,9 +288,9 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[
         return _round_near_field(scene, dx, half), False
     blur = abs(a) / (2 * scene.rim_f_number)
     valid = half + blur + 4 * math.sqrt(lam * abs(a))
-    n = _side(2 * valid / 0.75, dx)  # the outer quarter belongs to the taper
+    n = _side(2 * valid / 0.75, dx)  # the outer quarter is for the taper
     x = (np.arange(n, dtype=np.float64) - n // 2) * dx
-    focus = spectrum(fc * outline, x, x)  # light of pupil point u goes to f = -u fc; turning both signs is the same
+    focus = spectrum(fc * outline, x, x)  # light of pupil point u goes to f = -u fc; reversing both signs is the same
     distances, places = folded(x)
     fade = taper(np.hypot(distances, distances[:, None]), 0.75 * (n // 2) * dx, n // 2 * dx)
     for row, place in zip(focus, places, strict=True):

@@ -1,4 +1,4 @@
-"""W2g: all lenslets of a position on one grid, propagated to the sensor by two FFTs in single precision (see `fused`).
+"""Level W2g: all lenslets of a position on one grid, propagated to the sensor by two FFTs in single precision.
 
 The transmission of the array is tabulated once, on samples with the same offsets in every pixel. For a position, a
 part of this table is multiplied by the main lens's field and propagated over the gap. Fields of all lenslets are
@@ -46,21 +46,21 @@ if TYPE_CHECKING:
 __all__ = ["GridPlane", "extent_of", "largest_angle"]
 
 SLACK = 1e-4
-"""What single precision's rounding may add to the energy of a position."""
+"""Largest energy that rounding in single precision may add to a position."""
 
 Complex = NDArray[Any]  # single precision, or double where it is asked for
 Place = tuple[float, float]
 
 
 def largest_angle(scene: Scene) -> float:
-    """Return the samples per pixel that hold every angle of the light between lenslets and sensor."""
+    """Return the samples per pixel needed for all angles of the light between lenslets and sensor."""
     return 2 * scene.reduced_pixel_um * steepest_sine(scene) / scene.wavelength_um
 
 
 def extent_of(scene: Scene) -> Extent:
-    """Return how much of array and sensor the light of a position covers."""
+    """Return the extent of the light of a position on array and sensor."""
     px = scene.reduced_pixel_um
-    # rays of the cone's rim go outwards where the image lies before the array, or on it
+    # rays at the rim of the cone go outwards if the image is in front of the array or on it
     outwards = scene.fresnel_number < SWITCH or scene.reduced_image_um < 0
     aside = scene.reduced_gap_um / (2 * scene.f_number) if outwards else 0.0
     shadow = scene.shadow_radius_um + ray_aberration(scene) + scene.farthest_um / scene.scale
@@ -91,7 +91,7 @@ class GridPlane:
     Raises
     ------
     InputError
-        If the grid is too large, or the array tilted too far.
+        If the grid is too large, or the array is tilted too much.
     """
 
     level = "grid"
@@ -108,7 +108,7 @@ class GridPlane:
         self._dtype = np.dtype(np.complex128 if self.sampling.double else np.complex64)
         self._real = np.dtype(np.float64 if self.sampling.double else np.float32)
         self._dx = scene.reduced_pixel_um / self.per_px
-        # an even number of samples lies on both sides of a pixel's middle
+        # an even number of samples on both sides of a pixel's middle
         self._between = 0.5 if self.per_px % 2 == 0 else 0.0
         self._apertures = self._lenslets()
         self._array = self._transmission((0, 0), scene.period)
@@ -139,7 +139,7 @@ class GridPlane:
             return tuple((disc,) for disc in discs)
         outline, none, found = aperture_outline(scene), np.zeros(2, self._real), []
         for kind, bend in enumerate(bends):
-            # a square, not the disc about it
+            # a square, not the disc around it
             tables, step = bent_polygon_table(outline, dx, reach / math.sqrt(2), Bend(bend, scene.quartic(kind)))
             parts = (np.ascontiguousarray(part, self._real) for part in tables)
             found.append(tuple(LensAperture(none, none, 1.0, part, step, 0.0, 0.0) for part in parts))
@@ -194,20 +194,20 @@ class GridPlane:
         if scene.accept[0]:
             power, from_y, from_x = scene.accept
             sines = scene.wavelength_um * f
-            # of the amplitude
+            # as a factor of the amplitude
             step = step * pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)
         return step.astype(self._dtype)
 
     def _in_passes(self) -> FusedResponse | Complex:
         """Return what takes fields to pixels in passes; where FFTs come one after the other, the transfer function."""
-        from lfcal.simulate.engines._fused import FusedResponse  # compiled code: loaded when it is needed
+        from lfcal.simulate.engines._fused import FusedResponse  # compiled code: loaded only when it is needed
 
         plain = self._tilted is None and not self.sampling.double
         step = self._transfer()
         return FusedResponse(step) if plain and FusedResponse.transforms(self._n) else step
 
     def in_mode(self, mode: str) -> GridPlane:
-        """Return the engine of another of the scene's fields: the array's table is shared."""
+        """Return the engine of another field of the scene; it shares the array's table."""
         other = copy(self)
         other.mode, other._lit, other._wider = mode, None, None
         other._table, other._size = other._main_field()
@@ -215,10 +215,10 @@ class GridPlane:
         return other
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> GridPlane:
-        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``: its tables are shared."""
+        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``; it shares the tables."""
         scene = replace(self.scene, offsets_um=offsets_um)
         if scene.farthest_um > self.scene.farthest_um:
-            # its light reaches beyond this grid; twice as far: the next source may lie farther still
+            # the light extends beyond this grid; twice as far, because the next source may be farther away
             if self._wider is None or scene.farthest_um > self._wider.scene.farthest_um:
                 self._wider = GridPlane(replace(scene, offsets_um=2 * offsets_um), self.sampling, self.mode)
             return self._wider.displaced(offsets_um)
@@ -247,7 +247,7 @@ class GridPlane:
             work = self._workspace()
             for r, places in groupby(computed[start:stop], key=itemgetter(0)):
                 raise_if_abandoned()
-                cs = [c for _, c in places]  # follow each other
+                cs = [c for _, c in places]  # consecutive columns
                 pixels = [(int(rows[r]), int(columns[c])) for c in cs]
                 self._respond([scene.source_um(*p) for p in pixels], pixels, work, result[r, cs[0] : cs[-1] + 1])
 
@@ -278,7 +278,7 @@ class GridPlane:
     ) -> None:
         """Fill ``out`` (k, nt, ns) for sources (y, x) on the sensor and their cutouts' middle pixels."""
         scene, per = self.scene, self.per_px
-        # where the samples of the cutout's middle pixel begin, some of which lie in the pixel before it
+        # where the samples of the cutout's middle pixel begin, some of which are in the previous pixel
         first = self._n // 2 - per // 2 - self._rule.beyond
         top, left = (first - (count // 2) * per for count in scene.cutout)
 
@@ -296,7 +296,7 @@ class GridPlane:
                 self._certify(power * self._dx**2, float(one.sum(dtype=np.float64)))
             return
         done = 0
-        # positions that have the field and the table in common are one call
+        # positions with the same field and table are computed by one call
         for _, some in groupby(map(met, sources, pixels), key=lambda found: (id(found[0]), id(found[1]))):
             alike = list(some)
             lit, table, _ = alike[0]
@@ -362,10 +362,10 @@ class GridPlane:
 
     def _certify(self, energy_in: float, energy_out: float) -> None:
         ratio = energy_out / energy_in if energy_in > 0 else 0.0
-        if not ratio <= 1 + SLACK:  # what is no number is no light either
+        if not ratio <= 1 + SLACK:  # also true for NaN
             raise EnergyError.expected(
                 "energy on the sensor",
-                "at most what passed the array",
+                "at most the energy that the array transmits",
                 f"{ratio:.6g} times that",
                 f"ask for a smaller tolerance, or in Python raise samples_per_px above {self.per_px}",
             )

@@ -41,19 +41,19 @@ BENT_FLAT, BENT_FINE = 0.4, 6
 """Oversampling of apertures that are low-passed together with their phase, and the smallest oversampling for curved
 masks if memory allows: their masks are exact up to 0.15 of the sampling rate."""
 KNOWN, KNOT = 8, 4
-"""Samples to one of a low-passed disc that its table is interpolated from, within 4e-6; half the spline's order."""
+"""Samples per table entry from which a low-passed disc is interpolated (error 4e-6); half the spline's order."""
 RING = 3
 """Samples kept beyond the aperture's edge for the ripple of the low-passed edge."""
 FINE, FINE_UP_TO = 16, 40
-"""Fine samples to one of a polygon's table, and the aperture's reach, in samples, up to which it has so many."""
+"""Fine samples for each sample of a polygon's table, and the aperture's reach (samples) up to which this applies."""
 MAX_TABLE = 6000
-"""Largest side of a polygon's table: 0.6 GB while it is made."""
+"""Largest side of a polygon's table (samples): 0.6 GB while it is computed."""
 MAX_CACHED = 2400
-"""Largest side of one that is held for other scenes: 46 MB."""
+"""Largest side of a table that is kept for other scenes (samples): 46 MB."""
 
 
 class Bend(NamedTuple):
-    """The phase of a lenslet, square r^2 + quartic r^4."""
+    """The phase of a lenslet, square * r^2 + quartic * r^4."""
 
     square: float
     quartic: float = 0.0
@@ -66,7 +66,7 @@ class Bend(NamedTuple):
 
 
 def taper(f: NDArray[np.float64], flat: float, stop: float) -> NDArray[np.float64]:
-    """Return 1 up to ``|f| = flat``, 0 from ``stop`` on, and a raised cosine between them."""
+    """Return 1 up to ``|f| = flat``, 0 from ``stop`` on, and a raised cosine in between."""
     t = np.clip((np.abs(f) - flat) / (stop - flat), 0.0, 1.0)
     value: NDArray[np.float64] = np.cos(np.pi / 2 * t) ** 2
     return value
@@ -78,7 +78,7 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
     phase = 2 * math.pi * top * (radius + float(r.max(initial=0.0)))
     f, w = gauss_legendre(int(phase / 2) + 60, 0.0, top)
     g = 2 * np.pi * f * w * disc_transform(radius, f) * taper(f, flat / dx, top)
-    # in parts: radii times frequencies would be a large matrix
+    # in parts, because radii times frequencies would be a large matrix
     parts = np.array_split(r, 1 + r.size // 4096)
     return np.concatenate([np.einsum("rf,f->r", j0(2 * np.pi * np.outer(part, f)), g) for part in parts])
 
@@ -91,15 +91,15 @@ def disc_table(
 
     The table has ``fine`` entries per sample near the edge; with 128, linear interpolation is within 2e-4.
     """
-    from scipy.interpolate import make_interp_spline  # takes long to load
+    from scipy.interpolate import make_interp_spline  # slow to import
 
     step = 2 * radius * dx / fine
     r = np.sqrt(step * np.arange(math.ceil(reach**2 / step) + 2))
-    # a band-limited function is known by few of its values: a tenth of the Bessel functions
+    # few values determine a band-limited function, which needs a tenth of the Bessel functions
     known = np.arange(-KNOT, math.ceil(KNOWN * float(r[-1]) / dx) + KNOT, dtype=np.float64) * (dx / KNOWN)
     half = disc_values(radius, dx, known[KNOT:], flat)
     values = make_interp_spline(known, np.concatenate([half[KNOT:0:-1], half]), k=2 * KNOT - 1)(r)
-    # lens types, and scenes that differ in anything else, share it
+    # shared by lens types, and by scenes that differ in other properties
     values.setflags(write=False)
     return values, step
 
@@ -109,13 +109,13 @@ def polygon_mask(
 ) -> NDArray[np.float64]:
     """Return the low-passed indicator of a polygon on ``n`` x ``n`` samples ``dx / fine`` apart.
 
-    ``centre`` is the polygon's origin, (x, y), from the sample (n // 2, n // 2).
+    ``centre`` is the polygon's origin (x, y), relative to the sample (n // 2, n // 2).
     """
-    h = dx / max(2, fine)  # the spectrum reaches 1/dx - W, past the Nyquist frequency of dx
+    h = dx / max(2, fine)  # the spectrum extends to 1/dx - W, past the Nyquist frequency of dx
     skip = max(2, fine) // fine
     size = sf.next_fast_len(n * skip + math.ceil(4 * RING * dx / h))
     f = sf.fftfreq(size, h)
-    # made where it is not cut off, and of a real mask's half: in fine tables that is a hundredth of the plane
+    # computed only where it is not zero, and for half the plane, because the mask is real
     rows = _below(f, (1 - flat) / dx)
     fx, fy = f[rows[f[rows] >= 0]], f[rows]
     x0, y0 = n // 2 * skip * h + centre[0], n // 2 * skip * h + centre[1]
@@ -165,9 +165,9 @@ def bent_polygon(
 ) -> NDArray[np.complex128]:
     """Return a polygon times exp(i phase), low-passed as a whole, on ``n`` x ``n`` samples ``every dx / fine`` apart.
 
-    If lenslets touch, such pieces add up to the low-passed array. Masks that are low-passed first do not: beyond its
-    edge, each continues with its lenslet's phase, and focused light there was up to 36 % too bright.
-    ``centre`` is the polygon's origin, (x, y), from the sample (n // 2, n // 2).
+    If lenslets touch, such pieces add up to the low-passed array. Masks that are low-passed before they are bent do
+    not: beyond its edge, each continues with its lenslet's phase, and focused light there was up to 36 % too bright.
+    ``centre`` is the polygon's origin (x, y), relative to the sample (n // 2, n // 2).
     """
     step = dx / fine
     size = int(sf.next_fast_len(n * every + math.ceil(4 * RING * fine)))
@@ -179,7 +179,7 @@ def bent_polygon(
     band = _below(f, (1 - BENT_FLAT) / dx)
     within = sf.fft(sf.fft(piece, axis=1, overwrite_x=True)[:, band], axis=0, overwrite_x=True)[band]
     within *= taper(np.hypot(f[band][None, :], f[band][:, None]), BENT_FLAT / dx, (1 - BENT_FLAT) / dx)
-    # back along the rows' axis, then, turned, along the columns'
+    # back along the rows' axis, and then along the columns' axis
     for _ in range(2):
         across = np.zeros((size, within.shape[1]), np.complex128)
         across[band] = within
@@ -190,7 +190,7 @@ def bent_polygon(
 def bent_polygon_table(
     outline: Points, dx: float, reach: float, bend: Bend
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], float]:
-    """Return real and imaginary part of `bent_polygon` as tables like that of `polygon_table`, and their step."""
+    """Return the real and imaginary parts of `bent_polygon` as tables like `polygon_table`, and their step."""
     fine = bent_fineness(reach / dx)
     n = _table_side(dx / fine, reach)
     corners = tuple(map(tuple, outline.tolist()))
@@ -199,7 +199,7 @@ def bent_polygon_table(
 
 
 def bent_fineness(samples: float) -> int:
-    """Return the same as `fineness` for an aperture that is bent before it is low-passed."""
+    """Return `fineness` for an aperture that is bent before it is low-passed."""
     return max(fineness(samples), min(BENT_FINE, int((MAX_TABLE - 4) / (2 * max(samples, 1.0)))))
 
 
@@ -214,7 +214,7 @@ def _bent_table(
 
 
 _cached_bent_table = lru_cache(maxsize=2)(_bent_table)
-"""Tables that planes share: see `_cached_table`."""
+"""Tables that planes share; see `_cached_table`."""
 
 
 def _table_side(step: float, reach: float) -> int:
@@ -243,9 +243,9 @@ def _cached_table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fin
 
 
 def fineness(samples: float) -> int:
-    """Return the fine samples to one of the array for an aperture that reaches ``samples`` from its middle.
+    """Return the fine samples for each sample of the array, for an aperture that extends ``samples`` from its middle.
 
-    Between fine samples a table is interpolated, wrongly at the edge alone, by the square of their distance; of a
-    larger aperture the edge is a smaller part.
+    A table is interpolated between fine samples. The error is only at the edge, and proportional to the square of
+    their distance; for a larger aperture, the edge is a smaller part.
     """
     return max(2, min(FINE, math.ceil(FINE * math.sqrt(FINE_UP_TO / max(samples, 1.0)))))

@@ -37,9 +37,9 @@ from lfcal.simulate.scene import Scene
 __all__ = ["DebyePlane", "debye_plane", "highest_order", "is_separable", "reach_um"]
 
 MARGIN_PER_NODE = 10
-"""Window margin of the sum over lenslets, pixels for each node per pixel: both become finer together.
+"""Window margin of the sum over lenslets: pixels for each node per pixel, so that both are refined together.
 
-Where lenslets abut, what is cut off would have cancelled: two nodes leave 2.5 % of a response, three 0.8 %.
+Where lenslets touch, the truncated light would have cancelled: two nodes miss 2.5 % of a response, three 0.8 %.
 """
 BEYOND = 0.5
 """Lenslets beyond the geometric spill for each node per pixel above one: their edges scatter light from there into the
@@ -52,27 +52,27 @@ Where lenslets meet their phase has a kink, near which the sum of n orders errs 
 N = 18 (f/7) and 20 more, 1.5 % of the light of an image on a corner came out of nothing; with 54 more 1e-4 did.
 """
 CACHED = 256
-"""Matrices and responses held for reuse, at most."""
+"""Largest number of matrices and responses that are kept for reuse."""
 DEBYE_CACHE_BYTES = 1 << 29
-"""Largest size of one kind of them."""
+"""Largest total size of either (bytes)."""
 
 T = TypeVar("T", bound="Matrix | tuple[Matrix, ...]")
 Matrix = NDArray[np.float32]
 Phase = tuple[float, float, float, int]
-"""A lenslet's place from the source, the nodes' shift, the pitch (µm), and the pixels of the cutout, along an axis."""
+"""Lenslet position relative to the source, shift of the nodes, pitch (µm), and pixels of the cutout, along an axis."""
 Pair = tuple[Phase, Phase]
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """How a response follows from the one that was computed."""
+    """How a response follows from one that was already computed."""
 
     flip_y: bool
     flip_x: bool
     swapped: bool
 
     def applied(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the turned view of ``image``."""
+        """Return ``image`` mirrored or transposed, as a view."""
         own = image.T if self.swapped else image
         return own[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
 
@@ -94,8 +94,8 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
     if scene.exact_rays:
         raise InputError.expected(
             "angles beyond the paraxial",
-            "a plane whose light one grid holds, or level 'reference'",
-            "one too large",
+            "a plane whose light fits into one grid, or level 'reference'",
+            "a larger one",
             "switch them off (--effect exact_angles=off)",
         )
     margin = max(chosen.margin_px, MARGIN_PER_NODE * chosen.nodes_per_px)
@@ -103,9 +103,9 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
 
 
 def reach_um(scene: Scene, sampling: Sampling) -> tuple[float, float]:
-    """Return how far from the source light on the array is computed, and over how much of that it fades out (µm)."""
+    """Return the distance from the source up to which light on the array is computed, and its fade-out (µm)."""
     pitch = max(scene.lattice.pitch_um, scene.lattice.row_step_um)
-    # how far light of cone and lenslets travels sideways over the gap: it may come from lenslets beyond the cutout
+    # how far light of cone and lenslets travels sideways over the gap: lenslets outside the cutout may contribute
     spill = 1.1 * (1 / (2 * scene.f_number) * scene.gap_um + scene.lattice.pitch_um / 2)
     beyond = BEYOND * max(1, sampling.nodes_per_px - 1) * pitch
     half = max(scene.cutout) / 2 * scene.pixel_um + scene.farthest_um + spill + beyond
@@ -123,7 +123,7 @@ def _parts(value: NDArray[np.complexfloating]) -> Matrix:
 
 
 def highest_order(turns: float) -> int:
-    """Return the highest order taken of lenslets with ``turns`` = p^2/(lambda f), half of which lie in their cone."""
+    """Return the highest order for lenslets with ``turns`` = p^2/(lambda f), half of which are in their cone."""
     cone = math.ceil(turns / 2)
     return cone + max(SPARE_ORDERS, SPARE_SHARE * cone)
 
@@ -132,7 +132,7 @@ def _lens_orders(scene: Scene, pitch: float) -> tuple[NDArray[np.int64], NDArray
     """Return the orders m and coefficients t_m of the lenslets' periodic phase exp(-i pi x^2 / (lambda f))."""
     rate = 1 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
     most = highest_order(pitch**2 * rate)
-    count = int(sf.next_fast_len(64 * most))  # 64 samples to a cycle of the highest order: aliases are far away
+    count = int(sf.next_fast_len(64 * most))  # 64 samples for each cycle of the highest order keep aliases far away
     x = (np.arange(count) / count - 0.5) * pitch
     m = np.arange(-most, most + 1)
     return m, sf.fft(sf.ifftshift(np.exp(-1j * np.pi * rate * x * x)))[m] / count
@@ -171,7 +171,7 @@ class DebyePlane:
         """Return each field on the coarse quarter grid (real, imaginary, sum), and their energy on the whole grid."""
         x = np.arange(self._count, dtype=np.float64) * self._coarse
         r = np.hypot(x[None, :], x[:, None])
-        edge = taper(x, self._half - fade, self._half)  # a hard end would ring all over the sensor
+        edge = taper(x, self._half - fade, self._half)  # a hard edge would cause ripples over the whole sensor
         weight = np.where(x == 0, 1.0, 2.0)
         orders = {field.order for field in self._fields}
         radial = {order: radial_field(self.scene, float(r.max()), order)(r) for order in orders}
@@ -201,7 +201,7 @@ class DebyePlane:
         px, spread = scene.pixel_um, scene.wavelength_um * scene.gap_um
         m, t = _lens_orders(scene, pitch)
         s = self.rule.positions(pixels) * px + shift
-        # all distances s -+ x_k lie on one even grid, those of every n-th node on every n-th of its points
+        # all distances s -+ x_k are on one even grid; those of every n-th node are on every n-th point
         steps = math.lcm(self.rule.per_px, self._samples)
         per_node, per_sample = steps // self.rule.per_px, steps // self._samples
         reach = (self._count - 1) * per_sample
@@ -210,7 +210,7 @@ class DebyePlane:
         turns = _parts(turn * math.sqrt(px))
         parities = 2 if any(any(field.odd) for field in self._fields) else 1
         made = np.empty((parities, 3, s.size, self._count), np.float32)
-        # nodes whose distances from the samples fall on the same points of the even grid go together
+        # nodes with distances on the same points of the even grid are processed together
         for first in range(min(per_sample, s.size)):
             rows = np.ascontiguousarray(turns[:, first::per_sample])
             wide = product(rows, np.ascontiguousarray(pulses[:, :, per_node * first % per_sample :: per_sample]))
@@ -311,7 +311,7 @@ class DebyePlane:
         pitch = (lattice.row_step_um, lattice.pitch_um)[axis]
         place = (lattice.offset_um[1 - axis] - source) % pitch
         shift = pixel * self.scene.pixel_um - source
-        grain = self.scene.pixel_um * 1e-9  # places that differ by rounding only are to share a key
+        grain = self.scene.pixel_um * 1e-9  # places that differ only by rounding must have the same key
         mirrored = (pitch - place) % pitch
         flip = (round(mirrored / grain), round(-shift / grain)) < (round(place / grain), round(shift / grain))
         if flip:
@@ -321,7 +321,7 @@ class DebyePlane:
     def _place(self, source: tuple[float, float], pixel: tuple[int, int]) -> tuple[Pair, Turn]:
         """Return which response a source has, and how it is turned."""
         (y, flip_y), (x, flip_x) = (self._phase(axis, source[axis], pixel[axis]) for axis in (0, 1))
-        swapped = x < y and y[2:] == x[2:]  # same pitch and cutout along both: the transpose serves too
+        swapped = x < y and y[2:] == x[2:]  # same pitch and cutout along both axes: the transpose can be used too
         return ((x, y) if swapped else (y, x)), Turn(flip_y, flip_x, swapped)
 
     def _response(self, key: Pair) -> NDArray[np.float32]:
@@ -345,10 +345,10 @@ class DebyePlane:
         pixel_sums(light[:, : self.rule.count(y[3])], self.rule.weights.astype(np.float32), self.rule.per_px, image)
         energy_out = float(image.sum(dtype=np.float64))
         ratio = energy_out / self._energy
-        if ratio > 1 + 5e-3:  # room for the node rule's own error
+        if ratio > 1 + 5e-3:  # allows for the node rule's error
             remedy = f"use --level wave, or in Python nodes_per_px above {self.rule.per_px}"
             raise EnergyError.expected(
-                "energy on the sensor", "at most what reached the array", f"{ratio:.4g} times that", remedy
+                "energy on the sensor", "at most the energy that reaches the array", f"{ratio:.4g} times that", remedy
             )
         self._ledger.add(1, self._energy, energy_out, ratio)
         return image

@@ -1,6 +1,6 @@
-"""W3: the whole lenslet plane on one grid, all lenslets coherent, propagated to the sensor by FFT.
+"""Level W3: the whole lenslet plane on one grid, all lenslets coherent, propagated to the sensor by FFT.
 
-Slow and without the shortcuts of the other levels: what they are judged by, at chosen positions.
+It is slow and has none of the simplifications of the other levels, which are compared with it at some positions.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from lfcal.simulate.scene import Scene, pixel_response
 __all__ = ["ReferencePlane", "pixel_bins"]
 
 BENT_FINE = 4
-"""Fine samples to one of the grid on which a lenslet's cell is bent: six change a response by 2e-5."""
+"""Fine samples for each grid sample, for bending a lenslet's cell; with six, a response changes by 2e-5."""
 MAX_SAMPLES = 6000
-"""Largest side of the grid: 0.6 GB in double precision."""
+"""Largest side of the grid (samples): 0.6 GB in double precision."""
 REFERENCE_CACHE_BYTES = 64_000_000
-"""Lenslets that are held for others which lie alike on the grid: all of an array whose pitch is whole samples."""
+"""Number of lenslets kept for others with the same position relative to the grid."""
 Complex = NDArray[np.complex128]
 
 
 def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0) -> NDArray[np.float64]:
     """Return ``(pixels, n)``: weights that integrate a band-limited light, sampled ``per_px`` to a pixel, over pixels.
 
-    Pixel 0 is centred on sample ``first``, a fraction if need be; pixels reach half their width, times ``fill``, to
-    either side. The weights are the pixel's transfer function, fill sinc(f fill), brought to the samples: with the
-    trapezoid rule instead a small spot is 1-2 % wrong at 8 samples per pixel.
+    Pixel 0 is centred on sample ``first``, which may be a fraction; pixels extend half their width times ``fill`` to
+    either side. The weights are the pixel's transfer function, fill sinc(f fill), evaluated on the samples. With the
+    trapezoid rule, a small spot would be 1-2 % wrong at 8 samples per pixel.
     """
     f = np.fft.rfftfreq(n, 1 / per_px)  # cycles per pixel
     centres = first / per_px + np.arange(pixels)
@@ -53,7 +53,7 @@ def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0
 class ReferencePlane:
     """Engine of level ``"reference"`` for one depth plane; complex128 throughout.
 
-    ``sampling.samples_per_px`` (whole, default 8) sets the grid for array and sensor alike.
+    ``sampling.samples_per_px`` (whole, default 8) sets the grid for both array and sensor.
     """
 
     level = "reference"
@@ -216,12 +216,12 @@ class ReferencePlane:
         if scene.accept[0]:
             power, from_y, from_x = scene.accept
             sines = scene.wavelength_um * sf.fftfreq(self._n, dx)
-            spectrum *= pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)  # of the amplitude
+            spectrum *= pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)  # in amplitude
         light = np.abs(sf.ifft2(spectrum, workers=workers or -1, overwrite_x=True)) ** 2
         light *= dx * dx
         sides = []
         for axis, count in enumerate(scene.cutout):
-            # the grid is centred on the source, the pixels on theirs
+            # the grid is centred on the source, the pixels on the cutout
             shift = (pixel[axis] * scene.pixel_um - source[axis]) / scene.scale / dx
             first = self._n // 2 + shift - (count // 2) * self.per_px
             sides.append(pixel_bins(self._n, self.per_px, count, first, scene.pixel_fill))
@@ -236,7 +236,7 @@ class ReferencePlane:
         if ratio > 1 + 1e-6:
             raise EnergyError.expected(
                 "energy on the sensor",
-                "at most what passed the array",
+                "at most the energy that the array transmits",
                 f"{ratio:.3g} times that",
                 f"ask for a smaller tolerance, or in Python raise samples_per_px above {self.per_px}",
             )

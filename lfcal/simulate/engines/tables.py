@@ -38,14 +38,14 @@ __all__ = [
 ]
 
 TAIL, NEAREST, FARTHEST = 8, 20, 64
-"""How far tails beyond windows are followed: over the window's margin, at least and at most (pixels). About a tenth of
-them lies farther."""
+"""Smallest and largest distance beyond the window's margin over which tails are followed (pixels). About a tenth of the
+tail is farther away."""
 
 ARC_SIDES = 96
 """Number of sides of the circle with equal area that represents a disc clipped by its cell (error 5e-4 radii)."""
 
 BEST = 1 / 16
-"""Share of the light above which a lenslet counts as the brightest, to keep the floor fine near focus."""
+"""Share of the light up to which a lenslet counts as the brightest one, so that the floor stays low near focus."""
 
 Array = NDArray[Any]
 Lit = NDArray[np.float32]
@@ -106,13 +106,13 @@ class PlaneTables:
 
 
 def aperture_outline(scene: Scene) -> NDArray[np.float64]:
-    """Return a lenslet's aperture as a polygon about its centre: its cell, or what of the clear disc lies within."""
+    """Return a lenslet's aperture as a polygon about its centre: its cell, or the part of the clear disc within it."""
     cell = cell_corners(scene.lattice.basis_um())
     return cell if scene.gapless else clip(regular(ARC_SIDES) * scene.clear_radius_um, cell)
 
 
 def aperture_radius(scene: Scene) -> float:
-    """Return the radius of the circle about a lenslet's aperture."""
+    """Return the radius of the circle around a lenslet's aperture."""
     if scene.round_lenslets:
         return scene.clear_radius_um
     return float(np.hypot(*aperture_outline(scene).T).max())
@@ -121,20 +121,20 @@ def aperture_radius(scene: Scene) -> float:
 def steepest_sine(scene: Scene) -> float:
     """Return the sine of the steepest light between lenslets and sensor."""
     cone, half = 1 / (2 * scene.f_number), aperture_width(scene) / 2
-    # rays that the lenslets' spherical aberration turns
+    # rays that the lenslets' spherical aberration deflects
     cone += 4 * abs(scene.lenslet_quartic) * scene.wavelength_um / (2 * math.pi) * half**3
     return min(cone + half / min(abs(kind.focal_length_um) for kind in scene.lattice.types), 1.0)
 
 
 def aperture_width(scene: Scene) -> float:
-    """Return the larger side of the box about a lenslet's aperture."""
+    """Return the larger side of the box around a lenslet's aperture."""
     if scene.round_lenslets:
         return 2 * scene.clear_radius_um
     return float(np.ptp(aperture_outline(scene), axis=0).max())
 
 
 def tail_px(sampling: Sampling) -> int:
-    """Return how far beyond its window a lenslet's light is followed (pixels); fields of all lenslets end with it."""
+    """Return how far beyond its window a lenslet's light is followed (pixels); 0 if fields of lenslets are added."""
     return 0 if sampling.coherent else min(FARTHEST, max(NEAREST, TAIL * sampling.margin_px))
 
 
@@ -144,7 +144,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
     ratio = scene.reduced_gap_um / scene.reduced_image_um if mode == "E" else 0.0
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
     rule = fitted_rule(sampling.nodes_per_px, band, scene.pixel_fill)
-    # lens types with the same sample distance share a field, whose FFTs are the dearest part
+    # lens types with the same sample distance share a field, whose FFTs are the slowest part
     fields: dict[float, tuple[MainLensField, Lit, float]] = {}
     kinds = tuple(_lens_table(scene, sampling, mode, k, rule, fields) for k in range(len(scene.lattice.types)))
     floor = sampling.energy_floor * min(BEST, max(float(kind.energy.max()) for kind in kinds))
@@ -153,7 +153,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
 
 
 def serve(tables: PlaneTables, scene: Scene, sampling: Sampling, mode: str) -> bool:
-    """Return whether the tables of a plane reach as far as ``scene``, the same plane with other sources, needs."""
+    """Return whether the tables of a plane extend far enough for ``scene``, the same plane with other sources."""
     for lens in tables.kinds:
         dx = lens.field.dx_um
         if table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.field_reach_um + dx:
@@ -166,7 +166,7 @@ def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
     rows = np.nonzero(lit.any(1))[0]
     if rows.size == 0:
         return 0.0
-    # of each row the lit sample farthest from the middle: a list of all of them is larger than the table
+    # for each row, the lit sample farthest from the middle: a list of all of them is larger than the table
     middle, lit_row = energy.shape[0] // 2, lit[rows]
     last = energy.shape[1] - 1 - lit_row[:, ::-1].argmax(1)
     columns = np.maximum(middle - lit_row.argmax(1), last - middle)
@@ -174,7 +174,7 @@ def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
 
 
 def ray_aberration(scene: Scene) -> float:
-    """Return at most how far the wavefront's aberration moves a ray on the array, 2 Nw lambda dW/du (µm).
+    """Return an upper bound of the displacement of rays on the array by the wavefront, 2 Nw lambda dW/du (µm).
 
     A Zernike polynomial of order n that is 1 at the rim has slopes up to n^2.
     """
@@ -182,7 +182,7 @@ def ray_aberration(scene: Scene) -> float:
 
 
 def lenslet_aberration(scene: Scene) -> float:
-    """Return how far on the sensor the lenslets' spherical aberration moves the ray at an aperture's corner (µm)."""
+    """Return the displacement on the sensor, by spherical aberration, of the ray at the corner of a lenslet (µm)."""
     steepest = 4 * abs(scene.lenslet_quartic) * aperture_radius(scene) ** 3
     return scene.reduced_gap_um * scene.wavelength_um / (2 * math.pi) * steepest
 
@@ -192,7 +192,7 @@ def _spot(scene: Scene, mode: str, kind: int) -> tuple[float, float, float]:
     radius = aperture_radius(scene)
     gap, cone = scene.reduced_gap_um, 1 / (2 * scene.f_number)
     at_infinity = 1.0 - scene.lens_curvature(kind)  # sigma without the source's sphere
-    whole_pupil = abs(at_infinity * scene.reduced_image_um - gap) * cone  # spot of a lenslet that takes in everything
+    whole_pupil = abs(at_infinity * scene.reduced_image_um - gap) * cone  # spot of a lenslet that receives all light
     if mode != "E":
         return at_infinity, min(whole_pupil, abs(at_infinity) * radius + gap * cone), at_infinity
     sigma = scene.sigma(kind)
@@ -241,7 +241,7 @@ def zoom_of(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: t
     """Return the transform from samples of phase ``rates`` (rad per µm on the sensor) to a window's nodes."""
     nodes = rule.positions(width) * px
     angle = np.outer(nodes[nodes.size // 2 :], rates)
-    # in float64 up to here: phases of many turns would lose their digits, sines and cosines do not
+    # in float64 up to here, because large phases would lose digits; sines and cosines do not
     cosine: Array = np.cos(angle).astype(dtype)
     sine: Array = np.sin(angle).astype(dtype)
     bins: Array = rule.matrix(width).astype(dtype)
@@ -260,7 +260,7 @@ def aperture_tables(
     kind: int = 0,
     fine: int | None = None,
 ) -> LensAperture:
-    """Return a lens type's tables, scaled by ``level`` so that the transform squared is energy per pixel area.
+    """Return a lens type's tables, scaled by ``level`` so that the squared transform is energy per pixel area.
 
     ``fine`` is the oversampling of a cell's table relative to ``dx``; None: enough for exact interpolation.
     """
@@ -270,14 +270,14 @@ def aperture_tables(
         value = level * m * np.exp(1j * r2 * (bend + quartic * r2))
         parts = value.real.astype(dtype), value.imag.astype(dtype)
         return LensAperture(*parts, step, np.zeros((0, 0), dtype), 1.0, bend, quartic)
-    # a square, not the disc about it
+    # a square, not the disc around it
     table, step = polygon_table(aperture_outline(scene), dx, reach / math.sqrt(2), fine)
     none: Array = np.zeros(2, dtype)
     return LensAperture(none, none, 1.0, (level * table).astype(dtype), step, bend, scene.quartic(kind))
 
 
 def bent(aperture: LensAperture, by: float, gain: float = 1.0) -> LensAperture:
-    """Return the aperture with ``by`` (rad/µm^2) more quadratic phase, ``gain`` times as bright in amplitude."""
+    """Return the aperture with an additional quadratic phase of ``by`` (rad/µm^2) and ``gain`` times the amplitude."""
     dtype = aperture.disc_re.dtype
     if aperture.cell.size:
         return aperture._replace(bend=aperture.bend + by, cell=(gain * aperture.cell).astype(dtype))
@@ -308,21 +308,21 @@ def _field(
     if not scene.round_lenslets:
         radius = math.sqrt(abs(area(aperture_outline(scene))) / math.pi)
     shape = disc_transform(radius, np.hypot(f[None, : n // 2 + 1], f[:, None]))
-    # |E|^2 convolved with the aperture's shape: the energy of a lenslet at every sample by one pair of FFTs
+    # |E|^2 convolved with the aperture's shape: the energy of a lenslet at every sample, by one pair of FFTs
     light = np.square(values.real)
     light += np.square(values.imag)
     dtype = np.float64 if sampling.double else np.float32
     field = MainLensField(values.real.astype(dtype), values.imag.astype(dtype), dx)
-    del values  # twice as large, and not needed any more
+    del values  # twice as large, and no longer needed
     spectrum = sf.rfft2(light, overwrite_x=True)
     spectrum *= shape
     return field, sf.irfft2(spectrum, s=(n, n), overwrite_x=True).astype(np.float32), reach
 
 
 def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
-    """Return the largest distance from the source's image of a lenslet that matters (µm).
+    """Return the largest distance from the source's image at which a lenslet matters (µm).
 
-    The light farther than r outside the shadow is 2 lambda Nw / (pi^2 r), so its density near r is known; the sampled
+    The light farther than r outside the shadow is 2 lambda Nw / (pi^2 r), so its density near r is known. The sampled
     spectrum limits its range. A lenslet whose spot misses the cutout does not matter either.
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
@@ -330,7 +330,7 @@ def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px:
     best = min(BEST, (radius / max(shadow, radius)) ** 2)
     floor = max(sampling.energy_floor, 1e-7) * best
     tail = radius * math.sqrt(lam * nw / (math.pi**2 * max(shadow, radius) * floor))
-    # the sampled spectrum ends at 1/(2 dx): nothing gets farther than its last frequency travels over a'
+    # the sampled spectrum ends at 1/(2 dx), so nothing gets farther than its highest frequency travels over a'
     tail = min(tail, abs(scene.reduced_image_um) * lam / (2 * dx) + 80 * lam * nw)
     lit = 1.15 * shadow + radius + tail + ray_aberration(scene)
     spot_rate = abs(1 - scene.reduced_gap_um / scene.reduced_image_um) if mode == "E" else 1.0

@@ -1,8 +1,9 @@
-"""Fields on an array that is not parallel to the sensor: each sample is at a different distance.
+"""Fields on an array that is not parallel to the sensor, so that each sample is at a different distance.
 
 A field of directions s changes over a distance d by exp(i 2 pi d (sqrt(1 - s²) - 1)/lambda), which is smooth in d.
-Over the distances of the whole array it is a polynomial in d of a few orders, each of which is one Fourier transform
-(interpolation at Chebyshev nodes; error 2 (phi/2)^K/K! for K of them and a phase of +-phi at the steepest light).
+Over the distances of the whole array it is a polynomial in d with a few orders, each of which is one Fourier
+transform. With K orders, interpolated at Chebyshev nodes, the error is 2 (phi/2)^K/K! for a phase of +-phi at the
+steepest light.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def _farthest(scene: Scene, reach_um: float) -> float:
 
 
 def orders_of(scene: Scene, reach_um: float) -> int:
-    """Return the orders K that follow the steepest light for lenslets up to ``reach_um`` about a position."""
+    """Return the number K of orders needed for the steepest light and lenslets up to ``reach_um`` from a position."""
     slower = 1 - math.sqrt(1 - steepest_sine(scene) ** 2)
     phase = 2 * math.pi / scene.wavelength_um * _farthest(scene, reach_um) * slower
     error, orders = 2.0, 0
@@ -89,15 +90,15 @@ class TiltedArray:
     def heights(self, farther_um: NDArray[np.float64]) -> Complex:
         """Return distances (µm) in units of the farthest lenslet's, as every method takes them ``(n, n)``.
 
-        Beyond what is lit they stay as they are at its rim: a polynomial runs away there.
+        Beyond the lit area, they stay constant, because a polynomial would diverge there.
         """
         found: Complex = np.clip(farther_um / self._farthest, -1.0, 1.0).astype(self._real)
         return found
 
     def parts(self, field: Complex) -> Complex:
-        """Return what `met` makes a plane's field ``(n, n)`` of, for an array at any height."""
+        """Return the field ``(n, n)`` into which `met` turns the field on a plane, for an array at any height."""
         spectrum = sf.fft2(field, workers=1)
-        # towards the image: an array farther from the sensor is met earlier
+        # towards the image: an array that is farther from the sensor is reached earlier
         signs = (-1.0) ** np.arange(len(self._orders))
         return np.stack(
             [
@@ -108,7 +109,7 @@ class TiltedArray:
 
     @staticmethod
     def met(parts: Complex, heights: Complex) -> Complex:
-        """Return the field on the array ``(n, n)``, of `parts` of that on the plane."""
+        """Return the field on the array ``(n, n)`` from the `parts` of the field on the plane."""
         found: Complex = parts[-1].copy()
         for part in parts[-2::-1]:
             found *= heights

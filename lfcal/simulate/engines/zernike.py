@@ -26,7 +26,7 @@ def zernike_wavefront(
 ) -> NDArray[np.float64]:
     """Return the sum of terms ``(n, m, waves)`` at pupil points (ux, uy): R_n^|m| cos(m theta), sin for m < 0.
 
-    R_n^m(rho) exp(i m theta) is (ux + i uy)^m times a polynomial in rho²: no angle or root is taken.
+    R_n^m(rho) exp(i m theta) is (ux + i uy)^m times a polynomial in rho², so no angle or root is needed.
     """
     rho2 = ux * ux + uy * uy
     total = np.zeros_like(rho2)

@@ -1,4 +1,4 @@
-"""Frames of a simulated session: the light of the source on the whole sensor, and the sensor's response."""
+"""Frames of a simulated session: the light of the source on the whole sensor, and the response of the sensor."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from lfcal.simulate.sensor.white import white_light, white_tile
 __all__ = ["SOURCE", "SimulatedCamera"]
 
 PROBES = 8
-"""Positions per axis at which the brightest pixel is looked for."""
+"""Number of positions along each axis at which the brightest pixel is searched for."""
 
 Lit = tuple[int, int, NDArray[np.float32]]
-"""First row and column on the sensor of a patch of light, and the photoelectrons there."""
+"""First row and column of a patch of light on the sensor, and its photoelectrons."""
 
 
 class SimulatedCamera(Frames):
@@ -101,7 +101,7 @@ class SimulatedCamera(Frames):
     def __reduce__(self) -> Any:
         """Travel to another process as what it is made of again; frames depend on their index and the seed alone."""
         chosen: EffectsLike = self.effects
-        if self.budget.selection is not None:  # what is off does not matter there
+        if self.budget.selection is not None:  # effects that are off do not matter
             chosen = replace(self.budget.selection, rows=tuple(row for row in self.budget.selection.rows if row.on))
         settings: dict[str, Any] = {"level": self.level, "tolerance": self.tolerance, "sampling": self.sampling}
         return partial(SimulatedCamera, self.plan, chosen, **settings, peak=self.peak, seed=self.seed), ()
@@ -114,12 +114,12 @@ class SimulatedCamera(Frames):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """uint16 sample values, or float32 where nothing rounds them."""
+        """uint16 sample values, or float32 if nothing rounds them."""
         return sample_type(self.effects)
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Colour filter, bit depth, saturation and black level, the plan, and what was simulated."""
+        """Colour filter, bit depth, saturation and black level, the plan, and the simulated effects."""
         sensor = self.camera.sensor
         return FrameMetadata(
             cfa=sensor.cfa,
@@ -146,7 +146,7 @@ class SimulatedCamera(Frames):
         return self.plan.exposures[self.position(index).z]
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``: without motion effects, which a real stage would not report."""
+        """Return facts about frame ``index``, without motion effects, which a real stage would not report."""
         z, y, x = self.position(index)
         label = f"simulated frame {index} (z {z}, y {y}, x {x})"
         return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)
@@ -157,12 +157,12 @@ class SimulatedCamera(Frames):
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def dark_frame(self, index: int = 0, exposure_s: float | None = None) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return the ``index``-th frame without light, by default at the first plane's exposure."""
+        """Return dark frame number ``index``, by default with the exposure of the first plane."""
         seconds = self.plan.exposures[0] if exposure_s is None else exposure_s
         return self.expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
 
     def white_frame(self, index: int = 0, level: float = 0.6) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return the ``index``-th frame of an even, white scene; its brightest pixels reach ``level`` of full well."""
+        """Return white frame number ``index``; its brightest pixels reach the share ``level`` of the full well."""
         with self._lock:
             if self._white is None:
                 tile = white_tile(self.plan, self.effects)
@@ -172,13 +172,14 @@ class SimulatedCamera(Frames):
 
     # -- light -------------------------------------------------------------------------------------------
     def light(self, index: int) -> NDArray[np.float32]:
-        """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
+        """Return the photoelectrons ``(rows, columns)`` of frame ``index`` before the effects of the sensor."""
         return self._on_sensor(self.patch(index))
 
     def patch(self, index: int) -> Lit:
-        """Return the part of `light` that is lit: its first row and column, which may lie off the sensor, and itself.
+        """Return the lit part of `light`: its first row and column (may be off the sensor) and its electrons.
 
-        A large sensor is dark almost everywhere: what needs no whole frames is many times faster with patches.
+        A large sensor is dark almost everywhere, so work that does not need whole frames is many times faster with
+        patches.
         """
         z, y, x = self.position(index)
         moved = self.displacement_um(index)
@@ -188,16 +189,16 @@ class SimulatedCamera(Frames):
         return row, column, values * np.float32(self.electrons_per_unit(z))
 
     def light_of(self, source_um: tuple[float, float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons ``(rows, columns)`` of a source anywhere; see `patch_of`."""
+        """Return the photoelectrons ``(rows, columns)`` of a source at any place; see `patch_of`."""
         return self._on_sensor(self.patch_of(source_um))
 
     def patch_of(self, source_um: tuple[float, float, float]) -> Lit:
-        """Return the patch of a source anywhere, as `patch` does, at the exposure of the nearest plane.
+        """Return the patch of a source at any place, as `patch` does, with the exposure of the nearest plane.
 
         Parameters
         ----------
         source_um
-            Where it is in object space: right, down and away from the camera (µm).
+            Its place in object space: right, down and away from the camera (µm).
         """
         right, down, away = source_um
         z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))
@@ -219,12 +220,12 @@ class SimulatedCamera(Frames):
         return out
 
     def displacement_um(self, index: int) -> tuple[float, float, float]:
-        """Return the true minus the planned position of the source, (z, y, x) in object space (µm)."""
+        """Return the actual minus the planned position of the source, (z, y, x) in object space (µm)."""
         dz, dy, dx = self._displacements[self._checked(index)].tolist()
         return dz, dy, dx
 
     def image_px(self, index: int) -> tuple[float, float]:
-        """Return where the source's chief ray truly meets the sensor, (row, column) in pixels."""
+        """Return where the source's chief ray actually meets the sensor, (row, column) in pixels."""
         position, (dz, dy, dx) = self.position(index), self.displacement_um(index)
         right, down, away = self.plan.object_um(position).tolist()
         step = self.camera.step_um(away + dz)
@@ -232,11 +233,11 @@ class SimulatedCamera(Frames):
         return row + (down + dy) / step, column + (right + dx) / step
 
     def electrons_per_unit(self, z: int) -> float:
-        """Return electrons per unit of H in plane ``z``; `counts_per_unit` over the gain."""
+        """Return electrons per unit of H in plane ``z``; equals `counts_per_unit` divided by the gain."""
         return self._rate * self.plan.exposures[z]
 
     def counts_per_unit(self, z: int) -> float:
-        """Return sample values above black per unit of H in plane ``z``: frames over this assemble to H."""
+        """Return sample values above black per unit of H in plane ``z``; frames divided by this assemble to H."""
         return self.electrons_per_unit(z) / self.camera.sensor.electrons_per_count
 
     # -- workings ----------------------------------------------------------------------------------------
@@ -274,7 +275,7 @@ class SimulatedCamera(Frames):
     def expose(
         self, light_e: NDArray[np.float32], seconds: float, kind: FrameKind, index: int
     ) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return what the sensor makes of photoelectrons ``(rows, columns)`` that it gathered in some seconds."""
+        """Return the frame that the sensor records for photoelectrons ``(rows, columns)`` and an exposure time (s)."""
         return expose(
             light_e, self.camera, self._frame_effects, exposure_s=seconds, seed=self.seed, kind=kind, index=index
         )

@@ -1,4 +1,4 @@
-"""Conversion of light on the sensor to a frame: the frame effects in order, reproducibly.
+"""Convert light on the sensor to a frame by applying the frame effects in order, reproducibly.
 
 A frame is processed in strips of rows. Every effect on every strip of every frame has separate random numbers, derived
 from the seed, the kind of frame, its index, the strip and the effect. Frames may therefore be made in any order and in
@@ -22,7 +22,7 @@ from lfcal.simulate.effects import Effect, FrameEffect, ReadNoise, SensorStrip, 
 __all__ = ["FrameKind", "expose", "random_numbers", "sample_type", "temporal_noise"]
 
 STRIP = 128
-"""Rows that are worked off together."""
+"""Number of rows processed together."""
 
 COUNTS_FROM = 80
 """Effects of this rank and above act on sample values, those below on electrons."""
@@ -31,7 +31,7 @@ PATTERNS = ("gain", "offset")
 
 
 class FrameKind(IntEnum):
-    """What a frame shows; part of the key of its random numbers."""
+    """Content of a frame, which is part of the key of its random numbers."""
 
     LIGHT = 0
     DARK = 1
@@ -41,23 +41,23 @@ class FrameKind(IntEnum):
 
 
 def random_numbers(seed: int, kind: FrameKind, *key: int) -> np.random.Generator:
-    """Return the generator that belongs to ``seed``, ``kind`` and ``key`` alone."""
+    """Return the random generator determined by ``seed``, ``kind`` and ``key``."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(kind), *key))))
 
 
 def stream_of(effect: FrameEffect) -> int:
-    """Return the part of the key of its random numbers that is the effect's own."""
+    """Return the effect's part of the key of its random numbers."""
     return zlib.crc32(effect.name.encode()) if effect.stream is None else effect.stream
 
 
 def sample_type(effects: Sequence[Effect]) -> np.dtype[np.uint16] | np.dtype[np.float32]:
-    """Return uint16 where ``effects`` round sample values, else float32."""
+    """Return uint16 if ``effects`` round sample values, else float32."""
     rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)
     return np.dtype(np.uint16) if rounded else np.dtype(np.float32)
 
 
 def temporal_noise(effects: Sequence[Effect], camera: Camera) -> Noise:
-    """Return the variance that ``effects`` give raw samples of ``camera``; a fixed pattern has none."""
+    """Return the variance that ``effects`` cause in raw samples of ``camera``, without fixed patterns."""
     gain = camera.sensor.electrons_per_count
     read = [effect.rms(camera) for effect in effects if isinstance(effect, ReadNoise)]
     rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)
@@ -76,18 +76,18 @@ def expose(
     kind: FrameKind = FrameKind.LIGHT,
     index: int = 0,
 ) -> NDArray[np.uint16] | NDArray[np.float32]:
-    """Return the frame that a sensor makes of ``light_e``.
+    """Return the frame that a sensor records for ``light_e``.
 
     Parameters
     ----------
     light_e
-        Photoelectrons ``(rows, columns)`` of the whole sensor if nothing disturbed them.
+        Photoelectrons ``(rows, columns)`` of the whole sensor before any effect.
     effects
         Frame effects; they act in the order of their rank. Empty: sample values without noise.
     exposure_s
         Exposure time (s).
     seed, kind, index
-        Key of the random numbers; the fixed pattern depends on the seed alone.
+        Key of the random numbers; the fixed pattern depends only on the seed.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def _strip(
     for effect, view in zip(ordered, views, strict=True):
         if effect.rank < COUNTS_FROM:
             strip = effect.on_frame(strip, view)
-    # here the converter stands: electrons before, counts after it.
+    # the converter is here: electrons before, counts after it
     strip /= np.float32(camera.sensor.electrons_per_count)
     strip += np.float32(camera.sensor.black_level)
     for effect, view in zip(ordered, views, strict=True):
@@ -145,7 +145,7 @@ def _strip(
 
 def _patterns(seed: int, strip: int, shape: tuple[int, ...]) -> Callable[[str], NDArray[np.float32]]:
     def pattern(name: str) -> NDArray[np.float32]:
-        # numbers where sessions made earlier had them; names of other distributions' patterns speak for themselves.
+        # the same numbers as in earlier sessions; patterns of other distributions are identified by their names
         key = PATTERNS.index(name) if name in PATTERNS else zlib.crc32(name.encode())
         rng = random_numbers(seed, FrameKind.PATTERN, key, strip)
         return rng.standard_normal(shape, np.float32)

@@ -1,4 +1,4 @@
-"""Responses of a plan's planes on the sensor and of depths near them, cached, and their place on an image."""
+"""Responses of a plan's planes, and of depths near them, on the sensor; cached, and placed on an image."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from lfcal.simulate.staging import origin_of
 __all__ = ["DISPLACED_CACHED", "NEAR_PX", "Responses", "Window", "joined", "place", "sum_of"]
 
 DISPLACED_CACHED = 8
-"""Responses away from the planes in memory."""
+"""Number of responses away from the planes that are kept in memory."""
 
 NEAR_PX = 0.5
-"""Change of the shadow's radius up to which one sampling serves."""
+"""Change of the shadow's radius up to which the same sampling can be used."""
 
 ROWS_CACHED = 4
-"""Rows of responses in memory."""
+"""Number of rows of responses that are kept in memory."""
 
 Window = tuple[int, int, NDArray[np.float32]]
-"""Row and column of the sensor where its middle lies, and the light there."""
+"""Row and column of its middle on the sensor, and its light."""
 
 
 class Responses:
-    """Light that sources at a plan's planes, and at depths near them, send to the sensor.
+    """Light that sources in a plan's planes, and at depths near them, send to the sensor.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Responses:
         self._lock = threading.RLock()
 
     def at(self, z: int, depth_error_um: float = 0.0) -> PlaneResponse:
-        """Return the response of a depth so much farther away than plane ``z``; its window holds the whole pattern."""
+        """Return the response at a depth farther away than plane ``z``; its window contains the whole pattern."""
         with self._lock:
             key = (z, depth_error_um)
             if key not in self.cached:
@@ -98,7 +98,7 @@ class Responses:
         return [(row + top, column + left, values) for row, column, values in found]
 
     def of_position(self, z: int, y: int, x: int) -> Window:
-        """Return the light of a position that is met exactly; the last few rows of positions are kept."""
+        """Return the light of a position without any displacement; the last few rows of positions are kept."""
         return y + self.origin[0], x + self.origin[1], self._row(z, y)[x]
 
     @cached_property
@@ -142,7 +142,7 @@ class Responses:
 
 
 def joined(windows: list[Window]) -> Window:
-    """Return the sum of windows at their places, on an image that holds them all, with its first row and column."""
+    """Return the sum of windows at their places, on an image that contains them all, and its first row and column."""
     rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
     nt, ns = windows[0][2].shape
     out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
@@ -152,12 +152,12 @@ def joined(windows: list[Window]) -> Window:
 
 
 def sum_of(windows: list[Window]) -> NDArray[np.float32]:
-    """Return the sum of windows at their places, on an image that holds them all."""
+    """Return the sum of windows at their places, on an image that contains them all."""
     return joined(windows)[2]
 
 
 def place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:
-    """Add a window centred on ``(row, column)``; what lies beyond the sensor is lost."""
+    """Add a window centred on ``(row, column)``; parts beyond the sensor are lost."""
     top, left = row - centre(values.shape[0]), column - centre(values.shape[1])
     r0, c0 = max(0, top), max(0, left)
     r1, c1 = min(out.shape[0], top + values.shape[0]), min(out.shape[1], left + values.shape[1])

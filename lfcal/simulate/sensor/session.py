@@ -56,7 +56,7 @@ def truth_of(source: SimulatedCamera) -> dict[str, Any]:
 
 
 UNFINISHED = "unfinished.json"
-"""File of a session that is being written: which one it is, gone when all of it is there."""
+"""File that identifies a session while it is being written; it is removed when the session is complete."""
 
 PICTURES = ("frames/z*_y*_x*.png", "dark/dark_*.png", "white/white_*.png")
 
@@ -78,7 +78,7 @@ def iter_write_session(
     Parameters
     ----------
     source
-        A simulated camera whose frames are uint16.
+        A simulated camera with uint16 frames.
     folder
         Folder of the session, created if needed.
     darks, whites
@@ -122,7 +122,7 @@ def iter_write_session(
     yield clock.at(0)
     for index in range(len(source)):
         name = frame_name(source, index)
-        if not (resume and (out / "frames" / name).exists()):  # each is there whole, or not at all
+        if not (resume and (out / "frames" / name).exists()):  # each file is complete, or does not exist
             _write_png(out / "frames" / name, source.read(index))
         manifest.append(f"{name},{','.join(map(str, source.position(index)))}")
         yield clock.at(index + 1)
@@ -174,14 +174,14 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
     mark, text = out / UNFINISHED, json.dumps(plain(identity), sort_keys=True)
     if resume and mark.exists() and read_text(mark).strip() != text:
         raise InputError.expected(
-            str(out), "frames of the same session", "those of another, unfinished", "choose another folder"
+            str(out), "frames of the same session", "those of another, unfinished one", "choose another folder"
         )
     if not (resume and mark.exists()):
         write_text(mark, text + "\n")
 
 
 def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
-    """Return frames written and in all of a session that was stopped; None where there is none."""
+    """Return the numbers of written and of all frames of a session that was stopped; None if there is none."""
     out = Path(folder)
     if not (out / UNFINISHED).is_file():
         return None
@@ -190,9 +190,9 @@ def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
 
 
 def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False) -> None:
-    """Raise `InputError` unless a folder is new or empty; with ``resume`` it may have a session that was stopped.
+    """Raise `InputError` unless a folder is new or empty; with ``resume``, it may contain a session that was stopped.
 
-    Frames of two sessions in one folder would be read as one.
+    Frames of two sessions in one folder would be read as one session.
     """
     out = Path(folder)
     if resume and unfinished(out) is not None:
@@ -202,7 +202,7 @@ def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False
 
 
 def discard_unfinished(folder: str | os.PathLike[str]) -> None:
-    """Remove what a session that was stopped has written."""
+    """Remove all files of a session that was stopped."""
     out = Path(folder)
     if unfinished(out) is None:
         return

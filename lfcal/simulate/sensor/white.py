@@ -1,4 +1,4 @@
-"""What an evenly lit scene looks like: the micro-image pattern of white frames."""
+"""The micro-image pattern of white frames, which show a uniformly lit scene."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from lfcal.simulate.response import PlaneResponse
 __all__ = ["fold", "white_light", "white_tile"]
 
 BLURRED_DEPTH = 1.2
-"""Virtual depth of the plane, on either side of the lenslets, that represents a uniform scene. A point illuminates few
-lenslets, and at 1 its images would be a whole pixel apart."""
+"""Virtual depth of the plane, on either side of the lenslets, that represents a uniform scene. Here a point illuminates
+few lenslets; at 1, its images would be a whole pixel apart."""
 
 
 def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int, int]) -> NDArray[np.float64]:
-    """Return ``pattern`` summed modulo ``period``; its pixel (0, 0) lands on ``shift`` modulo the period."""
+    """Return ``pattern`` summed modulo ``period``; its pixel (0, 0) goes to ``shift`` modulo the period."""
     ny, nx = period
     rows, columns = -(-pattern.shape[0] // ny), -(-pattern.shape[1] // nx)
     padded = np.zeros((rows * ny, columns * nx))
@@ -31,13 +31,13 @@ def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int
 
 
 def white_tile(plan: ScanPlan, effects: Sequence[Effect]) -> NDArray[np.float64]:
-    """Return one period ``(ny, nx)`` of the image of an evenly glowing plane, by rays; about 1 where nothing blocks.
+    """Return one period ``(ny, nx)`` of the image of a uniformly glowing plane, by rays; about 1 where nothing blocks.
 
-    Pixel (0, 0) is that of source position (0, 0). The radiance of an even scene is the same in every plane, and
-    sources a pixel apart show it where no lens type is in focus (`_blurred`). Rays are followed: diffraction hardly
-    changes what is smooth already. Distortion moves light of an even scene from one place to another like it.
+    Pixel (0, 0) belongs to source position (0, 0). The radiance of a uniform scene is the same in every plane.
+    Sources one pixel apart represent it in a plane where no lens type is in focus (`_blurred`). Rays are sufficient,
+    because diffraction hardly changes a smooth image. Distortion does not change a uniform scene.
     """
-    ny, nx = plan.period  # in resampled pixels where the plan resamples: then it is the array's own, whole
+    ny, nx = plan.period  # in resampled pixels if the plan resamples: then it is the array's period, a whole number
     neglected = Bandwidth | Distortion | FiniteSource | MissingLenslets
     simple = [e for e in effects if not (isinstance(e, neglected) or e.by_wavelength)]
     blurred = _blurred(plan)
@@ -64,10 +64,10 @@ def _blurred(plan: ScanPlan) -> ScanPlan:
 
 
 def white_light(plan: ScanPlan, tile: NDArray[np.float64], effects: Sequence[Effect] = ()) -> NDArray[np.float32]:
-    """Return the pattern over the whole sensor ``(rows, columns)``: the tile at the lattice's own, unrounded period.
+    """Return the pattern over the whole sensor ``(rows, columns)``: the tile, repeated with the lattice's exact period.
 
-    Bilinear between the tile's pixels; the rows of the array may be tilted against the sensor's. Defective lenslets
-    among the ``effects`` are darker where they are.
+    It is interpolated linearly between the tile's pixels, and follows the rotation of the array. Defective lenslets
+    among the ``effects`` are darker.
     """
     camera = plan.camera
     period = np.array(camera.period_px) * np.array(plan.cells)
