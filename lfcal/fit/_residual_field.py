@@ -1,8 +1,8 @@
 """Residuals of patterns beyond a model, as a Gaussian field that is smooth over source positions and pixels.
 
 A residual at one position and pixel is similar to that of its neighbours: the source one step farther, the spot one
-pixel further. Light that a lenslet images moves with the velocity of the spots; stray light may be static, or move in
-the opposite direction. Each such part is a field of variance (amplitude A)² whose correlation is Gaussian in the
+pixel further. Light that a lenslet images moves with the velocity of the spots. Stray light may be static, or move in
+the opposite direction. Each such part is a field of variance (amplitude A)², whose correlation is Gaussian in the
 moving frame,
 
     k(δ, Δ) = exp(-δ² / 2 h²) exp(-(Δ - a δ)² / 2 w²) on each axis,
@@ -48,13 +48,13 @@ __all__ = [
 F4 = NDArray[np.float32]
 
 CUT = 0.02
-"""Weight below which smoothing is cut off."""
+"""Weight below which smoothing kernels are cut off."""
 
 TOLERANCE = 1e-2
-"""Residual of the equations, relative, at which they are solved."""
+"""Relative residual at which the equations count as solved."""
 
 MOST_STEPS = 50
-"""Steps of conjugate gradients at most."""
+"""Largest number of steps of conjugate gradients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,19 +75,19 @@ class Moving:
 
 
 def smoothing(n: int, size: int, by: Moving, *, around: bool) -> csr_matrix:
-    """Return W of one axis, over (position, pixel) of ``n`` positions and ``size`` pixels; rows have unit norm.
+    """Return W for one axis, over (position, pixel) of ``n`` positions and ``size`` pixels; rows have unit norm.
 
     ``around``: the last position is a neighbour of the first, as in a whole period.
     """
-    from scipy.sparse import csr_matrix, diags_array, eye_array, kron  # slow to load
+    from scipy.sparse import csr_matrix, diags_array, eye_array, kron  # slow to import
 
     apart = np.arange(size)[:, None] - np.arange(size)
     reach = min(n - 1, math.floor(by.positions * math.sqrt(-math.log(CUT))))
-    # of a period no neighbour is met both ways
+    # in a period, no neighbour is counted in both directions
     steps = range(max(-reach, -(n // 2)), min(reach, n - 1 - n // 2) + 1) if around else range(-reach, reach + 1)
     total = csr_matrix((n * size, n * size), dtype=np.float64)
     for step in steps:
-        # half as wide in squares: W Wᵀ has the whole width
+        # half the squared width, so that W Wᵀ has the whole width
         weight = np.exp(-((step / by.positions) ** 2) - ((apart - by.velocity * step) / by.pixels) ** 2)
         weight[weight < CUT] = 0.0
         ahead = eye_array(n, k=-step, format="csr")
@@ -121,7 +121,7 @@ class ResidualField:
 
     @property
     def variance(self) -> F4:
-        """Variance of every entry before anything is measured."""
+        """Variance of every entry before any measurement."""
         found: F4 = np.sum([np.square(a) for a in self.amplitudes], axis=0, dtype=np.float32)
         return found
 
@@ -137,7 +137,7 @@ class ResidualField:
         return out
 
     def sample(self, rng: np.random.Generator) -> F4:
-        """Return a field drawn at random."""
+        """Return a random sample of the field."""
         ny, nx, nt, ns = self.shape
         out = np.zeros(self.shape, np.float32)
         for (rows, columns), amplitude in zip(self._smoothing, self.amplitudes, strict=True):
@@ -180,7 +180,8 @@ def sampled_variance(field: ResidualField, precision: F4, count: int, rng: np.ra
     return total / np.float32(count)
 
 
-# -- how large the field is --------------------------------------------------------------------------------------------
+# -- amplitude of the field
+# --------------------------------------------------------------------------------------------
 F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
@@ -188,12 +189,12 @@ SIGNIFICANCE = 5.0
 """Significance, in standard deviations, above which a variance in excess of the noise is accepted."""
 
 KNOTS = np.log(np.array([0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0]))
-"""Brightness over the plane's brightest, as logarithm, at which the size of residuals is found."""
+"""Logarithms of brightness, relative to the plane's brightest pixel, at which the size of residuals is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneResiduals:
-    """The model of a plane, and the measurements.
+    """The model of a plane, and its measurements.
 
     Attributes
     ----------
@@ -224,7 +225,7 @@ class PlaneResiduals:
         return self.model.shape[0], self.model.shape[1]
 
     def window(self, rows: slice, columns: slice) -> PlaneResiduals:
-        """Return the plane in some of the cutout's pixels."""
+        """Return the plane within a window of the cutout."""
         model, residual, precision, *sizes = (
             np.ascontiguousarray(one[:, :, rows, columns])
             for one in (self.model, self.residual, self.precision, *self.sizes)
@@ -232,7 +233,7 @@ class PlaneResiduals:
         return PlaneResiduals(model, residual, precision, self.recorded, self.around, tuple(sizes))
 
     def without(self, aside: Flags) -> PlaneResiduals:
-        """Return the plane with the positions ``aside`` not measured."""
+        """Return the plane with the positions ``aside`` treated as not measured."""
         keep = ~aside
         return replace(self, precision=self.precision * keep[:, :, None, None], recorded=self.recorded & keep)
 
@@ -244,7 +245,7 @@ def amplitudes(model: F4) -> tuple[F4, F4]:
     have larger errors than their own light suggests. For stray light, it is the mean of all positions, because it
     comes from any lenslet.
     """
-    from scipy.ndimage import gaussian_filter  # slow to load
+    from scipy.ndimage import gaussian_filter  # slow to import
 
     near, far = (gaussian_filter(np.square(model), (0, 0, width, width)).clip(min=0) for width in (0.6, 4.0))
     mean = gaussian_filter(model.mean((0, 1)), 3).clip(min=0)
@@ -252,10 +253,10 @@ def amplitudes(model: F4) -> tuple[F4, F4]:
 
 
 def sized(data: PlaneResiduals) -> PlaneResiduals:
-    """Return the plane with the standard deviations of what spots and stray light lack; without where noise is all.
+    """Return the plane with the standard deviations of errors in spots and stray light; unchanged if noise prevails.
 
-    Residuals have E[R² - V] = s² A² + c² B² with the amplitudes A and B, and s by brightness. Weights lie between those
-    of chi², by which dark pixels alone would count, and of the light's squares.
+    Residuals have E[R² - V] = s² A² + c² B² with the amplitudes A and B, and s depending on brightness. Weights are
+    between those of chi², with which only dark pixels would count, and those of the squared light.
     """
     own = data.recorded
     near, mean = amplitudes(data.model)
@@ -274,7 +275,7 @@ def sized(data: PlaneResiduals) -> PlaneResiduals:
     brightness = np.log(np.maximum(data.model / max(float(data.model.max()), 1e-30), 1e-6))
     grown = _by_brightness(found @ x, square, noise, brightness[own][good])
     grown = np.interp(brightness, KNOTS, grown)
-    # bright pixels, to which chi² is insensitive, may have more: then all are as large
+    # bright pixels, to which chi² is insensitive, may have larger errors: then all are scaled
     stated = (found @ x) * grown[own][good]
     whole, error = (float(v) / float(stated.sum()) for v in (square.sum(), math.sqrt(2.0 * float((noise**2).sum()))))
     if whole > 1.0 + 2.0 * error:
@@ -323,13 +324,13 @@ def _by_brightness(stated: F8, square: F8, noise: F8, brightness: F8) -> F8:
 # -- the estimate of a plane -------------------------------------------------------------------------------------------
 
 SIGNIFICANT_GAIN = 2.0
-"""Standard deviations by which left-out patterns must be nearer for positions between recorded ones to follow."""
+"""Standard deviations by which neighbours must improve the prediction before missing positions are interpolated."""
 
 FOLDS = 5
-"""Sets that recorded positions are left out in."""
+"""Number of sets into which recorded positions are divided for holding them out."""
 
 FEWEST_HELD_OUT = 8
-"""Recorded positions of a plane below which none is left out to choose by."""
+"""Number of recorded positions of a plane below which none is held out."""
 
 LENGTHS = ((1.0, 0.5), (1.5, 0.5), (2.0, 0.6), (2.5, 0.7), (3.5, 0.8), (5.0, 1.0))
 """Correlation lengths that are tried: source positions, pixels."""
@@ -340,30 +341,30 @@ STRAY = (2.5, 0.7)
 """Correlation lengths of stray light."""
 
 SAMPLES = 8
-"""Fields that are drawn for the posterior variance."""
+"""Number of random fields for the posterior variance."""
 
 ENTRIES_TRIED = 150_000
-"""Entries of the middle of a plane by which lengths, velocities and variances are found."""
+"""Number of entries in the middle of a plane with which lengths, velocities and variances are estimated."""
 
 NEAR = Moving(0.0, 1.0, 0.5)
-"""Correlation of the part of spots' residuals that hardly reaches from one position to the next."""
+"""Correlation of the part of the spots' residuals that hardly extends from one position to the next."""
 
 NEAR_SHARES = (0.3, 0.6)
-"""Its share of the variance that is tried: by one length alone what is far would be too smooth, or near too rough."""
+"""Shares of the variance tried for it; with one correlation length, the field would be too smooth or too rough."""
 
 LIT = 0.02
 """Share of the plane's brightest pixel above which a pixel is lit."""
 
 RATIOS = np.linspace(-3.0, 3.0, 13)
-"""Decadic logarithm of variance over noise at which the posterior's share of the variance is found."""
+"""Decadic logarithms of variance over noise at which the posterior's share of the variance is computed."""
 
 TILE = 32
-"""Pixels of the cutout, each way, that are solved at a time."""
+"""Side of the tiles of the cutout that are solved one after the other (pixels)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResidualKind:
-    """Properties of the residual of a plane.
+    """Properties of the residuals of a plane.
 
     Attributes
     ----------
@@ -385,7 +386,7 @@ class ResidualKind:
 
     @property
     def empty(self) -> bool:
-        """Whether there is no more than noise."""
+        """Whether there is only noise."""
         return self.spots is None and self.stray is None
 
 
@@ -442,7 +443,7 @@ def _correlation(values: F4, axis: int, step: int, shift: int, *, around: bool) 
 def _field(data: PlaneResiduals, kind: ResidualKind) -> ResidualField:
     spots, stray = data.sizes
     if kind.spots is None or kind.stray is None:
-        # one part alone has all of the variance
+        # one part with all the variance
         spots = stray = np.hypot(spots, stray)
     parts, shown = [], []
     if kind.spots is not None:
@@ -474,7 +475,7 @@ def chosen_kind(part: PlaneResiduals, velocity: float, seed: int = 0) -> Residua
     if spots and stray:
         best, gains = _best(part, aside, [best, replace(best, spots=None), replace(best, stray=None)])
     helped = float(gains.sum()) > SIGNIFICANT_GAIN * math.sqrt(float(np.square(gains).sum()))
-    # a part without correlation to neighbours appears in the residuals of their prediction
+    # a part that is not correlated with neighbours appears in the residuals of their prediction
     shares = NEAR_SHARES if best.spots is not None else NEAR_SHARES[:1]
     kinds = [replace(best, near=share, supported=helped) for share in shares]
     found = [replace(one, spread=_spread(part, sets, one, seed)) for one in kinds]
@@ -482,7 +483,7 @@ def chosen_kind(part: PlaneResiduals, velocity: float, seed: int = 0) -> Residua
 
 
 def held_out_folds(part: PlaneResiduals) -> list[Flags]:
-    """Return sets ``(ny, nx)`` of recorded positions, each of them spread over the plane; none is in two."""
+    """Return sets ``(ny, nx)`` of recorded positions, each spread over the plane; no position is in two sets."""
     found: list[Flags] = []
     places = np.argwhere(part.recorded)
     count = max(2, len(places) // FOLDS)
@@ -523,7 +524,7 @@ def _spread(data: PlaneResiduals, sets: Sequence[Flags], kind: ResidualKind, see
     Values are squares. Each set is predicted by all others. If noise dominates, one set determines the ratio to 40 %.
     """
     field, found, known = _field(data, kind), 0.0, 0.0
-    # dark pixels are many, and irrelevant
+    # dark pixels are numerous and irrelevant
     light = LIT * data.model.max()
     for aside in sets:
         kept = data.without(aside)
@@ -582,7 +583,7 @@ def _ratio(part: PlaneResiduals, field: ResidualField) -> NDArray[np.intp]:
 def iter_residual_estimate(
     data: PlaneResiduals, note: str, *, seed: int = 0, workers: int | None = None
 ) -> Work[ResidualEstimate]:
-    """Estimate what a plane's patterns show beyond the model; yields progress in tiles of the cutout."""
+    """Estimate how a plane's patterns deviate from the model; yields progress in tiles of the cutout."""
     _, _, nt, ns = data.model.shape
     tiles = [(t, s) for t in range(0, nt, TILE) for s in range(0, ns, TILE)]
     clock = Clock(note, 1 + len(tiles))
@@ -596,11 +597,11 @@ def iter_residual_estimate(
     kind = chosen_kind(part, spot_velocity(part.model, around=data.around), seed)
     shares = _shares(part, kind, seed)
     yield clock.at(1)
-    # held-out positions show whether the stated value is too small; recorded ones show whether it is too large, by
-    # half at most
+    # held-out positions show whether the stated variance is too small; recorded ones show whether it is too large,
+    # by at most a factor of two
     grown = np.float32(kind.spread if kind.spread > 1.0 else math.sqrt(kind.spread))
     parts = [one for one in (kind.spots, kind.stray) if one is not None]
-    # beyond it, neighbouring patterns carry no information on a tile
+    # beyond this distance, neighbouring patterns contain no information about a tile
     halo = math.ceil(max(3 * one.pixels + 2.2 * abs(one.velocity) * one.positions for one in parts))
 
     def solve(start: int, stop: int) -> None:

@@ -1,6 +1,6 @@
-"""A fit in numbers: values, standard deviations, correlations, and what the scan does not distinguish.
+"""Summarize a fit in numbers: values, standard deviations, correlations, and degeneracies.
 
-A parameter that was not fitted and another that was may have the same effect on the patterns: they are degenerate.
+A parameter that was not fitted and one that was may have the same effect on the patterns; they are then degenerate.
 """
 
 from __future__ import annotations
@@ -34,29 +34,30 @@ __all__ = [
     "unidentified",
 ]
 
-# -- degeneracies of fitted and fixed unknowns -------------------------------------------------------------------------
+# -- degeneracies of fitted and fixed unknowns
+# -------------------------------------------------------------------------
 F8 = NDArray[np.float64]
 
 WIDER, WIDER_UNASKED = 8.0, 3.0
-"""How many times larger the standard deviation of what was found would be, for it to be named: of what was tried, and
-of what was not asked for."""
+"""Factor by which a fixed unknown must widen the standard deviation of a fitted one to be reported: for unknowns that
+were tried, and for those that were not requested."""
 
 WIDENING_COUNTED = 1.2
-"""How many times larger it would be, for what is fixed to count in it."""
+"""Factor by which a fixed unknown must widen a standard deviation to be included in it."""
 
 MOST_NAMED = 3
-"""Parameters that are named of what one unknown would change."""
+"""Number of affected parameters listed for one unknown."""
 
 LARGEST_SIGMA = 10.0
-"""Standard deviation, in scales, above which a fixed unknown is not determined at all: it is named and no more."""
+"""Standard deviation, in scales, above which a fixed unknown is undetermined and only reported."""
 
 FEWEST, MOST_SAMPLED = 3, 8
-"""Fewest and most patterns that unknowns which were not asked for are compared by: a quarter of all, within these."""
+"""Smallest and largest number of patterns, otherwise a quarter of all, for unknowns that were not requested."""
 
 
 @dataclass(frozen=True, eq=False)
 class Degeneracies:
-    """Fixed unknowns, and their possible effect on the fitted ones, in their scales.
+    """Fixed unknowns with their possible effect on the fitted ones, in the scales of these.
 
     Attributes
     ----------
@@ -76,15 +77,15 @@ class Degeneracies:
     counted: tuple[int, ...] = ()
 
     def with_others(self, others: Degeneracies) -> Degeneracies:
-        """Return both as one."""
+        """Return the combination of both."""
         shift = np.hypot(self.shift, others.shift)
         return Degeneracies((*self.words, *others.words), self.spread + others.spread, shift)
 
     def variances(self, own: F8, grown: float = 1.0) -> F8:
-        """Return the variances of the unknowns whose ``own`` covariance ``(k, k)`` is that with all else held.
+        """Return the variances of the unknowns; ``own`` ``(k, k)`` is their covariance with everything else fixed.
 
-        Of an unknown h that is fixed at 0 and estimated as d ± s, the mean square is d² + s². Noise is ``grown``
-        times as large as stated.
+        An unknown h that is fixed at 0 and estimated as d ± s has the mean square d² + s². Noise is ``grown`` times
+        as large as stated.
         """
         found: F8 = np.maximum(grown**2 * np.diag(own + self.spread) + np.square(self.shift), 0.0)
         return found
@@ -116,7 +117,7 @@ def degeneracies_of(
 def iter_degeneracies(problem: Problem, point: Point, columns: Columns, groups: Sequence[str]) -> Work[Degeneracies]:
     """Return degeneracies between the unknowns of ``groups``, requested by name, and the camera's other unknowns.
 
-    A few patterns show which of them matter, and all patterns determine their size. Groups with many simulation runs
+    A few patterns show which of them matter; all patterns determine their size. Groups with many simulation runs
     per pattern are not examined. Yields progress in derivatives.
     """
     others = [group.name for group in GROUPS if not group.late and group.name not in groups]
@@ -144,7 +145,7 @@ def _iter_with(
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
     u = np.concatenate([point.u, np.zeros(len(vector) - len(point.u))])
     at = Point(u, local, point.model[keep], levels, point.seen.of(keep), point.sampling, point.doubtful)
-    shared = (yield from part.columns(at, held, "what else may have changed", displaced=False)).shared
+    shared = (yield from part.columns(at, held, "other possible changes", displaced=False)).shared
     shared[: len(point.u)] = columns.shared[:, keep]
     return part, at, Columns(shared, None if columns.displacements is None else columns.displacements[:, keep])
 
@@ -185,7 +186,7 @@ def degeneracies(
     found: list[tuple[float, str]] = []
     counted: list[int] = []
     for k in held.tolist():
-        # by how much each parameter moves for a step of it, and how well it is determined besides them
+        # how far each parameter moves for one step of it, and how well it is determined apart from them
         moves = spread @ data[which, k]
         left = float(data[k, k] - data[k, which] @ moves)
         if left <= 1e-9 * data[k, k]:
@@ -203,7 +204,7 @@ def degeneracies(
             parts.append(f"{one.name} (± {now:.2g} would be ± {then:.2g} {one.unit}".rstrip() + ")")
         own = unknowns[k]
         value = f"{own.value(float(u[k])):.6g} {own.unit}".rstrip()
-        found.append((float(wider[order[0]]), f"{own.name}, held at {value}, with {', '.join(parts)}"))
+        found.append((float(wider[order[0]]), f"{own.name}, fixed at {value}, with {', '.join(parts)}"))
     words = tuple(words for _, words in sorted(found, reverse=True))
     return Degeneracies(words, *_allowed(which, np.array(counted, np.intp), data, slope, spread), tuple(counted))
 
@@ -217,23 +218,24 @@ def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F
     size = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     errors = np.linalg.pinv(precision / np.outer(size, size), rcond=1e-9, hermitian=True) / np.outer(size, size)
     off = errors @ (slope[held] - moves.T @ slope[which])
-    # those found go back by what they took of it
+    # the fitted ones move back by the share that was due to it
     return moves @ errors @ moves.T, -moves @ off
 
 
-# -- the numbers -------------------------------------------------------------------------------------------------------
+# -- numbers of the fit
+# ------------------------------------------------------------------------------------------------
 
 UNIDENTIFIED_SIGMA = 1.0
-"""Standard deviation, in scales of the unknowns, above which a combination is not identified."""
+"""Standard deviation, in scales of the unknowns, above which a combination is not determined."""
 
 LEAST_COMPONENT = 0.3
-"""Share of a combination above which an unknown is named."""
+"""Share of a combination above which an unknown is listed."""
 
 
 def unidentified(unknowns: Sequence[Unknown], data: F8) -> tuple[str, ...]:
-    """Return the combinations of unknowns that the data alone do not distinguish, the least certain first.
+    """Return the combinations of unknowns that the data alone do not determine, the least certain first.
 
-    They are the small singular values of ``data`` ``(k, k)``, the matrix of the data in scales with everything else
+    They are the small singular values of ``data`` ``(k, k)``, the matrix of the data in scales, with everything else
     eliminated.
     """
     values, vectors = np.linalg.eigh(data)
@@ -244,7 +246,7 @@ def unidentified(unknowns: Sequence[Unknown], data: F8) -> tuple[str, ...]:
             break
         parts = [(abs(v), one.name) for v, one in zip(vector, unknowns, strict=True) if abs(v) > LEAST_COMPONENT]
         names = [name for _, name in sorted(parts, reverse=True)]
-        found.append(" with ".join(names) if len(names) > 1 else names[0] if names else "many together")
+        found.append(" with ".join(names) if len(names) > 1 else names[0] if names else "a combination of many")
     return tuple(found)
 
 
@@ -258,7 +260,7 @@ def summarised(
     outliers: tuple[Outlier, ...],
     untried: Degeneracies | None = None,
 ) -> tuple[Fit, ...]:
-    """Return the result of the fit at a point, for each region of the field, with the last computed derivatives.
+    """Return the result of the fit at a point for each region of the field; derivatives are those computed last.
 
     ``untried`` lists unknowns that were not tried, but may explain the same changes.
     """
@@ -267,7 +269,7 @@ def summarised(
     unknowns = [vector.unknowns[k] for k in which]
     spread, data = covariance(problem, point, columns, which)
     chi2 = chi_square(point, problem.fitted, len(which))
-    # where the model does not suffice its unknowns are as much less sure
+    # if the model is incomplete, its unknowns are less certain by the same factor
     grown = math.sqrt(max(1.0, chi2.lit)) if not chi2.complete else 1.0
     alone = grown * np.sqrt(np.maximum(np.diag(spread)[: len(which)], 0.0))
     held = degeneracies_of(problem, point, columns, which)
@@ -321,7 +323,7 @@ def summarised(
             among = np.zeros(len(measured), np.bool_)
             among[own] = True
             fitted = among & problem.fitted
-            # each region has its part of what all of them found
+            # each region has its part of the common result
             share = round(len(which) * fitted.sum() / max(1, problem.fitted.sum()))
             chi2 = chi_square(point, fitted, share)
             error = held_out_error(problem, point, columns, which, grown**2 * spread, among, complete=chi2.complete)

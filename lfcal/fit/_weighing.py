@@ -1,4 +1,4 @@
-"""Residuals in units of their noise: gain and background of each plane, the variance of the model, robust weights."""
+"""Residuals in units of their noise: gain and background of planes, variance of the model, robust weights."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from lfcal.fit.measured import Measured
 __all__ = ["BEND", "PatternLevels", "Response", "Weighed", "levels_of", "unlike_others", "weighed"]
 
 BEND = 4.0
-"""Residual (sigmas) above which it counts linearly, after Huber: noise alone hardly ever reaches it."""
+"""Residual (sigmas) above which the loss is linear (Huber); noise alone hardly ever exceeds it."""
 
 OUTLIER_SIGMAS = 25.0
-"""Residual (sigmas) above which a single pixel is not treated as a measurement."""
+"""Residual (sigmas) above which a single pixel is not used as a measurement."""
 
 UNLIKE_SIGMAS = 8.0
-"""Robust standard deviations by which the chi² of a pattern that is unlike the others exceeds theirs."""
+"""Robust standard deviations by which a pattern's chi² must exceed the others' for the pattern to be an outlier."""
 
 UNLIKE_RATIO = 1.3
-"""How many times the others' chi² it must be, whatever they scatter."""
+"""Ratio to the others' chi² that is required as well, whatever their scatter."""
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -31,7 +31,7 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Pixel response non-uniformity (PRNU): the gains of pixels differ.
+    """Pixel response non-uniformity (PRNU): pixels have different gains.
 
     Attributes
     ----------
@@ -46,20 +46,20 @@ class Response:
 
     @property
     def rms(self) -> float:
-        """The relative rms."""
+        """Relative rms of the gains."""
         return math.sqrt(self.squared)
 
 
 @dataclass(frozen=True, eq=False)
 class PatternLevels:
-    """How a model becomes a recorded pattern: recorded = gain (1 + lamp) model + background.
+    """Relation of model and recorded pattern: recorded = gain (1 + lamp) model + background.
 
     Attributes
     ----------
     gains, backgrounds
-        Of each plane ``(nz,)``.
+        Gain and background of each plane ``(nz,)``.
     lamps
-        Relative brightness of the lamp at each pattern, minus 1 ``(n,)``.
+        Relative change of the lamp's brightness at each pattern ``(n,)``.
     """
 
     gains: F8
@@ -67,15 +67,15 @@ class PatternLevels:
     lamps: F8
 
     def factors(self, planes: NDArray[np.intp]) -> F8:
-        """Return gain (1 + lamp) of each pattern; ``planes`` are their planes."""
+        """Return gain (1 + lamp) of each pattern; ``planes`` are the planes of the patterns."""
         found: F8 = self.gains[planes] * (1.0 + self.lamps)
         return found
 
     def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> PatternLevels:
-        """Return the levels with gains of unseen planes interpolated in depth between those that were ``seen``.
+        """Return the levels, with gains of planes without patterns interpolated in depth from planes that were ``seen``.
 
         Beyond the outermost seen plane, its gain is used. A gain is counts per share of the light. Without a pattern
-        it is undetermined, but one lamp illuminates all planes, and a gain of 1 would give H of such a plane in
+        it is undetermined. However, one lamp illuminates all planes, and a gain of 1 would give H of such a plane in
         another unit.
         """
         depths = np.asarray(depths_um, np.float64)
@@ -98,7 +98,7 @@ class Weighed:
     robust
         Square root of Huber's weight.
     bright
-        Share of the variance due to light, between 0 and 1.
+        Share of the variance that is due to light, between 0 and 1.
     """
 
     residual: F4
@@ -108,7 +108,7 @@ class Weighed:
 
     @property
     def cost(self) -> F8:
-        """Huber's loss of each pattern ``(n,)``, twice: the sum of squares where no residual is large."""
+        """Huber's loss of each pattern ``(n,)``, times two: the sum of squares if no residual is large."""
         size = np.abs(self.residual, dtype=np.float64)
         loss = np.where(size <= BEND, size * size, BEND * (2 * size - BEND))
         found: F8 = loss.sum(1)
@@ -116,7 +116,7 @@ class Weighed:
 
     @property
     def outlying(self) -> NDArray[np.bool_]:
-        """Which pixels are no measurement: far off where the others of the pattern are not."""
+        """Pixels that do not count as measurements: far off in a pattern whose other pixels are not."""
         size = np.abs(self.residual)
         found: NDArray[np.bool_] = size > np.maximum(
             OUTLIER_SIGMAS, 6 * np.sqrt(np.square(size).mean(1, keepdims=True))
@@ -124,15 +124,15 @@ class Weighed:
         return found
 
     def of(self, keep: NDArray[np.bool_]) -> Weighed:
-        """Return some of the patterns."""
+        """Return a subset of the patterns."""
         return replace(
             self, **{name: getattr(self, name)[keep] for name in ("residual", "inverse", "robust", "bright")}
         )
 
 
 def flat(measured: Measured) -> tuple[F4, NDArray[np.bool_]]:
-    """Return patterns and valid pixels as ``(n, m)``."""
-    # by their number, for there may be none
+    """Return patterns and valid pixels in the shape ``(n, m)``."""
+    # with an explicit number, because there may be no patterns
     shape = (len(measured), measured.plan.cutout[0] * measured.plan.cutout[1])
     return measured.patterns.reshape(shape), measured.valid.reshape(shape)
 
@@ -140,8 +140,8 @@ def flat(measured: Measured) -> tuple[F4, NDArray[np.bool_]]:
 def variance(measured: Measured, light: F4, *, doubtful: bool, error: float) -> F4:
     """Return the variance ``(n, m)`` of samples whose light is predicted as ``light``.
 
-    While the model is ``doubtful`` the larger of model and data: a dark model would give bright data no noise. What
-    the engine itself errs by, a share ``error`` of the light, is added.
+    While the model is ``doubtful``, the larger of model and data is used; otherwise a dark model would give bright
+    data no noise. The error of the engine, a share ``error`` of the light, is added.
     """
     shown = np.maximum(light, 0)
     if doubtful:
@@ -155,7 +155,7 @@ def variance(measured: Measured, light: F4, *, doubtful: bool, error: float) -> 
 def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error: float) -> PatternLevels:
     """Return gain and background of each plane that fit the patterns best, by weighted least squares.
 
-    ``model`` ``(n, m)`` are predictions of unit gain. Patterns left out do not count.
+    ``model`` ``(n, m)`` are predictions with unit gain. Patterns that are held out do not count.
     """
     data, valid = flat(measured)
     planes, nz = measured.level, measured.levels
@@ -171,7 +171,7 @@ def levels_of(measured: Measured, model: F4, lamps: F8, *, doubtful: bool, error
         for _ in range(3):
             var = variance(part, np.float32(gain) * m, doubtful=doubtful, error=error)
             weight = np.where(good, 1.0 / var, 0.0)
-            # what is farther off than the bend counts less, as in the fit itself
+            # pixels beyond the bend of the loss have less weight, as in the fit itself
             size = np.abs(d - gain * m - background) / np.sqrt(var)
             weight *= np.minimum(1.0, BEND / np.maximum(size, BEND))
             a, b, c = (float((weight * v).sum(dtype=np.float64)) for v in (m * m, m, np.ones_like(m)))
@@ -188,7 +188,7 @@ def weighed(
 ) -> Weighed:
     """Return the residuals of predictions ``model`` ``(n, m)`` with unit gain.
 
-    ``inverse`` is 1/sigma, if not that of the model: two models are compared with the same one.
+    ``inverse`` is 1/sigma if it is not that of the model, because two models are compared with the same noise.
     """
     data, valid = flat(measured)
     planes = measured.level
@@ -204,9 +204,9 @@ def weighed(
 
 
 def unlike_others(chi2: F8, pixels: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which patterns ``(n,)`` are unlike the others, by the chi² of each over so many pixels.
+    """Return which patterns ``(n,)`` are outliers, by the chi² of each over its number of pixels.
 
-    Each is compared with median and spread of all.
+    Each is compared with the median and spread of all.
     """
     if len(chi2) < 4:
         return np.zeros(len(chi2), np.bool_)
@@ -214,5 +214,5 @@ def unlike_others(chi2: F8, pixels: NDArray[np.intp]) -> NDArray[np.bool_]:
     noise = middle * float(np.median(np.sqrt(2.0 / pixels)))
     spread = max(1.4826 * float(np.median(np.abs(chi2 - middle))), noise)
     found: NDArray[np.bool_] = (chi2 > middle + UNLIKE_SIGMAS * spread) & (chi2 > UNLIKE_RATIO * middle)
-    # more than a quarter of the patterns: then the model is wrong
+    # if more than a quarter of the patterns are outliers, the model is wrong
     return found if found.mean() <= 0.25 else np.zeros_like(found)

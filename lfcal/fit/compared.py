@@ -21,13 +21,13 @@ STRANGE = 0.2
 """Correlation below which a frame has nothing in common with H."""
 
 ROUNDS = 8
-"""Steps of the source's place that are taken at most."""
+"""Largest number of steps for the source's position."""
 
 STEP_PX = 0.05
-"""Step of its derivative."""
+"""Step for its derivative (pixels)."""
 
 LIGHT = 3.0
-"""Standard deviations by which a frame must differ from a flat one."""
+"""Standard deviations by which a frame must differ from a uniform one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Compared:
     label
         Name of the frame.
     found
-        Position of H, place on the sensor, and correlation.
+        Position in H, place on the sensor, and correlation.
     displacement_px, displacement_sigma
         Displacement of the source from that position (dy, dx), fitted with gain and background, and its standard
         deviation.
@@ -52,11 +52,11 @@ class Compared:
     doubt
         Uncertainty of H's prediction for a source between its positions (relative L2).
     beside_px
-        Displacement of the source from its known place (dy, dx), if it is known.
+        Distance (dy, dx) of the source from its known place, if this is known.
     values, light, noise, weight
-        Samples minus background, prediction of H, variance, and 1/sigma (0: no measurement), each ``(nt, ns)``.
+        Samples minus background, prediction of H, variance, and 1/sigma (0: not measured), each ``(nt, ns)``.
     moved
-        Change of the light by a displacement of the source ``(2, nt, ns)``.
+        Change of the light when the source is displaced ``(2, nt, ns)``.
     """
 
     label: str
@@ -77,7 +77,7 @@ class Compared:
 
     @property
     def strange(self) -> bool:
-        """Whether the frame has nothing in common with H."""
+        """Whether the frame has no similarity to H."""
         return self.found.correlation < STRANGE
 
 
@@ -85,7 +85,7 @@ class Says(Protocol):
     """Predicts the pattern of a source at or near a position."""
 
     valid: NDArray[np.bool_]
-    """Pixels ``(nt, ns)`` of which it says something."""
+    """Pixels ``(nt, ns)`` for which there is a prediction."""
     noise: F8
     """Variance ``(nt, ns)`` of the prediction's own samples."""
     reach: tuple[float, float]
@@ -95,11 +95,11 @@ class Says(Protocol):
         """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
 
     def doubt(self, offset: F8) -> float:
-        """Return how wrong that may be itself (relative L2)."""
+        """Return the uncertainty of this prediction (relative L2)."""
 
 
 def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tuple[float, float]) -> Compared:
-    """Return a frame compared with its prediction, with best-fit gain, background and place of the source."""
+    """Return a frame compared with its prediction, with the best-fit gain, background and position of the source."""
     raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
     data, good = raw.astype(np.float64), there & expected.valid
     if good.sum() < 9:

@@ -1,4 +1,4 @@
-"""Which positions to record next: those that lower the expected error of H most (I-optimal design)."""
+"""Choose the positions to record next: those that lower the expected error of H most (I-optimal design)."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ __all__ = [
 F8 = NDArray[np.float64]
 
 PASSES = 4
-"""How often every position is tried against all others."""
+"""Largest number of rounds in which every position is exchanged with all others."""
 
 
 class Chosen:
-    """Information of a changing set of patterns about the unknowns; gain and background of planes are eliminated.
+    """Information of a changing set of patterns about the unknowns, with gain and background of planes eliminated.
 
     Parameters
     ----------
     information
-        Information of each pattern, and the target quantity.
+        Information of each pattern, and the quantity to minimize.
     """
 
     def __init__(self, information: Information) -> None:
@@ -68,19 +68,19 @@ class Chosen:
         self._summed({int(self._planes[row]) for row in rows})
 
     def remove(self, row: int) -> None:
-        """Take a pattern away."""
+        """Remove a pattern."""
         self._rows.remove(row)
         self._summed({int(self._planes[row])})
 
     def _summed(self, planes: set[int]) -> None:
-        # sums are computed again: subtraction would leave rounding errors in an empty plane, which would then count as
-        # much
+        # sums are computed again: subtraction would leave rounding errors in an empty plane, which would then count
+        # fully
         for z in planes:
             self._sums[z] = self._information.patterns[[row for row in self._rows if self._planes[row] == z]].sum(0)
         self.matrix = self._information.prior + _eliminated(self._sums).sum(0)
 
     def trials(self, rows: NDArray[np.intp]) -> F8:
-        """Return the expected squared error of H with each of the patterns ``rows`` added alone."""
+        """Return the expected squared error of H after adding each one of the patterns ``rows``."""
         z = self._planes[rows]
         before = _eliminated(self._sums)[z]
         after = _eliminated(self._sums[z] + self._information.patterns[rows])
@@ -113,9 +113,9 @@ def _inverse(matrices: F8) -> F8:
 
 
 def choose(information: Information, count: int, allowed: NDArray[np.intp]) -> list[int]:
-    """Return ``count`` of the patterns ``allowed`` that lower the expected error of H most, the most useful first.
+    """Return the ``count`` patterns among ``allowed`` that lower the expected error of H most, the most useful first.
 
-    Patterns are added greedily; then each is exchanged with all others until no exchange helps.
+    Patterns are added greedily. Then each is exchanged with all others until no exchange helps.
     """
     chosen, free = Chosen(information), np.asarray(allowed, np.intp)
     taken = _greedy(chosen, free, count)
@@ -156,7 +156,7 @@ HELD_OUT_SHARE = 0.2
 """Share of the positions that are spread evenly and held out to measure the quality of the fit."""
 
 CANDIDATES = 300
-"""Positions that are looked at, spread evenly over a larger scan: their number is most of the time."""
+"""Number of candidate positions, spread evenly over a larger scan; it determines most of the computing time."""
 
 FEWEST = 3
 """Smallest number of positions for any result."""

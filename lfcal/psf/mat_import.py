@@ -106,7 +106,7 @@ class _Reader:
         """Return which order the axes were read in, and why; where it was inferred, how to state the other one."""
         read = f"read as {_WORDS[taken][1]}"
         if self._order or stated:
-            return f"{read}, as {'its axisOrder states' if self._order else 'you stated'}"
+            return f"{read}, as {'its axisOrder states' if self._order else 'stated'}"
         other, axes = _WORDS[COLUMNS_FIRST if taken == ROWS_FIRST else ROWS_FIRST]
         why = f"as in codes that write {known[0]}" if known else "because nothing in the file states the order"
         return f"{read}, {why}; if it is {axes}, import it with `lfcal export --mat-order {other}`"

@@ -202,6 +202,6 @@ def test_a_session_that_ran_otherwise_than_planned_makes_no_h(tmp_path: Path) ->
     plan = small_plan((7, 9), 1, cutout=(31, 31))
     rig = rig_for(plan)
     record(tmp_path / "s", plan, replace(rig, stage=Reversed(rig.stage)), replace(CAREFUL, origin_tolerance_px=None))
-    with pytest.raises(InputError, match="expected an image that moves as the plan says"):
+    with pytest.raises(InputError, match="expected an image that moves as planned"):
         drain(iter_assemble_session(tmp_path / "s", tmp_path / "H.h5"))
     assert not (tmp_path / "H.h5").exists()

@@ -96,7 +96,7 @@ def test_another_codes_file_becomes_an_h_file_and_says_how_it_was_read(lfcal: Lf
 
 def test_without_a_camera_no_lens_is_centred(lfcal: Lfcal, H: PSFMatrix, tmp_path: Path) -> None:
     done = lfcal("export", tmp_path / "H.h5", "--out", tmp_path / "H.mat", "--lens-centred")
-    assert done.code == 2 and "expected an H that knows its camera" in done.err and done.err.count("\n") == 1
+    assert done.code == 2 and "expected an H with its camera" in done.err and done.err.count("\n") == 1
     assert not (tmp_path / "H.mat").exists()
 
 

@@ -155,7 +155,11 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     assert said["corrections"] and said["orientation"]["applied"] == "as is"
     # noise is stated for light above the black level
     again = lfcal("fit", "scan/frames", *more[:2], "--dark", "none", "--unknowns", "geometry", "--no-h", "-o", "b")
-    assert again.code == 2 and "samples: expected without their black level, got with it; name --dark" in again.err
+    assert (
+        again.code == 2
+        and "samples: expected without the black level, got samples that include it; subtract it with --dark"
+        in again.err
+    )
     assert not (place / "b").exists()
 
 
@@ -224,7 +228,9 @@ def test_where_every_position_is_fitted_none_is_left_to_predict(
 ) -> None:
     shutil.copytree(whole[0] / "fit", place / "fit")
     run = lfcal("fit", "validate", "fit", "few.h5")
-    assert run.code == 2 and "few.h5, recorded positions: expected some besides those fitted, got none" in run.err
+    assert (
+        run.code == 2 and "few.h5, recorded positions: expected at least one that was not fitted, got none" in run.err
+    )
     stored = read_fit(place / "fit")
     three = frozenset(sorted(stored.positions)[:3])
     how = PatternReading(fit=replace(stored, positions=three))
@@ -327,7 +333,7 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     assert run.code == 2 and "give it with --noise CONSTANT,SLOPE" in run.err, run.err
     guessed = replace(data.camera, marks=data.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
     save(PSFMatrix(values, depths=data.depths, camera=guessed, anchor=data.anchor, facts=plain), place / "guess.h5")
-    assert "got a sensor whose read noise or full well is assumed; state them" in lfcal("fit", "guess.h5").err
+    assert "got a sensor whose read noise or full well is assumed; set them" in lfcal("fit", "guess.h5").err
     words = ("--camera", "c.json", "--noise", "64,1", "--unknowns", "geometry", "--no-h")
     run = lfcal("fit", "bare.h5", *words)
     assert run.code == 0, run.err

@@ -141,7 +141,7 @@ def test_an_h_without_a_camera_gives_numbers(lfcal: Lfcal, place: Path) -> None:
     assert run.code == 0 and "H has no known camera" in run.err, run.err
     # whose samples' photons nobody can count
     bare = lfcal("fit", "check", "bare.h5", "same.tif", "--black-level", 100)
-    assert bare.code in (0, 1) and "that of its light is not known" in bare.err and "does not hold" not in bare.out
+    assert bare.code in (0, 1) and "the photon noise is unknown" in bare.err and "does not hold" not in bare.out
 
 
 def _text(path: Path) -> None:
@@ -237,7 +237,7 @@ def test_bad_words_end_in_one_line(lfcal: Lfcal, place: Path) -> None:
 def test_a_camera_whose_noise_is_stated_needs_no_words(lfcal: Lfcal, place: Path) -> None:
     run = lfcal("fit", "check", "old.h5", "same.tif", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err
-    assert run.json["noise_from"] == "as the frames are described"
+    assert run.json["noise_from"] == "as the frames state"
     assert abs(run.json["chi2"]["lit"] - 1) < 0.3 and json.dumps(run.json["notes"]) == "[]"
 
 

@@ -17,10 +17,10 @@ from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
-        ((20, 24), "as if 2 x 2 pixels were one; if so make the camera of these"),
-        ((24, 20), "as if 2 x 2 pixels were one"),
-        ((13, 16), "as if 3 x 3 pixels were one"),
-        ((10, 12), "as if 4 x 4 pixels were one"),
+        ((20, 24), "as after binning 2 x 2; if they are binned, make a camera of the binned pixels"),
+        ((24, 20), "as after binning 2 x 2"),
+        ((13, 16), "as after binning 3 x 3"),
+        ((10, 12), "as after binning 4 x 4"),
         ((20, 40), "--frame FRAME"),
         ((38, 44), "--frame FRAME"),
     ],

@@ -171,7 +171,7 @@ def test_noise_of_h_itself_is_no_change() -> None:
     H = PSFMatrix(noisy.astype(np.float32), depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor, facts=facts)
     frame = new_frame(setup_of(plan))
     found = check(H, frame, suspects=False)
-    assert found.noise_from == "as H states it" and found.holds is not False and abs(found.chi_square.lit - 1) < 0.25
+    assert found.noise_from == "as H states" and found.holds is not False and abs(found.chi_square.lit - 1) < 0.25
     plain = PSFMatrix(noisy.astype(np.float32), depths=plan.depths_um, camera=plan.camera, anchor=plan.anchor)
     assert check(plain, frame, noise=NOISE, suspects=False).chi_square.lit > 1.4
 
@@ -180,7 +180,7 @@ def test_where_the_noise_is_known_from_is_said() -> None:
     H, frame = old_h(), new_frame(setup_of(plan_of()))
     assert check(H, frame, noise=NOISE, suspects=False).noise_from == "as stated"
     own = NewFrame(frame.astype(np.float32), noise=NOISE)
-    assert check(H, own, suspects=False).noise_from == "as the frames are described"
+    assert check(H, own, suspects=False).noise_from == "as the frames state"
     dark = check(H, new_frame(setup_of(plan_of()), gain=0.02), suspects=False)
     assert dark.noise_from.startswith("from the frame's dark pixels")
     # photons that nobody counted are no change of H

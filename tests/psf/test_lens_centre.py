@@ -189,7 +189,7 @@ def test_moved_patterns_fit_a_rectified_image() -> None:
 def test_where_the_lens_is_unknown_it_is_said(tmp_path: Path) -> None:
     H = PSFMatrix(np.ones((1, 3, 3, 3, 3), np.float32))
     assert "not state where its lenses are" in mat_notes(H)[0]
-    with pytest.raises(InputError, match="lens-centred export: expected an H that knows its camera"):
+    with pytest.raises(InputError, match="lens-centred export: expected an H with its camera"):
         export(H, tmp_path / "H.mat", lens_centred=True)
     assert not list(tmp_path.iterdir())
     export(H, tmp_path / "H.mat")

@@ -163,7 +163,7 @@ def test_windows_that_cannot_be_are_refused(tmp_path: Path) -> None:
 
 def test_a_file_of_theirs_by_another_name_is_told_its_own(tmp_path: Path) -> None:
     prevedel(tmp_path / "H.h5", np.ones((3, 3, 3, 3, 1)))
-    with pytest.raises(FileFormatError, match=r"got an HDF5 file of another kind; name it \.mat"):
+    with pytest.raises(FileFormatError, match=r"got an HDF5 file of another kind; rename it to \.mat"):
         open_psf(tmp_path / "H.h5")
     with h5py.File(tmp_path / "c.h5", "w") as file:
         file.create_group("optics")
@@ -185,7 +185,7 @@ def test_a_cell_array_is_refused_with_what_to_do(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "H.mat", "w", userblock_size=512) as file:
         file.create_dataset("H", (1, 3, 3), dtype=h5py.ref_dtype)
         file["H"].attrs["MATLAB_class"] = np.bytes_(b"cell")
-    with pytest.raises(FileFormatError, match=r"expected an array of numbers, got a cell array; write it as one"):
+    with pytest.raises(FileFormatError, match=r"expected an array of numbers, got a cell array; convert it"):
         open_psf(tmp_path / "H.mat")
 
 

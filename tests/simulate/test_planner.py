@@ -86,7 +86,7 @@ def test_r29_plan_reads_like_the_table() -> None:
         assert row.reason and row.seconds >= 0 and row.z_um == plan.depths_um[0]
     assert "px" in found.row("lens_types").reason and "%" in found.row("lens_types").reason
     assert "sensor frame" in found.row("read_noise").reason
-    assert "not known" in found.row("lenslet_gap").reason
+    assert "unknown" in found.row("lenslet_gap").reason
 
 
 def test_a_loose_tolerance_leaves_all_out_and_a_tight_one_nothing() -> None:
