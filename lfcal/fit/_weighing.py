@@ -72,7 +72,7 @@ class PatternLevels:
         return found
 
     def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> PatternLevels:
-        """Return the levels, with gains of planes without patterns interpolated in depth from planes that were ``seen``.
+        """Return the levels, with gains of planes without patterns interpolated in depth between those ``seen``.
 
         Beyond the outermost seen plane, its gain is used. A gain is counts per share of the light. Without a pattern
         it is undetermined. However, one lamp illuminates all planes, and a gain of 1 would give H of such a plane in

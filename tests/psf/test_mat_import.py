@@ -167,7 +167,7 @@ def test_a_file_of_theirs_by_another_name_is_told_its_own(tmp_path: Path) -> Non
         open_psf(tmp_path / "H.h5")
     with h5py.File(tmp_path / "c.h5", "w") as file:
         file.create_group("optics")
-    with pytest.raises(FileFormatError, match=r"name it \.lfc"):
+    with pytest.raises(FileFormatError, match=r"rename it to \.lfc"):
         open_psf(tmp_path / "c.h5")
 
 
