@@ -84,7 +84,6 @@ class BasePage(QWidget):
         context.state_changed.connect(self._follow_project)
         context.refused.connect(self._say_refused)
         self._theme = current_theme()
-        self.setStyleSheet(style_sheet())
         context.theme_changed.connect(self._theme_changed)
         self.shortcut("F", lambda: toggle_in(self))
         self.shortcut("A", self.set_automatic_contrast)
@@ -128,10 +127,15 @@ class BasePage(QWidget):
             self.take_theme()
 
     def take_theme(self) -> None:
-        """Take the colours of the theme in use, once: a page that is not seen does so when it is."""
-        if self._theme is not current_theme():
-            self._theme = current_theme()
+        """Take the colours of the theme in use, once: a page that is not seen does so when it is.
+
+        A page is styled as a whole: a styled page would style each of its parts again whenever one is added.
+        """
+        theme = current_theme()
+        if self.styleSheet() != style_sheet():
             self.setStyleSheet(style_sheet())
+        if self._theme is not theme:
+            self._theme = theme
             self.theme_changed.emit()
 
     def showEvent(self, event: QShowEvent) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, QSettings, QStandardPaths, Signal
 
@@ -22,12 +22,16 @@ from lfcal_gui.models import (
     KeptRun,
     MeasuredCurves,
     Paces,
+    PageSettings,
     Project,
     ProjectState,
     Taken,
     stated_order,
     step_of,
 )
+
+if TYPE_CHECKING:
+    from lfcal_gui.widgets import FoldedForm
 
 MOST_NAMES = 10_000
 """Numbers that are tried for a name."""
@@ -145,6 +149,16 @@ class Context(QObject):
         except OSError:
             return ""
         return str(found) if found is not None and os.access(folder, os.W_OK) else ""
+
+    def edit(self, settings: PageSettings, key: str, value: Any, label: str = "change of") -> None:
+        """Change one field of a page's settings; ``label``, with the field's name, is what undo offers."""
+        changed = settings.changed(key, value)
+        self.project.merge(f"{label} {key.replace('_', ' ')}", settings=changed.into(self.state))
+
+    def let_edit(self, form: FoldedForm, settings: Callable[[], PageSettings], label: str = "change of") -> None:
+        """Let a form edit the settings of a page, and mark values that they refuse; ``label``: as in `edit`."""
+        form.check = lambda key, value: settings().why_not(key, value)
+        form.edited.connect(lambda key, value: self.edit(settings(), key, value, label))
 
     def set_fitted(self, fitted: FittedCamera | None) -> None:
         """Send all pages the camera of a fit; None: there is no valid fit."""

@@ -9,7 +9,6 @@ from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
 _STYLE = """
-QWidget {{ font-size: 10pt; }}
 QToolTip {{ color: {text}; background: {raised}; border: 1px solid {line}; padding: 4px; }}
 QMainWindow::separator {{ background: {line}; width: 1px; height: 1px; }}
 QLabel[role="title"] {{ font-size: 15pt; font-weight: 600; }}
@@ -207,6 +206,8 @@ def current_theme() -> Theme:
     return _current[0]
 
 
+FONT_PT = 10.0
+
 STYLED = "lfcal_styled"
 """Property of an application whose style is set: the name of its theme."""
 
@@ -240,6 +241,9 @@ def apply_theme(app: QApplication, theme: Theme) -> None:
         return
     if not styled:  # takes a third of the time of a theme change
         app.setStyle("Fusion")
+        font = app.font()
+        font.setPointSizeF(FONT_PT)  # a rule of the style sheet for every widget is slow
+        app.setFont(font)
     app.setProperty(STYLED, theme.name)
     palette = QPalette()
     roles = QPalette.ColorRole

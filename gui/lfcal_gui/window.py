@@ -174,6 +174,7 @@ class MainWindow(QMainWindow):
             else:
                 self._windows[key] = PageWindow(made, self, self.settings)
                 self._windows[key].activated.connect(lambda: self._to_front(key))
+            made.take_theme()
             self.layouts.restore(key, made)
         return self._pages[key]
 

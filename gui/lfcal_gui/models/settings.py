@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 from lfcal.base import InputError, LfcalError
@@ -66,6 +66,18 @@ class PageSettings:
     def of(cls, project: ProjectState) -> Self:
         """Return the settings in a project."""
         return cls.from_dict(project.settings.get(cls.page))
+
+    def changed(self, key: str, value: Any) -> Self:
+        """Return the settings with one field changed; raise `LfcalError` where that cannot be."""
+        return replace(self, **{key: value})
+
+    def why_not(self, key: str, value: Any) -> str:
+        """Return why a field cannot have a value; empty where it can."""
+        try:
+            self.changed(key, value)
+        except LfcalError as error:
+            return str(error)
+        return ""
 
     def into(self, project: ProjectState) -> dict[str, Any]:
         """Return the settings of all pages of a project, with these among them."""

@@ -52,3 +52,10 @@ def test_they_are_frozen(kind: type[PageSettings]) -> None:
     with pytest.raises(FrozenInstanceError):
         setattr(settings, fields(kind)[0].name, settings)
     assert len({kind.page for kind in KINDS}) == len(KINDS)
+
+
+def test_what_one_value_is_refused_for_leaves_the_others() -> None:
+    settings = ReconstructSettings(region=(0, 0, 20, 30))
+    assert "iterations" in settings.why_not("iterations", -1)
+    assert settings.why_not("iterations", 3) == ""
+    assert settings.changed("iterations", 3) == replace(settings, iterations=3)

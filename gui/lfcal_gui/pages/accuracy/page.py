@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from lfcal.accuracy import PLACES, Curve
-from lfcal.base import InputError
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
@@ -32,11 +30,10 @@ class Page(BasePage):
         )
         self.stop_button = self.stop_tool("Stop measuring, and keep what was measured")
         self.panel = AccuracyPanel()
-        self.panel.form.check = self._check
-        self.panel.form.edited.connect(self._edited)
-        self.panel.place_asked.connect(lambda name: self._edited("place", name))
+        context.let_edit(self.panel.form, lambda: self.settings, "accuracy:")
+        self.panel.place_asked.connect(lambda name: context.edit(self.settings, "place", name, "accuracy:"))
         self.panel.rung_chosen.connect(self.use)
-        self.panel.chart.moved.connect(lambda error: self._edited("error", error))
+        self.panel.chart.moved.connect(lambda error: context.edit(self.settings, "error", error, "accuracy:"))
         self.panel.chart.measure_asked.connect(self.measure)
         self.measure_button = self.panel.chart.measure_button
         self.set_panel(self.panel)
@@ -63,17 +60,6 @@ class Page(BasePage):
         changed = (old.plan, old.psf) != (new.plan, new.psf)
         if changed or AccuracySettings.of(old) != AccuracySettings.of(new):
             self._show(new)
-
-    def _check(self, key: str, value: Any) -> str:
-        try:
-            replace(self.settings, **{key: value})
-        except InputError as error:
-            return str(error)
-        return ""
-
-    def _edited(self, key: str, value: Any) -> None:
-        settings = replace(self.settings, **{key: value})
-        self.context.project.merge(f"accuracy: {key}", settings=settings.into(self.context.state))
 
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self, state: ProjectState) -> None:

@@ -191,7 +191,7 @@ class AcquireSettings(PageSettings):
         shown |= {"order": order, "frames_averaged": plan.frames_averaged}
         return {spec.key: shown[spec.key] for spec in (*FIELDS, *MORE, *UNTIL)}
 
-    def changed(self, plan: ScanPlan, key: str, value: Any) -> tuple[AcquireSettings, ScanPlan]:
+    def changed_on(self, plan: ScanPlan, key: str, value: Any) -> tuple[AcquireSettings, ScanPlan]:
         """Return settings and plan with one field changed; raises `LfcalError` if it cannot be."""
         settings = self
         if key == "order":

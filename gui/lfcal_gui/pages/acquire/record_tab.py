@@ -176,7 +176,7 @@ class RecordTab(QObject):
         state = self.context.state
         try:
             if state.plan is not None:
-                AcquireSettings.of(state).changed(state.plan, key, value)
+                AcquireSettings.of(state).changed_on(state.plan, key, value)
         except LfcalError as error:
             return str(error)
         return HELD if self.recording else ""
@@ -184,7 +184,7 @@ class RecordTab(QObject):
     def _field_edited(self, key: str, value: Any) -> None:
         state = self.context.state
         if state.plan is not None:
-            settings, plan = AcquireSettings.of(state).changed(state.plan, key, value)
+            settings, plan = AcquireSettings.of(state).changed_on(state.plan, key, value)
             self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
 
     def _target_read(self, words: str) -> None:

@@ -101,7 +101,7 @@ def test_a_recording_holds_in_the_window_and_goes_on_by_itself(
 ) -> None:
     settings = AcquireSettings.of(context.state)
     assert page.record._check_field("suspend", "temperature") != "", "what says no bounds is refused"
-    changed, _ = settings.changed(PLAN, "suspend", "temperature=20:22")
+    changed, _ = settings.changed_on(PLAN, "suspend", "temperature=20:22")
     options = (*changed.device_options, ("faults", "too warm@1*4"))
     changed = AcquireSettings.from_dict(changed.to_dict() | {"device_options": options, "steady": 2.0})
     context.project.update("try", settings=changed.into(context.state), recording=str(tmp_path / "session"))

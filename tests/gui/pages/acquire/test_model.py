@@ -80,10 +80,10 @@ def test_every_field_changes_one_thing() -> None:
         "origin": ("1, -2.5,3", "1,-2.5,3"),
     }
     for key, (value, shown) in changes.items():
-        settings, plan = AcquireSettings().changed(PLAN, key, value)
+        settings, plan = AcquireSettings().changed_on(PLAN, key, value)
         assert settings.values(plan) == values | {key: shown}
     assert AcquireSettings(order="coarse").options().order == "coarse"
-    settings, plan = AcquireSettings(order="coarse").changed(PLAN, "order", "raster")
+    settings, plan = AcquireSettings(order="coarse").changed_on(PLAN, "order", "raster")
     assert (settings.order, plan.order) == (None, "raster")
     for key, bad in (
         ("bracket", "0.5"),
@@ -98,7 +98,7 @@ def test_every_field_changes_one_thing() -> None:
         ("unknowns", "iris, nonsense"),
     ):
         with pytest.raises(InputError):
-            AcquireSettings().changed(PLAN, key, bad)
+            AcquireSettings().changed_on(PLAN, key, bad)
 
 
 def test_a_live_picture_counts_every_pixel_and_predicts_the_cutout(station: Station) -> None:
