@@ -19,6 +19,7 @@ from lfcal_gui.pages.h.model_checks import checks_of
 from lfcal_gui.pages.setup.model import values_of as values_of_camera
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
+from lfcal_gui.widgets._axes import Plot
 from lfcal_gui.widgets.folded_form import FoldedForm
 from lfcal_gui.window import MainWindow
 
@@ -50,7 +51,7 @@ def check_window(window: MainWindow) -> None:
 
 def _axes(window: MainWindow) -> None:
     for view in window.shown.findChildren(pg.GraphicsView):
-        plots = [item for item in view.scene().items() if isinstance(item, pg.PlotItem)]
+        plots = [item for item in view.scene().items() if isinstance(item, Plot)]
         for plot in plots:
             for side in ("bottom", "left"):
                 axis = plot.getAxis(side)

@@ -7,13 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pyqtgraph as pg
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire._pictures import ErrorView, RecordPictures
 from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.h.panel import HPanel, LevelRow
+from lfcal_gui.widgets._axes import Plot
 from lfcal_gui.widgets.picture import Picture
 
 LOADED = """
@@ -55,7 +55,7 @@ def test_a_picture_without_axes_holds_no_plot(qtbot: QtBot) -> None:
     """Its colour bar was a plot of its own, with four axes and two menus."""
     view = Picture()
     qtbot.addWidget(view)
-    assert not [item for item in view.graphics.scene().items() if isinstance(item, pg.PlotItem)]
+    assert not [item for item in view.graphics.scene().items() if isinstance(item, Plot)]
 
 
 def test_the_record_tab_draws_a_session_only_where_it_is_looked_at(qtbot: QtBot) -> None:

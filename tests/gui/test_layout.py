@@ -27,10 +27,10 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.scenes.all import SCENES
-from lfcal_gui.scenes.sample import open_sample, psf, setup
+from lfcal_gui.scenes.sample import h, open_sample, setup
 from lfcal_gui.scenes.stage import Capture, Scene, Stage
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
-from lfcal_gui.widgets.plots import style_axes
+from lfcal_gui.widgets._axes import Axis, Plot
 from lfcal_gui.widgets.words import WrappedLabel
 from lfcal_gui.window import MainWindow
 from tests.gui.layout import flaws
@@ -72,7 +72,7 @@ def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, li
 @pytest.mark.long
 def test_pages_with_the_sample_session(stage: Stage) -> None:
     open_sample(stage)
-    for scene in (setup, psf):
+    for scene in (setup, h):
         assert not list(looked_at(stage, scene, SMALL))
 
 
@@ -189,7 +189,7 @@ def test_text_and_columns_that_do_not_fit_are_found(qtbot: QtBot) -> None:
     assert any("its text needs" in one for one in flaws(root))
 
 
-class Crowded(pg.AxisItem):
+class Crowded(Axis):
     """Numbers wherever it is told, whether there is room or not."""
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
@@ -197,10 +197,11 @@ class Crowded(pg.AxisItem):
 
 
 def test_numbers_names_and_words_of_plots_that_collide_or_are_cut_are_found(qtbot: QtBot) -> None:
-    view = pg.GraphicsLayoutWidget()
-    plot = view.addPlot(axisItems={"bottom": Crowded("bottom")})
-    style_axes(plot, "place (px)", "count (1)")
-    plot.setXRange(0, 5, padding=0)
+    view, plot = pg.GraphicsView(), Plot(bottom=Crowded("bottom"), margin=10)
+    view.setCentralItem(plot)
+    plot.apply_theme()
+    plot.name_axes("place (px)", "count (1)")
+    plot.vb.setXRange(0, 5, padding=0)
     words = pg.TextItem("words in a plot that are rather long")
     words.setPos(0.5, 0.5)
     plot.addItem(words)
@@ -210,22 +211,22 @@ def test_numbers_names_and_words_of_plots_that_collide_or_are_cut_are_found(qtbo
     QApplication.processEvents()
     assert any("are cut" in one for one in flaws(view))
     plot.removeItem(words)
-    plot.setXRange(1000, 1060, padding=0)
+    plot.vb.setXRange(1000, 1060, padding=0)
     QApplication.processEvents()
     assert any("collide" in one for one in flaws(view))
-    plot.setXRange(0, 5, padding=0)
+    plot.vb.setXRange(0, 5, padding=0)
     view.resize(500, 64)
     QApplication.processEvents()
     assert any("px inside" in one for one in flaws(view))
     plot.getAxis("left").setLabel("a name that is longer than any axis so low (px)")
     QApplication.processEvents()
     assert any("'a name" in one and "needs" in one for one in flaws(view))
-    style_axes(plot, "place (px)", "count (1)")
+    plot.name_axes("place (px)", "count (1)")
     view.resize(500, 240)
     QApplication.processEvents()
     left = plot.getAxis("left")
     left.setWidth(24)
-    plot.setYRange(0, 50000, padding=0)
+    plot.vb.setYRange(0, 50000, padding=0)
     QApplication.processEvents()
     assert any("shows 1 numbers of" in one for one in flaws(view)), flaws(view)
     left.setWidth(60)
@@ -236,9 +237,11 @@ def test_numbers_names_and_words_of_plots_that_collide_or_are_cut_are_found(qtbo
 
 
 def test_names_of_plots_side_by_side_that_collide_are_found(qtbot: QtBot) -> None:
-    view = pg.GraphicsLayoutWidget()
+    view, row = pg.GraphicsView(), pg.GraphicsLayout()
+    view.setCentralItem(row)
     for name in ("place along the first line (px)", "place along the second line (px)"):
-        style_axes(view.addPlot(), name, "count (1)")
+        row.addItem(plot := Plot())
+        plot.name_axes(name, "count (1)")
     shown(qtbot, view, 600, 240)
     assert not flaws(view)
     view.resize(330, 240)

@@ -63,7 +63,7 @@ def untold(root: QWidget) -> list[str]:
     told = [
         (type(one).__name__, label(one), one.toolTip())
         for one in controls(root)
-        if not isinstance(one, pg.GraphicsLayoutWidget)
+        if not isinstance(one, pg.GraphicsView)
     ]
     for bar in root.findChildren(QTabBar):
         told += [("tab", bar.tabText(k), bar.tabToolTip(k)) for k in range(bar.count())]

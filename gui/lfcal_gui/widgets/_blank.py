@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QLabel
 
 from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets._axes import Plot
 
 NOTHING = "Nothing to show yet."
 
@@ -20,7 +22,7 @@ class Blank(QLabel):
     """
 
     def __init__(
-        self, graphics: pg.GraphicsView, box: pg.ViewBox, plot: pg.PlotItem | None = None, *, dark: bool = False
+        self, graphics: pg.GraphicsView, box: pg.ViewBox, plot: Plot | None = None, *, dark: bool = False
     ) -> None:
         super().__init__(graphics)
         self._graphics, self._box, self._plot, self._dark = graphics, box, plot, dark
@@ -69,8 +71,9 @@ class Blank(QLabel):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         theme = current_theme()
-        colour = theme.canvas_text if self._dark else theme.muted
-        self.setStyleSheet(f"color: {colour}; background: transparent;")
+        colours = self.palette()
+        colours.setColor(QPalette.ColorRole.WindowText, QColor(theme.canvas_text if self._dark else theme.muted))
+        self.setPalette(colours)
 
     def _fill(self) -> None:
         """Lie over the inside of the plot; where nothing is seen it is not worth laying the plot out for."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal_gui.widgets._axes import DecadeAxis, Plot
 from lfcal_gui.widgets.axis_arrows import AxisArrows
 from lfcal_gui.widgets.cards import (
     INSPECTOR,
@@ -27,7 +28,7 @@ from lfcal_gui.widgets.naming import name_controls
 from lfcal_gui.widgets.period_map import PeriodMap
 from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
-from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot, line_px, shown_tone, style_axes, theme_plot
+from lfcal_gui.widgets.plots import LINES, LinePlot, line_px, shown_tone
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.strip import PlaneTile, Strip, legend_words, outline_tones
 from lfcal_gui.widgets.verdict_card import VerdictCard

@@ -12,7 +12,8 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout
 
 from lfcal_gui.models import CostPoint
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.plots import DecadeAxis, LinePlot, line_px
+from lfcal_gui.widgets._axes import DecadeAxis
+from lfcal_gui.widgets.plots import LinePlot, line_px
 from lfcal_gui.widgets.words import ElidedLabel
 
 SIZE, RING = 10, 20
@@ -55,10 +56,9 @@ class CostCurve(LinePlot):
 
     def __init__(self) -> None:
         super().__init__("cost", "error (%)")
-        self.plot.setAxisItems({side: DecadeAxis(side) for side in ("bottom", "left")})
+        self.plot.set_axes(DecadeAxis("bottom"), DecadeAxis("left"))
         self.plot.getAxis("left").setWidth(LEFT)
-        self.plot.showGrid(x=True, y=True, alpha=0.15)
-        self.plot.setMouseEnabled(x=False, y=False)
+        self.plot.vb.setMouseEnabled(x=False, y=False)
         self.blank.show_blank(False)
         self.blank.show_blank(True)
         self.blank.words = NOT_MEASURED
@@ -150,7 +150,7 @@ class CostCurve(LinePlot):
         for values, name in ((xs, "x"), (ys, "y")):
             middle, half = (min(values) + max(values)) / 2, max(0.5, (max(values) - min(values)) / 2)
             bounds = (middle - 1.15 * half, middle + 1.15 * half)
-            self.plot.getViewBox().setRange(**{f"{name}Range": bounds}, padding=0.02)
+            self.plot.vb.setRange(**{f"{name}Range": bounds}, padding=0.02)
 
     def _place_names(self) -> None:
         """Write names where they cover neither points nor each other; those that matter come first."""

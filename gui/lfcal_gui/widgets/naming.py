@@ -24,7 +24,7 @@ CONTROLS = (
     QLineEdit,
     QPlainTextEdit,
     QSlider,
-    pg.GraphicsLayoutWidget,
+    pg.GraphicsView,
 )
 """What a screen reader must be able to name."""
 
@@ -39,11 +39,11 @@ def unnamed(root: QWidget) -> list[QWidget]:
 def name_controls(root: QWidget) -> None:
     """Name the controls in ``root`` that have no name: by their label, else by the start of their tooltip.
 
-    Pictures and plots are named by their axes.
+    Pictures and plots have the names of their axes.
     """
     buddies = {label.buddy(): label.text() for label in root.findChildren(QLabel) if label.buddy() is not None}
     for widget in unnamed(root):
-        words = buddies.get(widget, "") or _of_plot(widget) or _first(widget.toolTip()) or _first_of_parent(widget)
+        words = buddies.get(widget, "") or _first(widget.toolTip()) or _first_of_parent(widget)
         words = words or (widget.placeholderText() if isinstance(widget, QLineEdit) else "")
         widget.setAccessibleName(words[:LONGEST])
 
@@ -69,14 +69,6 @@ def _within(widget: QWidget, kinds: tuple[type[QWidget], ...]) -> bool:
 
 def _own_words(widget: QWidget) -> str:
     return widget.text() if isinstance(widget, QAbstractButton) else ""
-
-
-def _of_plot(widget: QWidget) -> str:
-    if not isinstance(widget, pg.GraphicsLayoutWidget):
-        return ""
-    plots = [item for item in widget.ci.items if isinstance(item, pg.PlotItem)]
-    axes = [plots[0].getAxis(side).labelText for side in ("left", "bottom")] if plots else []
-    return " over ".join(words for words in axes if words)
 
 
 def _first(tip: str) -> str:

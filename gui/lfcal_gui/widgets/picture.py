@@ -45,12 +45,11 @@ from lfcal_gui.models import (
     visible_tile,
 )
 from lfcal_gui.theme import TYPE_COLOURS, current_theme
+from lfcal_gui.widgets._axes import PixelAxis, Plot, count_pixels
 from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._measuring import Measuring
-from lfcal_gui.widgets._pixel_axis import count_pixels, pixel_axes
 from lfcal_gui.widgets.colours import ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
-from lfcal_gui.widgets.plots import style_axes, theme_plot
 
 LARGE = 1 << 18
 """Pixels above which a picture is drawn in the background, and only what is seen of it."""
@@ -169,13 +168,12 @@ class Picture(QWidget):
         if self.legend is not None:
             layout.addWidget(self.legend)
         self.box = pg.ViewBox(lockAspect=square, invertY=True, enableMenu=False)
-        self.plot: pg.PlotItem | None = None
+        self.plot: Plot | None = None
         if axes is None:
             self.graphics.setCentralItem(self.box)
         else:
-            self.plot = pg.PlotItem(viewBox=self.box, axisItems=pixel_axes(), enableMenu=False)
-            self.plot.hideButtons()
-            style_axes(self.plot, *axes)
+            self.plot = Plot(self.box, left=PixelAxis("left"), bottom=PixelAxis("bottom"))
+            self.plot.name_axes(*axes)
             self.graphics.setCentralItem(self.plot)
         self.item = pg.ImageItem(axisOrder="row-major")
         self.box.addItem(self.item)
@@ -271,8 +269,8 @@ class Picture(QWidget):
     def set_axes(self, across: str, down: str) -> None:
         """Name both axes, with their units."""
         assert self.plot is not None
-        style_axes(self.plot, across, down)
-        theme_plot(self.graphics, self.plot)
+        self.plot.name_axes(across, down)
+        self.plot.apply_theme()
 
     @property
     def overlays(self) -> tuple[Overlay, ...]:
@@ -456,7 +454,7 @@ class Picture(QWidget):
         self.graphics.setBackground(theme.canvas if self.plot is None else theme.panel)
         self.box.setBackgroundColor(theme.canvas)
         if self.plot is not None:
-            theme_plot(self.graphics, self.plot)
+            self.plot.apply_theme()
         self.blank.apply_theme()
         if theme.red != self._red:
             self._red = theme.red

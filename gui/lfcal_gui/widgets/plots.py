@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +10,13 @@ import numpy as np
 import pyqtgraph as pg
 from numpy.typing import ArrayLike
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QFont, QGuiApplication
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets._axes import DecadeAxis, PixelAxis, Plot
 from lfcal_gui.widgets._blank import Blank
-from lfcal_gui.widgets._pixel_axis import PixelAxis
 from lfcal_gui.widgets.picture_menu import offer_menu, save_picture
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
@@ -41,116 +39,11 @@ def line_px(width: float) -> float:
     return width * (1.0 if screen is None else screen.devicePixelRatio())
 
 
-def style_axes(plot: pg.PlotItem, xlabel: str, ylabel: str) -> None:
-    """Label both axes of ``plot``; SI prefixes are never made up, and the room for numbers only grows."""
-    for side, text in (("bottom", xlabel), ("left", ylabel)):
-        axis = plot.getAxis(side)
-        # disabling alone keeps the prefix of the present range: ticks 1000 times too large or small
-        axis.setSIPrefixEnableRanges(())
-        axis.enableAutoSIPrefix(False)
-        # an axis that also shrinks would resize the picture, which changes its numbers, and so on without end
-        axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
-        axis.setLabel(text)
-        axis.resizeEvent()  # else the new label stays where the old one was centred
-    for side in ("right", "top"):
-        # these axes are hidden, but would still update their labels at each change of the range
-        plot.getAxis(side).unlinkFromView()
-
-
-def theme_plot(graphics: pg.GraphicsView, *plots: pg.PlotItem) -> None:
-    """Give a plot the colours of the theme in use."""
-    theme = current_theme()
-    graphics.setBackground(theme.panel)
-    font = QFont()
-    font.setPointSizeF(8.5)
-    for plot in plots:
-        for side in ("bottom", "left"):
-            axis = plot.getAxis(side)
-            axis.setPen(theme.line)
-            axis.setTextPen(theme.text)
-            axis.setTickFont(font)
-            axis.label.setDefaultTextColor(pg.mkColor(theme.muted))
-        legend = plot.legend
-        if legend is not None:
-            legend.setLabelTextColor(theme.text)
-            for _, label in legend.items:  # existing texts would keep their colour
-                label.setText(label.text, color=theme.text)
-
-
 MANY = 10**9
 """More things than are ever counted."""
 
-FEW, MOST = 2.5, 8
-"""Decades up to which numbers between them are shown, and decades shown at most."""
-
-
-NUMBERS = ((1, 2, 5), *(tuple(k / n for k in range(n, 10 * n)) for n in (1, 2, 10)))
-"""Numbers of a decade that are shown, the more of them the less of it is seen."""
-
-
-class DecadeAxis(pg.AxisItem):
-    """An axis of decimal logarithms with the numbers themselves: 1, 2 and 5, or decades where there are many."""
-
-    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return where ticks are: pairs of their distance and their places."""
-        low, high = math.floor(minVal), math.ceil(maxVal)
-        seen: list[float] = []
-        if maxVal - minVal <= FEW:
-            for numbers in NUMBERS:
-                ticks = [decade + math.log10(number) for decade in range(low, high + 1) for number in numbers]
-                seen = [tick for tick in ticks if minVal <= tick <= maxVal]
-                if len(seen) > 1:
-                    break
-        else:
-            ticks = [float(d) for d in range(low, high + 1, math.ceil((high - low) / MOST))]
-            seen = [tick for tick in ticks if minVal <= tick <= maxVal]
-        return [(1.0, seen)]
-
-    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Return the numbers."""
-        return [f"{10**value:g}" for value in values]
-
-
-NUMBER_PX = 12.5
-"""Room from one number to the next, one above the other (px)."""
-
-
-class UprightAxis(pg.AxisItem):
-    """An upright axis whose numbers do not lie over each other, however low it is."""
-
-    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return where ticks are: pairs of their distance and their places."""
-        found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
-        evenly = found[:1] if self.logMode else found
-        places = sorted(value for _, values in evenly for value in values)
-        if len(places) < 2:
-            return found
-        scale = size / max(abs(maxVal - minVal), 1e-300)
-        half = NUMBER_PX / 2 / scale  # pyqtgraph omits a number that does not fit
-        low, high = min(minVal, maxVal) + half, max(minVal, maxVal) - half
-
-        def legible(chosen: list[float]) -> bool:
-            apart = all((b - a) * scale >= NUMBER_PX for a, b in pairwise(chosen))
-            return apart and sum(low <= value <= high for value in chosen) > 1
-
-        if legible(sorted(found[0][1])):
-            return found
-        step = min(b - a for a, b in pairwise(places))
-        for each in (1, 2, 3, 4, 5, 10, 20, 50):
-            kept = [value for value in places if round(value / step) % each == 0]
-            if legible(kept):
-                return [(each * step, kept)]
-        middle = (minVal + maxVal) / 2
-        return [(step, [min(places, key=lambda value: abs(value - middle))])]
-
-
-def _axes(*, counted: bool) -> dict[str, pg.AxisItem]:
-    """Return the axes of a plot; ``counted``: the lower one has whole numbers, half an iteration has no tick."""
-    if not counted:
-        return {"left": UprightAxis("left")}
-    below = PixelAxis("bottom")
-    below.cover(0, MANY)
-    return {"left": UprightAxis("left"), "bottom": below}
+MARGIN = 10
+"""Room around a plot (px)."""
 
 
 class LinePlot(QWidget):
@@ -162,16 +55,18 @@ class LinePlot(QWidget):
         super().__init__(parent)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics = pg.GraphicsView()
         self.graphics.setMinimumSize(120, 110)
         layout.addWidget(self.graphics)
-        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False, axisItems=_axes(counted=counted))
-        self.plot.hideButtons()
-        self.plot.showGrid(x=True, y=True, alpha=0.15)
+        below = PixelAxis("bottom") if counted else None
+        if below is not None:
+            below.cover(0, MANY)
+        self.plot = Plot(bottom=below, margin=MARGIN)
+        self.graphics.setCentralItem(self.plot)
+        self.plot.show_grid()
         if legend:
-            self.plot.addLegend(offset=(-8, 8))
-        style_axes(self.plot, xlabel, ylabel)
-        self._labels = (xlabel, ylabel)
+            self.plot.add_legend()
+        self._name_axes(xlabel, ylabel)
         self._curves: dict[str, pg.PlotDataItem] = {}
         self._known: set[str] = set()
         self._tones: dict[str, str] = {}
@@ -206,7 +101,7 @@ class LinePlot(QWidget):
         style = Qt.PenStyle.DashLine if dashed else Qt.PenStyle.SolidLine
         pen = pg.mkPen(tone, width=line_px(1.8), style=style) if line else None
         self._tones[name] = tone
-        self._curves[name] = self.plot.plot(
+        self._curves[name] = self.plot.curve(
             *values,
             pen=pen,
             name=name,
@@ -221,16 +116,19 @@ class LinePlot(QWidget):
     def set_decades(self, *, x: bool = False, y: bool = False) -> None:
         """Make axes logarithmic, with the numbers themselves."""
         sides = [side for side, decades in (("bottom", x), ("left", y)) if decades]
-        self.plot.setAxisItems({side: DecadeAxis(side) for side in sides})
-        self.plot.setLogMode(x=x, y=y)
-        self.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.plot.set_axes(*map(DecadeAxis, sides))
+        self.plot.set_log(x=x, y=y)
         self.set_labels(*self._labels)
 
     def set_labels(self, xlabel: str, ylabel: str) -> None:
         """Name both quantities, with their units."""
-        self._labels = (xlabel, ylabel)
-        style_axes(self.plot, xlabel, ylabel)
+        self._name_axes(xlabel, ylabel)
         self.apply_theme()
+
+    def _name_axes(self, xlabel: str, ylabel: str) -> None:
+        self._labels = (xlabel, ylabel)
+        self.plot.name_axes(xlabel, ylabel)
+        self.graphics.setAccessibleName(" over ".join(filter(None, (ylabel, xlabel))))
 
     def remove_curve(self, name: str) -> None:
         """Take a curve away."""
@@ -247,7 +145,8 @@ class LinePlot(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        theme_plot(self.graphics, self.plot)
+        self.graphics.setBackground(current_theme().panel)
+        self.plot.apply_theme()
         self.blank.apply_theme()
         if self._red != current_theme().red:
             self._red = current_theme().red
@@ -265,7 +164,7 @@ class LinePlot(QWidget):
 
     def _entries(self) -> list[tuple[str, Any]]:
         return [
-            ("Show all", lambda: self.plot.autoRange()),
+            ("Show all", lambda: self.plot.vb.autoRange()),
             ("Copy values", self.copy_data),
             ("Save data …", lambda: self.save_data()),
         ]

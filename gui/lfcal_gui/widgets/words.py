@@ -165,7 +165,11 @@ class FittedBrowser(QTextBrowser):
         across = self.horizontalScrollBar()
         around = self.height() - self.viewport().height() - (across.height() if across.isVisible() else 0)
         lowest, highest = self._bounds
-        self.setFixedHeight(min(highest, max(lowest, round(page.size().height() + 0.5) + around)))
+        needs = round(page.size().height() + 0.5) + around
+        policy = Qt.ScrollBarPolicy
+        # a bar that is there makes the lines shorter, which would be its only reason to stay
+        self.setVerticalScrollBarPolicy(policy.ScrollBarAsNeeded if needs > highest else policy.ScrollBarAlwaysOff)
+        self.setFixedHeight(min(highest, max(lowest, needs)))
         page.deleteLater()
 
 

@@ -36,6 +36,6 @@ def test_names_come_from_label_tip_axes_and_placeholder(qtbot: QtBot) -> None:
     name_controls(root)
     assert number.accessibleName() == "Threads" and box.accessibleName() == "How intensity becomes colour"
     assert line.accessibleName() == "folder"
-    (graphics,) = plot.findChildren(pg.GraphicsLayoutWidget)
+    (graphics,) = plot.findChildren(pg.GraphicsView)
     assert graphics.accessibleName() == "y (counts) over x (px)"
     assert unnamed(root) == [slider]

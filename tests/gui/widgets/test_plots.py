@@ -11,7 +11,8 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme
-from lfcal_gui.widgets.plots import LINES, DecadeAxis, LinePlot
+from lfcal_gui.widgets._axes import DecadeAxis
+from lfcal_gui.widgets.plots import LINES, LinePlot
 from tests.gui.layout import flaws
 from tests.gui.waiting import GUARD_MS
 
@@ -23,7 +24,7 @@ def test_axes_show_the_values_themselves_after_new_labels(qtbot: QtBot, top: flo
     plot.show()
     qtbot.waitExposed(plot, timeout=GUARD_MS)
     plot.set_curve("value", np.arange(3.0), np.array([0.0, top / 2, top]))
-    plot.plot.setYRange(0, top)
+    plot.plot.vb.setYRange(0, top)
     qtbot.waitUntil(lambda: plot.plot.getAxis("left").range[1] >= top, timeout=GUARD_MS)
     plot.set_labels("depth z (mm)", "another (px)")
     axis = plot.plot.getAxis("left")
@@ -47,7 +48,7 @@ def test_legends_take_the_colours_of_another_theme(qapp: QApplication, qtbot: Qt
 def test_a_logarithmic_plot_saves_the_values_themselves(qtbot: QtBot, tmp_path: Path) -> None:
     plot = LinePlot("value (counts)", "pixels")
     qtbot.addWidget(plot)
-    plot.plot.setLogMode(False, True)
+    plot.plot.set_log(x=False, y=True)
     plot.set_curve("pixels", [1.0, 2.0], [10.0, 1000.0])
     plot.save_data(str(tmp_path / "plot.csv"))
     assert np.loadtxt(tmp_path / "plot.csv", delimiter=",").tolist() == [[1, 10], [2, 1000]]
@@ -78,7 +79,7 @@ def test_a_curve_of_which_nothing_is_known_is_no_curve(qtbot: QtBot) -> None:
     qtbot.addWidget(plot)
     plot.show()
     plot.set_curve("value", [1.0, 2.0], [np.nan, np.nan], symbol="o")
-    plot.plot.autoRange()
+    plot.plot.vb.autoRange()
     assert plot.blank.isVisible()
     plot.set_curve("other", [1.0, 2.0], [3.0, np.nan])
     assert not plot.blank.isVisible()
@@ -96,7 +97,7 @@ def test_numbers_keep_the_room_they_had(qtbot: QtBot) -> None:
     plot.set_curve("value", [0.0, 1.0], [0.0, 1e6])
     wide = []
     for top in (123_456_789.0, 1.0):
-        plot.plot.setYRange(0, top)
+        plot.plot.vb.setYRange(0, top)
         plot.grab()
         QApplication.processEvents()
         wide.append(plot.plot.getAxis("left").width())

@@ -49,8 +49,13 @@ def test_a_long_name_in_one_line_needs_no_room_and_stands_in_the_tip(qtbot: QtBo
 LINE = "words of a fault, of which there are as many as it takes. "
 
 
-def test_a_browser_is_as_high_as_its_words(qtbot: QtBot) -> None:
+@pytest.mark.parametrize("points", [9.0, 10.0])
+def test_a_browser_is_as_high_as_its_words(qtbot: QtBot, points: float) -> None:
+    """At 10 points a scroll bar shortened the lines, and stayed as they were too many."""
     root, words = QWidget(), FittedBrowser(60, 160)
+    font = root.font()
+    font.setPointSizeF(points)
+    root.setFont(font)
     column = QVBoxLayout(root)
     column.addWidget(words)
     column.addStretch()

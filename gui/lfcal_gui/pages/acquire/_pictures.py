@@ -47,8 +47,7 @@ class ErrorView(LinePlot):
 
     def __init__(self) -> None:
         super().__init__("positions recorded", "error of H (%)")
-        self.plot.setAxisItems({"left": DecadeAxis("left")})
-        self.plot.showGrid(x=True, y=True, alpha=0.15)
+        self.plot.set_axes(DecadeAxis("left"))
         self.blank.show_blank(False)
         self.blank.show_blank(True)
         self.set_labels("positions recorded", "error of H (%)")
@@ -58,7 +57,7 @@ class ErrorView(LinePlot):
         )
         # behind the dots: both fits of one count are seen
         self.bars = pg.ErrorBarItem(x=np.zeros(0), y=np.zeros(0), beam=0.6, pen=pg.mkPen(ASIDE, width=1.4))
-        self.stated = self.plot.plot(
+        self.stated = self.plot.curve(
             [],
             [],
             pen=pg.mkPen(STATED, width=1.8),
@@ -107,8 +106,8 @@ class ErrorView(LinePlot):
         # before the first fit there is room above, for it begins far away
         every = np.concatenate([stated, aside, wanted, [] if len(x) else wanted + 1.0])
         low, high = float(every.min()) - 0.15, float(every.max()) + 0.15
-        self.plot.setYRange(min(low, high - 0.8), high, padding=0)
-        self.plot.setXRange(0.0, 1.08 * max([FEW, *curve.positions]), padding=0)
+        self.plot.vb.setYRange(min(low, high - 0.8), high, padding=0)
+        self.plot.vb.setXRange(0.0, 1.08 * max([FEW, *curve.positions]), padding=0)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
@@ -203,7 +202,7 @@ class RecordPictures(QWidget):
         for k, (key, (x, y)) in enumerate(picture.curves.items()):
             self.curves[key].set_curve(key, x, y, colour=LINES[k])
             top = float(y.max(initial=0.0))
-            self.curves[key].plot.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
+            self.curves[key].plot.vb.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
 
     def show_error(self, curve: ErrorCurve | None) -> None:
         """Show the error of H in the place of the depth-plane sum, or that again."""

@@ -180,7 +180,7 @@ class RecordPanel(QWidget):
         self.map.graphics.setMinimumSize(LEAST_MAP, LEAST_MAP)
         self.map.setFixedHeight(MAP)
         for side in ("left", "bottom"):
-            self.map.plot.hideAxis(side)
+            self.map.plot.getAxis(side).hide()
         widget, column = _column()
         column.addLayout(line(self.quantity, self.map_words, stretch=1))
         column.addWidget(self.map)

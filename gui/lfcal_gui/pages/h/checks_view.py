@@ -191,7 +191,7 @@ class ChecksView(QWidget):
             self.curve.set_labels(picture.axes[0], picture.unit)
             symbol = "o" if len(picture.across) < 60 else None
             self.curve.set_curve(picture.unit, picture.across, picture.values, symbol=symbol, colour=LINES[0])
-            self.curve.plot.autoRange()
+            self.curve.plot.vb.autoRange()
             self.pictures.setCurrentWidget(self.curve)
         else:
             self.image.set_axes(picture.axes[1], picture.axes[0])

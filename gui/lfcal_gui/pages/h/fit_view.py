@@ -49,9 +49,8 @@ class DecadePlot(LinePlot):
         super().__init__("", label)
         self._y, self._colour = label, colour
         self._values: list[float] = []
-        self.plot.setAxisItems({"left": DecadeAxis("left")})
+        self.plot.set_axes(DecadeAxis("left"))
         self.plot.getAxis("left").setWidth(LEFT)
-        self.plot.showGrid(x=True, y=True, alpha=0.15)
         self.blank.show_blank(False)
         self.blank.show_blank(True)
         self.line, self.dots = pg.PlotDataItem(pen=pg.mkPen(colour, width=line_px(1.8))), pg.ScatterPlotItem(size=8)
@@ -74,8 +73,8 @@ class DecadePlot(LinePlot):
             low, high = min(y for _, y, _ in points), max(y for _, y, _ in points)
             # a decade at least, or noise fills the plot
             middle, half = (low + high) / 2, max(0.5, (high - low) / 2)
-            self.plot.setYRange(middle - 1.1 * half, middle + 1.1 * half, padding=0)
-            self.plot.setXRange(-0.3, max(4, len(values) - 1) + 0.3, padding=0)
+            self.plot.vb.setYRange(middle - 1.1 * half, middle + 1.1 * half, padding=0)
+            self.plot.vb.setXRange(-0.3, max(4, len(values) - 1) + 0.3, padding=0)
 
     def table_lines(self, between: str) -> Iterator[str]:
         """Yield round and value."""

@@ -454,9 +454,9 @@ class HPanel(QWidget):
         ct, cs = (n // 2 for n in image.shape)
         t, s = intent.pixel or (ct, cs)
         if levels is not None:
-            self.profile.plot.setYRange(*levels, padding=0.02)
+            self.profile.plot.vb.setYRange(*levels, padding=0.02)
         else:
-            self.profile.plot.enableAutoRange("y")
+            self.profile.plot.vb.enableAutoRange("y")
         self.profile.set_curve("along the row", np.arange(image.shape[1]) - cs, image[t])
         self.profile.set_curve("along the column", np.arange(image.shape[0]) - ct, image[:, s])
 

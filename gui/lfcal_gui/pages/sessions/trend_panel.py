@@ -117,7 +117,7 @@ class TrendPanel(QWidget):
             if np.isfinite(limit):
                 self.curve.set_curve(name, ends, np.full(2, limit), colour=colour, dashed=True)
         self.curve.set_curve("value", curve.days, curve.values, symbol="o", colour=LINES[0])
-        self.curve.plot.autoRange()
+        self.curve.plot.vb.autoRange()
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -239,7 +239,7 @@ class SensorDialog(QDialog):
                 self.plot.set_curve(name, *points, symbol="o", colour=tone, line=False)
         if curves.fit[0].size:
             self.plot.set_curve("fit", *curves.fit, colour=LINES[1])
-        self.plot.plot.autoRange()
+        self.plot.plot.vb.autoRange()
         self._show_figures()
 
     def _show_figures(self) -> None:

@@ -34,6 +34,7 @@ from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     FoldedForm,
     PeriodMap,
+    Plot,
     RowsTable,
     WrappedLabel,
     card,
@@ -41,9 +42,7 @@ from lfcal_gui.widgets import (
     line,
     name_controls,
     offer_menu,
-    style_axes,
     table_entries,
-    theme_plot,
     theme_table,
     told_or_shown,
 )
@@ -121,21 +120,22 @@ class TargetPanel(QWidget):
         return frame
 
     def _build_images(self) -> None:
-        self.graphics = pg.GraphicsLayoutWidget()
+        self.graphics = pg.GraphicsView()
         self.graphics.setMinimumSize(120, 96)
         self.graphics.setToolTip("Images of the holes in all frames; squares are the cutouts of the first frame")
         self.graphics.setAccessibleName("images of the target on the sensor")
-        self.plot: pg.PlotItem = self.graphics.addPlot(enableMenu=False)
-        self.plot.setAspectLocked(True)
-        self.plot.invertY(True)
-        self.plot.hideButtons()
-        style_axes(self.plot, "sensor column (px)", "sensor row (px)")
+        self.plot = Plot(margin=10)
+        self.graphics.setCentralItem(self.plot)
+        self.plot.vb.setAspectLocked(True)
+        self.plot.vb.invertY(True)
+        self.plot.name_axes("sensor column (px)", "sensor row (px)")
         self.sensor, self.cutouts = pg.PlotCurveItem(), pg.PlotCurveItem(connect="finite")
         self.points = pg.ScatterPlotItem(size=5, pen=None)
         for item in (self.sensor, self.cutouts, self.points):
             self.plot.addItem(item)
         offer_menu(self.graphics, lambda: "target", self._entries)
-        theme_plot(self.graphics, self.plot)
+        self.graphics.setBackground(current_theme().panel)
+        self.plot.apply_theme()
 
     def _build_map(self) -> None:
         self.map = PeriodMap()
@@ -232,7 +232,7 @@ class TargetPanel(QWidget):
         squares = [np.array(_rectangle(r - height / 2, c - width / 2, height, width, gap=True)) for _, r, c in first]
         self.cutouts.setData(*(np.concatenate(squares, axis=1) if squares else np.zeros((2, 0))))
         self._paint(drawn, len(found.plan.offsets_px[self.plane.currentIndex()]))
-        self.plot.setRange(xRange=(-0.5, columns - 0.5), yRange=(-0.5, rows - 0.5), padding=0.02)
+        self.plot.vb.setRange(xRange=(-0.5, columns - 0.5), yRange=(-0.5, rows - 0.5), padding=0.02)
         self.map.set_values(plane.shown, plane.shown)
         self.read.setText(_covered(plane))
 
@@ -261,7 +261,8 @@ class TargetPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        theme_plot(self.graphics, self.plot)
+        self.graphics.setBackground(current_theme().panel)
+        self.plot.apply_theme()
         self.map.apply_theme()
         self._draw()
 

@@ -80,7 +80,7 @@ def click(page: Page, number: int, qtbot: QtBot) -> None:
     chart = page.panel.chart
     QApplication.processEvents()  # the view takes its range when it is laid out
     x, y = points(page)[number]
-    at = chart.graphics.mapFromScene(chart.plot.getViewBox().mapViewToScene(QPointF(x, y)))
+    at = chart.graphics.mapFromScene(chart.plot.vb.mapViewToScene(QPointF(x, y)))
     qtbot.mouseClick(chart.graphics.viewport(), Qt.MouseButton.LeftButton, pos=at)
 
 

@@ -160,7 +160,7 @@ def test_a_finished_session_opened_again_shows_its_own_state(
         assert pictures.depth_sum.values is not None
         np.testing.assert_allclose(1e3 * pictures.depth_sum.values, live.depth_sums[z], atol=1e-6)
         np.testing.assert_allclose(page.panel.record.map.values, live.energy[z], rtol=0.02)
-    curve = pictures.curves["energy"].plot.listDataItems()[0]
+    curve = pictures.curves["energy"].plot.items[0]
     assert len(curve.getData()[1]) == 24 and pictures.third_title.text() == "Depth-plane sum"
     assert not pictures.depth_sum.blank.isVisible() and not page.record.read_timer.isActive()
 

@@ -88,7 +88,7 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     assert max(seen) == len(plan.points(0, 4)) and f"frame 5: {max(seen)} points as planned" in captions
     assert crossed_out(panel.map) == int((plan.shown(0) == 0).sum())
     assert panel.map_words.text() == "Phases covered"
-    assert len(panel.pictures.curves["energy"].plot.listDataItems()) == 1
+    assert len(panel.pictures.curves["energy"].plot.items) == 1
     assert not panel.buttons["fit"].isEnabled() and "lfcal fit" in panel.why.text()
 
     page.record.after.assemble(str(tmp_path / "H.h5"))

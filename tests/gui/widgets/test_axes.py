@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
-from lfcal_gui.widgets._pixel_axis import PixelAxis
+from lfcal_gui.widgets._axes import PixelAxis
 from lfcal_gui.widgets.period_map import PeriodMap
 from lfcal_gui.widgets.picture import Picture
 

@@ -1,0 +1,257 @@
+"""Plots as pyqtgraph draws them, without its menus: a box between two axes, and the axes."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pyqtgraph as pg
+from PySide6.QtGui import QFont
+from PySide6.QtWidgets import QGraphicsGridLayout, QSizePolicy
+
+from lfcal_gui.theme import current_theme
+
+GRID = 38
+"""Opacity of the lines of a grid, of 255."""
+
+
+class Axis(pg.AxisItem):
+    """An axis whose numbers are the values themselves."""
+
+    def updateAutoSIPrefix(self) -> None:
+        """Make up no prefix for a unit."""
+
+
+ROOM = 14.0
+"""Screen pixels from one number to the next, one above the other."""
+
+DIGIT, BETWEEN = 7.0, 8.0
+"""Width of a digit, and least gap between neighbouring numbers (px)."""
+
+
+class PixelAxis(Axis):
+    """An axis of pixels or positions: no ticks between them, nor beyond the first and the last."""
+
+    span: tuple[float, float] | None = None
+
+    def cover(self, first: float, count: int, step: float = 1.0) -> None:
+        """Count ``count`` pixels from ``first``; where they are no whole numbers the axis is as any other."""
+        whole = step == 1 and float(first).is_integer()
+        span = (first, first + count - 1) if whole else None
+        if span != self.span:
+            self.span = span
+            self.picture = None
+            self.update()
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return where ticks are: pairs of their distance and their places."""
+        found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
+        if self.span is None:
+            return found
+        first, last = sorted((minVal, maxVal))  # rows count downwards
+        low, high = max(first, self.span[0]), min(last, self.span[1])
+        apart = size / max(last - first, 1e-9)
+        room = ROOM
+        if self.orientation in ("bottom", "top"):
+            room = max(ROOM, DIGIT * max(len(f"{end:.0f}") for end in (low, high)) + BETWEEN)
+        # pyqtgraph spaces numbers for the whole axis, not for many in a small part of it
+        wide = [pair for pair in found if pair[0] >= 1 and pair[0] * apart >= room]
+        kept = [(step, [v for v in values if low <= v <= high]) for step, values in wide]
+        if any(values for _, values in kept):
+            return kept
+        # zoomed in until pyqtgraph has only ticks within a pixel, or out until one number fits
+        each = max(1, math.ceil(room / max(apart, 1e-9)))
+        return [(float(each), [float(k) for k in range(math.ceil(low), math.floor(high) + 1, each)])]
+
+
+FEW, MOST = 2.5, 8
+"""Decades up to which numbers between them are shown, and decades shown at most."""
+
+
+NUMBERS = ((1, 2, 5), *(tuple(k / n for k in range(n, 10 * n)) for n in (1, 2, 10)))
+"""Numbers of a decade that are shown, the more of them the less of it is seen."""
+
+
+class DecadeAxis(Axis):
+    """An axis of decimal logarithms with the numbers themselves: 1, 2 and 5, or decades where there are many."""
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return where ticks are: pairs of their distance and their places."""
+        low, high = math.floor(minVal), math.ceil(maxVal)
+        seen: list[float] = []
+        if maxVal - minVal <= FEW:
+            for numbers in NUMBERS:
+                ticks = [decade + math.log10(number) for decade in range(low, high + 1) for number in numbers]
+                seen = [tick for tick in ticks if minVal <= tick <= maxVal]
+                if len(seen) > 1:
+                    break
+        else:
+            ticks = [float(d) for d in range(low, high + 1, math.ceil((high - low) / MOST))]
+            seen = [tick for tick in ticks if minVal <= tick <= maxVal]
+        return [(1.0, seen)]
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Return the numbers."""
+        return [f"{10**value:g}" for value in values]
+
+
+NUMBER_PX = 12.5
+"""Room from one number to the next, one above the other (px)."""
+
+
+class UprightAxis(Axis):
+    """An upright axis whose numbers do not lie over each other, however low it is."""
+
+    def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
+        """Return where ticks are: pairs of their distance and their places."""
+        found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
+        evenly = found[:1] if self.logMode else found
+        places = sorted(value for _, values in evenly for value in values)
+        if len(places) < 2:
+            return found
+        scale = size / max(abs(maxVal - minVal), 1e-300)
+        half = NUMBER_PX / 2 / scale  # pyqtgraph omits a number that does not fit
+        low, high = min(minVal, maxVal) + half, max(minVal, maxVal) - half
+
+        def legible(chosen: list[float]) -> bool:
+            apart = all((b - a) * scale >= NUMBER_PX for a, b in pairwise(chosen))
+            return apart and sum(low <= value <= high for value in chosen) > 1
+
+        if legible(sorted(found[0][1])):
+            return found
+        step = min(b - a for a, b in pairwise(places))
+        for each in (1, 2, 3, 4, 5, 10, 20, 50):
+            kept = [value for value in places if round(value / step) % each == 0]
+            if legible(kept):
+                return [(each * step, kept)]
+        middle = (minVal + maxVal) / 2
+        return [(step, [min(places, key=lambda value: abs(value - middle))])]
+
+
+class Plot(pg.GraphicsWidget):
+    """A box with an axis on its left and one below; a `pyqtgraph.PlotItem` takes several times as long to make.
+
+    Parameters
+    ----------
+    box
+        What is drawn into, if not a new one.
+    left, bottom
+        The axes, if not those of numbers.
+    """
+
+    def __init__(
+        self, box: pg.ViewBox | None = None, *, left: Axis | None = None, bottom: Axis | None = None, margin: int = 1
+    ) -> None:
+        super().__init__()
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.vb = pg.ViewBox(enableMenu=False) if box is None else box
+        self.legend: pg.LegendItem | None = None
+        self.items: list[Any] = []
+        self._log = False, False
+        self._grid = False
+        self._axes: dict[str, Axis] = {}
+        self._layout = QGraphicsGridLayout(self)
+        self._layout.setContentsMargins(margin, margin, margin, margin)
+        self._layout.setSpacing(0)
+        self._layout.addItem(self.vb, 0, 1)
+        self._layout.setRowStretchFactor(0, 100)
+        self._layout.setColumnStretchFactor(1, 100)
+        self.set_axes(left or UprightAxis("left"), bottom or Axis("bottom"))
+
+    # -- axes ------------------------------------------------------------------------------------------
+    def set_axes(self, *axes: Axis) -> None:
+        """Put other axes in the places of those there."""
+        for axis in axes:
+            side = axis.orientation
+            old = self._axes.get(side)
+            if old is not None:
+                self._layout.removeItem(old)
+                old.unlinkFromView()
+                old.setParentItem(None)
+                if old.scene() is not None:
+                    old.scene().removeItem(old)
+            self._axes[side] = axis
+            self._layout.addItem(axis, *((0, 0) if side == "left" else (1, 1)))
+            axis.linkToView(self.vb)
+            axis.setZValue(0.5)  # above pictures, below what is drawn over them
+            axis.setGrid(GRID if self._grid else False)
+            # an axis that also shrinks would resize the picture, which changes its numbers, and so on without end
+            axis.setStyle(autoReduceTextSpace=False, maxTickLevel=1)
+
+    def getAxis(self, side: str) -> Axis:
+        """Return the axis ``"left"`` or ``"bottom"``."""
+        return self._axes[side]
+
+    def name_axes(self, across: str, down: str) -> None:
+        """Name both axes, with their units."""
+        for side, text in (("bottom", across), ("left", down)):
+            self._axes[side].setLabel(text)
+            self._axes[side].resizeEvent()  # else the new label stays where the old one was centred
+
+    def show_grid(self) -> None:
+        """Draw the lines of a grid."""
+        self._grid = True
+        for axis in self._axes.values():
+            axis.setGrid(GRID)
+
+    def set_log(self, *, x: bool, y: bool) -> None:
+        """Draw the decimal logarithms of curves."""
+        self._log = x, y
+        for one in (*self.items, *self._axes.values()):
+            if hasattr(one, "setLogMode"):
+                one.setLogMode(x, y)
+        self.vb.enableAutoRange()
+
+    # -- content ---------------------------------------------------------------------------------------
+    def addItem(self, item: Any, *, ignoreBounds: bool = False) -> None:
+        """Draw an item; ``ignoreBounds``: the range does not follow it."""
+        self.items.append(item)
+        self.vb.addItem(item, ignoreBounds=ignoreBounds)
+        if hasattr(item, "setLogMode"):
+            item.setLogMode(*self._log)
+        if self.legend is not None and isinstance(item, pg.PlotDataItem) and item.name():
+            self.legend.addItem(item, item.name())
+
+    def removeItem(self, item: Any) -> None:
+        """Draw an item no longer."""
+        self.items.remove(item)
+        self.vb.removeItem(item)
+        if self.legend is not None:
+            self.legend.removeItem(item)
+
+    def curve(self, *values: Any, **options: Any) -> pg.PlotDataItem:
+        """Draw a curve, with the options of `pyqtgraph.PlotDataItem`."""
+        item = pg.PlotDataItem(*values, **options)
+        self.addItem(item)
+        return item
+
+    def add_legend(self) -> None:
+        """Name the curves that follow, in a corner."""
+        self.legend = pg.LegendItem(offset=(-8, 8))
+        self.legend.setParentItem(self.vb)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        theme = current_theme()
+        font = QFont()
+        font.setPointSizeF(8.5)
+        for axis in self._axes.values():
+            axis.setPen(theme.line)
+            axis.setTextPen(theme.text)
+            axis.setTickFont(font)
+            axis.label.setDefaultTextColor(pg.mkColor(theme.muted))
+        if self.legend is not None:
+            self.legend.setLabelTextColor(theme.text)
+            for _, label in self.legend.items:  # existing texts would keep their colour
+                label.setText(label.text, color=theme.text)
+
+
+def count_pixels(
+    plot: Plot, shape: tuple[int, ...], origin: tuple[float, float] = (0.0, 0.0), step: float = 1.0
+) -> None:
+    """Let the axes of ``plot`` count the pixels of a picture ``(rows, columns)`` whose first is at ``origin``."""
+    for side, first, count in (("left", origin[0], shape[0]), ("bottom", origin[1], shape[1])):
+        axis = plot.getAxis(side)
+        assert isinstance(axis, PixelAxis)
+        axis.cover(first, count, step)
