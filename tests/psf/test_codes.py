@@ -14,7 +14,7 @@ from PIL import Image, ImageSequence
 
 from lfcal.base import InputError
 from lfcal.camera import preset
-from lfcal.psf import CODES, PSFMatrix, export, export_notes, lens_centre_of
+from lfcal.psf import CODES, PSFMatrix, export, export_notes, iter_export, lens_centre_of
 from lfcal.psf._export import ExportOptions
 from lfcal.psf.codes import codes_for
 from lfcal.psf.lens_centre import lens_centred
@@ -41,6 +41,25 @@ def expected(volume: Array) -> Array:
         volume.transpose(2, 0, 1)
     )
     return seen
+
+
+@pytest.mark.parametrize("code", CODE_NAMES)
+def test_a_cancelled_export_leaves_nothing_and_the_file_before(code: str, tmp_path: Path) -> None:
+    H = matrix() if CODES[code].one_lens else PSFMatrix(np.ones((2, 1, 1, 5, 5), np.float32))
+    out = tmp_path / f"H{CODES[code].suffix}"
+    steps = sum(1 for _ in iter_export(H, out, code=code))
+    whole = out.read_bytes()
+    for earlier in (None, b"earlier"):
+        for taken in range(1, steps):
+            out.unlink(missing_ok=True)
+            if earlier is not None:
+                out.write_bytes(earlier)
+            work = iter_export(H, out, code=code)
+            for _ in range(taken):
+                next(work)
+            work.close()
+            left = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+            assert left in ({} if earlier is None else {out.name: earlier}, {out.name: whole}), taken
 
 
 def volume() -> Array:

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import InputError, format_count
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import ATLAS, ProjectState, Stamp, capital, kept_verdict, stamp_of, stated_order, with_verdict
+from lfcal_gui.models import (
+    ATLAS,
+    Place,
+    ProjectState,
+    Stamp,
+    capital,
+    kept_verdict,
+    stamp_of,
+    stated_order,
+    with_verdict,
+)
 from lfcal_gui.pages.h.checks_view import ChecksView
 from lfcal_gui.pages.h.model import PositionMap
 from lfcal_gui.pages.h.model_checks import (
@@ -18,6 +29,7 @@ from lfcal_gui.pages.h.model_checks import (
     QualitySettings,
     checks_of,
     count_words,
+    error_map,
     kept_of,
     map_of,
     picture_of,
@@ -248,6 +260,7 @@ class Checking:
         if found is None or asked is None:
             return
         self.context.project.note(settings=with_verdict(self.context.state, asked.stamp, kept_of(found)))
+        self._page.show_map()
         view, before = self.view, self.chosen
         if view is None:
             return
@@ -285,6 +298,10 @@ class Checking:
     def map_at(self, z: int) -> PositionMap | None:
         """Return what the chosen check says of the positions of a plane."""
         return None if self.chosen is None or self.inspection is None else map_of(self.inspection, self.chosen, z)
+
+    def error_at(self, z: int, worst: Iterable[Place], missing: NDArray[Any]) -> PositionMap | None:
+        """Return how far the positions of a plane are off, see `error_map`; None where that is not known."""
+        return None if self.inspection is None else error_map(self.inspection, z, worst, missing)
 
     # -- doing -----------------------------------------------------------------------------------------
     def deeds(self) -> dict[str, Callable[[], object]]:

@@ -95,9 +95,7 @@ class ProjectComparing(Comparing):
             return None
         error = 100 * found.error[k]
         missing = np.argwhere(~np.isfinite(error))
-        return PositionMap(
-            "Difference by position (%)", error, "%", missing, name="difference", levels=map_levels(error)
-        )
+        return PositionMap("Difference by position", error, "%", missing, name="difference", levels=map_levels(error))
 
     def request(self) -> CompareRequest | None:
         """Return both files of the project."""

@@ -107,6 +107,8 @@ class RoundsView(QWidget):
         self.chi2.show_values([one.chi2 for one in rounds], [False] * len(rounds))
         if not rounds:
             self.words.setText(none)
+            for plot in (self.error, self.chi2):
+                plot.blank.words = none
             return
         parts = [f"{rounds[-1].stage}: {rounds[-1].note}."]
         if any(one.below_noise for one in rounds):

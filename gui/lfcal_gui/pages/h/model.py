@@ -215,15 +215,18 @@ class PositionMap:
         """Words next to the title."""
         known = self.values[np.isfinite(self.values)]
         ends = (known.min(), known.max()) if known.size else ()
-        between = " to ".join(f"{v:.3g}" if abs(v) < 1000 else f"{v:,.0f}" for v in ends)
+        between = " to ".join(f"{v:.3g}" if abs(v) < 1000 else f"{v / 1000:.3g}k" for v in ends)
         return self.note or f"{between} {self.unit}".strip()
 
 
-def light_map(data: PlaneData, recorded: NDArray[Any], worst: Iterable[tuple[int, ...]], unit: str) -> PositionMap:
-    """Return the light of each pattern; positions that were not recorded are crossed out, the ``worst`` ringed."""
-    ringed = np.array([place[1:] for place in worst if place[0] == data.plane.z], float).reshape(-1, 2)
-    missing = np.argwhere(np.asarray(recorded) == 0)
-    return PositionMap("Light by position", data.energy, unit, missing, ringed)
+def light_map(data: PlaneData, worst: Iterable[tuple[int, ...]], missing: NDArray[Any], unit: str) -> PositionMap:
+    """Return the light of each pattern; positions ``missing`` ``(ny, nx)`` are crossed out, the ``worst`` ringed."""
+    return PositionMap("Light by position", data.energy, unit, np.argwhere(missing), places_in(data.plane.z, worst))
+
+
+def places_in(z: int, places: Iterable[tuple[int, ...]]) -> NDArray[np.float64]:
+    """Return those of some positions (z, y, x) that are in plane ``z``, as (y, x) ``(n, 2)``."""
+    return np.array([place[1:] for place in places if place[0] == z], np.float64).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -14,7 +14,7 @@ from lfcal.base import InputError
 from lfcal.records import rows
 from lfcal.tasks import Inspect
 from lfcal_gui.models import Field, PageSettings, Verdict, capital, fields_of, verdict_of
-from lfcal_gui.pages.h.model import PositionMap
+from lfcal_gui.pages.h.model import PositionMap, places_in
 
 if TYPE_CHECKING:
     from lfcal.judge import FoundFault, Inspection
@@ -48,6 +48,9 @@ MARKED = 2000
 
 RANK = {"bad": 0, "fair": 1, "unknown": 2, "good": 3}
 """Order of the checks: what failed comes first."""
+
+ERRORS = ("position", "step")
+"""Metrics that say how far a position is off, the first that was measured: by its place, or by its neighbours."""
 
 NO_CURVE = "One value for the whole of H: no curve over depth."
 NO_PICTURE = "There is no picture of this fault."
@@ -264,7 +267,7 @@ def picture_of(inspection: Inspection, check: CheckRow) -> CheckPicture:
         axis, places = "plane", np.arange(values.size, dtype=float)
         if inspection.quality.extent:
             axis, places = "depth z (mm)", depths / 1e3
-        return CheckPicture("Over depth", (axis,), _title_of(one), values, places)
+        return CheckPicture("Over depth", (axis,), one.spec.unit or "value", values, places)
     if one.picture is None:
         return CheckPicture(NO_PICTURE)
     values = np.asarray(one.picture.values, float)
@@ -275,11 +278,6 @@ def picture_of(inspection: Inspection, check: CheckRow) -> CheckPicture:
     return CheckPicture(*named, values, across, one.picture.origin)
 
 
-def _title_of(metric: Metric) -> str:
-    """Return the title for an axis, with the unit."""
-    return f"{metric.spec.title} ({metric.spec.unit})" if metric.spec.unit else metric.spec.title
-
-
 def map_of(inspection: Inspection, check: CheckRow, z: int) -> PositionMap | None:
     """Return the map of a check over the positions of plane ``z``; None if it has no values per position."""
     from lfcal.judge.quality import Metric
@@ -288,16 +286,34 @@ def map_of(inspection: Inspection, check: CheckRow, z: int) -> PositionMap | Non
     here = positions[positions[:, 0] == z, 1:]
     marked = here if len(here) <= MARKED else here[:0]  # more would hide the map
     if isinstance(one, Metric):
-        values = None if one.map is None or not 0 <= z < len(one.map) else one.map[z]
-        if values is None or not np.isfinite(values).any():
-            return None
-        return PositionMap(one.spec.title, values, one.spec.unit, ringed=marked, name=one.key)
+        return _metric_map(one, z, marked)
     if not len(positions):
         return None
     values = np.zeros(inspection.quality.shape[1:3])
     values[here[:, 0], here[:, 1]] = 1.0
     note = f"{len(here)} in this plane"
     return PositionMap(capital(one.title), values, ringed=marked, name=one.name, levels=(0.0, 1.0), note=note)
+
+
+def error_map(
+    inspection: Inspection, z: int, worst: Iterable[tuple[int, ...]], missing: NDArray[Any]
+) -> PositionMap | None:
+    """Return how far each position of a plane is off; None if that was not measured.
+
+    Positions ``missing`` ``(ny, nx)`` are crossed out, the ``worst`` (z, y, x) are ringed.
+    """
+    metrics = {one.key: one for one in inspection.quality.metrics}
+    found = (_metric_map(metrics[key], z, places_in(z, worst)) for key in ERRORS if key in metrics)
+    shown = next(filter(None, found), None)
+    return None if shown is None else replace(shown, missing=np.argwhere(missing))
+
+
+def _metric_map(metric: Metric, z: int, ringed: NDArray[Any]) -> PositionMap | None:
+    values = None if metric.map is None or not 0 <= z < len(metric.map) else metric.map[z]
+    if values is None or not np.isfinite(values).any():
+        return None
+    unit = metric.spec.map_unit or metric.spec.unit
+    return PositionMap(metric.spec.title, values, unit, ringed=ringed, name=metric.key)
 
 
 # -- the whole ---------------------------------------------------------------------------------------------

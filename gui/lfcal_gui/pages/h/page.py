@@ -152,7 +152,7 @@ class Page(BasePage):
         self.show_map()
 
     def show_map(self) -> None:
-        """Show over the positions what the level says of them, else their light."""
+        """Show over the positions what the level says of them, else their error, else their light."""
         matrix, z = self.matrix, self.intent.z
         if matrix is None:
             return
@@ -162,8 +162,10 @@ class Page(BasePage):
             if data is None or data.plane.z != z:
                 return  # it is being read
             kept = kept_verdict(self.context.state)
+            worst, missing = () if kept is None else kept.redo, matrix.recorded[z] == 0
+            shown = self.checking.error_at(z, worst, missing)
             unit = "counts" if "counts" in unit_of(matrix) else ""
-            shown = light_map(data, matrix.recorded[z], () if kept is None else kept.redo, unit)
+            shown = shown or light_map(data, worst, missing, unit)
         self.panel.show_map(shown)
 
     @property

@@ -128,14 +128,14 @@ LEVELS = {
 NARROW, WIDE, ROOMY = 304, 368, 1380
 """Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
-SUM, MAP, PROFILE = 120, (84, 130), 150
-"""Heights in the inspector: sum, map in a low and in a high window, profile (px)."""
+SIZES = {0: (84, 84), 600: (84, 108), 760: (120, 130)}
+"""Heights of depth-plane sum and map (px) by the least height of the panel."""
+
+PROFILE = 150
+"""Height of the profile (px)."""
 
 ROW = 30
 """Height of a line that opens a level (px)."""
-
-LOW = 600
-"""Height of the panel below which the map is low (px)."""
 
 LINES_OF_APERTURE = 6
 """Least height of the numbers of an aperture, in lines."""
@@ -262,7 +262,7 @@ class HPanel(QWidget):
         return inspector
 
     def _position(self) -> QWidget:
-        self.map_title, self.map_range, self.place_label = ElidedLabel(), ElidedLabel(), QLabel()
+        self.map_title, self.map_range, self.place_label = ElidedLabel(), QLabel(), QLabel()
         self.map_range.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.map_title.setProperty("role", "heading")
         for label in (self.map_range, self.place_label):
@@ -276,7 +276,7 @@ class HPanel(QWidget):
         self.map.set_axes("", "")
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
         place, column = card()
-        column.addLayout(line(self.map_title, self.map_range, stretch=1))
+        column.addLayout(line(self.map_title, self.map_range, stretch=0))
         column.addWidget(self.map)
         column.addLayout(line(self.place_label, self.frame_button, stretch=0))
         return place
@@ -325,7 +325,9 @@ class HPanel(QWidget):
         """Give the inspector more room in a large window."""
         super().resizeEvent(event)
         self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
-        self.map.setFixedHeight(MAP[0] if self.height() < LOW else MAP[1])
+        height = max(least for least in SIZES if self.height() >= least)
+        for widget, px in zip((self.sum_place, self.map), SIZES[height], strict=True):
+            widget.setFixedHeight(px)
 
     def _aperture_card(self) -> QWidget:
         panel, column = card()
@@ -344,7 +346,6 @@ class HPanel(QWidget):
         inside = QVBoxLayout(self.sum_place)
         inside.setContentsMargins(0, 0, 0, 0)
         inside.addWidget(self.sum_view)
-        self.sum_place.setFixedHeight(SUM)
         column.addLayout(line(heading("Aperture"), self.legend, larger, stretch=1))
         column.addWidget(self.sum_place)
         column.addWidget(self.aperture_text)

@@ -69,6 +69,7 @@ class MultiplexPictures(QWidget):
             frame, column = card(head)
             view = Picture("intensity (1)", axes=("column (px)", "row (px)"))
             view.hovered.connect(self._hovered)
+            view.blank.words = "The reason is given below."
             column.addWidget(view, 1)
             grid.addWidget(frame, k // 2, k % 2)
             self.heads.append(head)

@@ -63,6 +63,8 @@ TIPS = (
 NAME = Qt.ItemDataRole.UserRole
 
 
+NO_MODULATOR = "No modulator. Change the settings at the left."
+
 GAIN = "Is the modulator worth its light? Pattern, spectrum, and gain in SNR over the reference"
 PICTURES = "Test the modulator on a picture: the recorded frame, the reconstruction, and its error"
 FIGURES = "Figures 3, 5, 6 and 7 of Ihrke et al. 2010, of scenes made here, with shared scales"
@@ -127,6 +129,8 @@ class MultiplexPanel(QWidget):
         self.others = QListWidget()
         self.others.setAccessibleName("compare with")
         self.others.setToolTip("Draw the gains of the ticked ones as well; those without this size are left out")
+        # it has the height of its lines: what is left belongs below the card
+        self.others.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.others.itemChanged.connect(lambda _: self.compared.emit(self.ticked()))
         column.addWidget(self.others)
         return self.compare_card
@@ -136,7 +140,10 @@ class MultiplexPanel(QWidget):
         self.spectrum = Picture("magnitude (1)", axes=("u (1/period)", "v (1/period)"))
         self.sigma = Picture("weight (1)", axes=("j (index)", "pixel k (index)"), square=False)
         self.pi = Picture("weight (1)", axes=("j (index)", "sample n (index)"), square=False)
-        return self.pattern, self.spectrum, self.sigma, self.pi
+        views = self.pattern, self.spectrum, self.sigma, self.pi
+        for view in views:
+            view.blank.words = NO_MODULATOR
+        return views
 
     def _modulator_tab(self) -> QWidget:
         views = self._make_views()
@@ -197,6 +204,7 @@ class MultiplexPanel(QWidget):
         frame, column = card(self.curve_title)
         self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
         self.curve.set_decades(x=True)
+        self.curve.blank.words = "The reason is given below."
         self.curve.setToolTip("Left: read noise dominates, right: photon noise; dashed: the project's camera")
         self.marker = pg.InfiniteLine(angle=90)
         self.marker.hide()

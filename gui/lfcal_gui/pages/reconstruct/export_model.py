@@ -200,7 +200,7 @@ def facts_of(H: PSFMatrix, code: str, quality: str) -> ExportFacts:
 def iter_exported(task: Task, path: str) -> Work[Path]:
     """Write the H of a file, opened again, as the window may close its own meanwhile.
 
-    Planes that are done stay where it is stopped; called again it continues from them.
+    An export of planes continues from those that are done; one for a code begins again.
     """
     from lfcal.tasks import RunSettings
 

@@ -49,6 +49,8 @@ NO_LIGHT_FIELD = (
     "Or drop a .tif, .png or .raw file here."
 )
 
+NO_CURVE = "Reconstruct: every iteration adds a point."
+
 OPEN = "An image behind the same optics: TIFF, PNG, RAW and others; files can be dropped here as well"
 MAKE = "Project a phantom through this H, add photon noise, and save it as a light field; its true volume is known"
 
@@ -159,6 +161,7 @@ class ReconstructPanel(QWidget):
         )
         self.misfit.setFixedHeight(PLOT)
         self.misfit.graphics.setMinimumSize(120, 60)
+        self.misfit.blank.words = NO_CURVE
         column.addWidget(self.misfit)
         self._fill_more()
         column.addWidget(self.more)
@@ -207,6 +210,7 @@ class ReconstructPanel(QWidget):
         )
         self.likelihood.setFixedHeight(PLOT)
         self.likelihood.graphics.setMinimumSize(120, 60)
+        self.likelihood.blank.words = NO_CURVE
         for part in (self.forecast, self.likelihood):
             folded.column.addWidget(part)
         return folded

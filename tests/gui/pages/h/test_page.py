@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor, QIcon
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QScrollArea
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import preset
@@ -112,6 +112,30 @@ def test_the_order_of_axes_is_asked_for_no_longer_than_the_file_is_open(
     page.open_file(str(tmp_path / "said.mat"))
     idle(window.jobs, qtbot)
     assert page.matrix is not None and page.context.state.psf.endswith("said.mat") and not page.notice.isVisible()
+
+
+@pytest.mark.parametrize(("size", "wide"), [((1280, 800), 304), ((1920, 1080), 368)])
+def test_the_inspector_is_whole(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, size: tuple[int, int], wide: int
+) -> None:
+    """It scrolled in a window of 1280 x 800, and the range of the map was cut."""
+    window.resize(*size)
+    values = np.random.default_rng(0).random((2, 4, 5, 9, 11)).astype(np.float32) * 1000
+    save(PSFMatrix(values, camera=preset("bench"), depths=[-20034, -26017]), tmp_path / "H.h5")
+    window.project.update("open", psf=str(tmp_path / "H.h5"))
+    window.go("h")
+    page: Any = window.page("h")
+    idle(window.jobs, qtbot)
+    long = "This PSF is good by 31 metrics, and 60 patterns compared with the camera show no fault."
+    page.panel.verdict.show_verdict("good", long)
+    words = page.panel.map_range
+
+    def whole() -> bool:
+        return bool(words.text()) and words.fontMetrics().horizontalAdvance(words.text()) <= words.width()
+
+    qtbot.waitUntil(whole, timeout=GUARD_MS)
+    (area,) = (one for one in page.panel.inspector.findChildren(QScrollArea) if one.isVisible())
+    assert area.verticalScrollBar().maximum() == 0 and page.panel.inspector.width() == wide
 
 
 def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QFileDialog, QGraphicsView, QTableWidget
+from PySide6.QtWidgets import QApplication, QFileDialog, QGraphicsView, QLabel, QTableWidget
 from pytestqt.qtbot import QtBot
 
 from lfcal.lattice import lattice_of
@@ -19,7 +19,7 @@ from lfcal.multiplex.scenes import colour_edges
 from lfcal_gui.context import Context
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.page import Page
-from lfcal_gui.pages.multiplex.panel import NAME
+from lfcal_gui.pages.multiplex.panel import NAME, NO_MODULATOR
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from lfcal_gui.widgets.naming import controls
 from tests.gui.conftest import OpenPage
@@ -58,6 +58,14 @@ def tick(page: Page, name: str) -> None:
     item = page.panel.others.item(offered(page).index(name))
     on = item.checkState() == Qt.CheckState.Checked
     item.setCheckState(Qt.CheckState.Unchecked if on else Qt.CheckState.Checked)
+
+
+def test_the_list_follows_its_title(page: Page) -> None:
+    """A gap of 110 px was between "Compare with" and the list."""
+    card, others = page.panel.compare_card, page.panel.others
+    title = card.findChild(QLabel)
+    assert title is not None and others.geometry().top() - title.geometry().bottom() < 10
+    assert card.height() == card.sizeHint().height()
 
 
 def browse(page: Page, key: str) -> None:
@@ -115,6 +123,7 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
     type_in(page, "size", "31")
     settle(page, qtbot)
     assert "smaller mask" in page.panel.curve_hint.text() and page.panel.sigma.values is None
+    assert page.panel.sigma.blank.isVisible() and page.panel.sigma.blank.text() == NO_MODULATOR
 
 
 def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:

@@ -49,6 +49,7 @@ def test_empty_states_say_what_comes_next(page: Page, context: Context, qtbot: Q
     empty = page.panel.view.empty
     assert "No light field open" in empty.label.text() and empty.isVisibleTo(page) and not page.panel.go.isEnabled()
     assert not page.panel.view.light_field.isVisibleTo(page) and page.panel.export.isVisibleTo(page)
+    assert page.panel.misfit.blank.isVisibleTo(page) and "Reconstruct" in page.panel.misfit.blank.text()
     context.project.update("none", psf="")
     assert page.empty is not None and "need an H" in page.empty.label.text()
 

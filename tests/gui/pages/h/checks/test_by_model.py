@@ -113,7 +113,13 @@ def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> Non
     assert len(faults) >= 2 and view.table.item(0, 0).text() == "▲"  # type: ignore[union-attr]
     row_of(page, "hot line of the sensor")
     assert "What to do" in view.words.toPlainText() and "counts" in view.words.toPlainText()
-    assert view.pictures.currentWidget() is view.curve and page.panel.map_title.text() == "Light by position"
+    assert view.pictures.currentWidget() is view.curve and page.panel.map_title.text() == "Position error"
+    position = next(one for one in found.quality.metrics if one.key == "position")
+    assert position.map is not None
+    page.set_intent(z=0)
+    qtbot.waitUntil(lambda: np.array_equal(page.panel.map.values, position.map[0]), timeout=GUARD_MS)
+    ringed = [list(place[1:]) for place in worst_positions(found) if place[0] == page.intent.z]
+    assert ringed and ringed in [marks.points.tolist() for marks in page.panel.map.overlays]
     assert view.curve.plot.getAxis("left").labelText == "counts", "a unit on the axis"
     row_of(page, "single frames")
     idle(page.context.jobs, qtbot)

@@ -66,7 +66,7 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     row = page.panel.rows["checks"]
     assert row.name.text() == f"{len(listed)} checks" and "good" in row.state.text()
     page.panel.level_asked.emit("")
-    assert page.panel.map_title.text() == "Light by position"
+    assert page.panel.map_title.text() == "Position error"
     assert [[2, 3]] in [marks.points.tolist() for marks in page.panel.map.overlays], "crossed out or ringed"
 
 
