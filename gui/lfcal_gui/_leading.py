@@ -48,7 +48,7 @@ SESSION, PACES = "session counts", "paces"
 
 def _iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[Any]:
     """Judge H as the page that judges does; what it needs is imported in the job's thread."""
-    judging = import_module(f"{PAGES.get('h').package}.model_judge")
+    judging = import_module(f"{PAGES.get('h').package}.model_checks")
     return (yield from judging.iter_judged(project, fitted))
 
 

@@ -1,13 +1,14 @@
-"""The Accuracy page: settings, what can be measured, and words. No Qt."""
+"""The Accuracy page: settings, what can be measured, words, and how a measured setting is applied. No Qt."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from lfcal.accuracy import Curve
-from lfcal.base import InputError
+from lfcal.accuracy import Curve, Rung
+from lfcal.base import InputError, LfcalError
 from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
 
 SUBJECTS = (("plan", "Scan plan"), ("psf", "H"))
@@ -69,3 +70,145 @@ def words_of(curve: Curve | None, error: float, *, running: bool) -> tuple[str, 
     state = "measuring …" if running else curve.stopped
     how = [f"Measured by: {curve.truth}.", *curve.notes, state]
     return typeset(curve.answer(error)), "\n".join(typeset(line) for line in how if line)
+
+
+LEVELS = {"debye": "microscope"}
+"""Levels that the window calls by another name."""
+
+NO_USE = {
+    "lattice": "Nothing was changed: this result is the number of lenslets that a white image must show.",
+    "aperture": "Nothing was changed: the period of the array sets the number of positions per plane.",
+    "sampling": "Nothing was changed: the sampling is chosen automatically from the tolerance.",
+}
+"""For each place without a setting in the project: why its result changes nothing."""
+
+
+@dataclass(frozen=True)
+class RungUse:
+    """Result of applying a measured setting (rung).
+
+    Attributes
+    ----------
+    words
+        What was changed, or why nothing was.
+    label
+        Name of the step of undo; empty: nothing changes.
+    changes
+        Entries of the project that change.
+    page
+        Page that shows it; empty: none.
+    """
+
+    words: str
+    label: str = ""
+    changes: Mapping[str, Any] | None = None
+    page: str = ""
+
+
+def use_of(project: ProjectState, curve: Curve, rung: Rung) -> RungUse:
+    """Return the changes of the project if you apply ``rung``."""
+    maker = _USES.get(curve.place)
+    if maker is None:
+        return RungUse(NO_USE.get(curve.place, "Nothing was changed: the window has no setting for it."))
+    try:
+        return maker(project, rung)
+    except (LfcalError, KeyError, TypeError) as error:
+        return RungUse(f"Nothing was changed: {error}")
+
+
+def _settings(project: ProjectState, page: str, **values: Any) -> dict[str, Any]:
+    """Return the settings of all pages with some of one page changed; the page checks them when it reads them."""
+    own = project.settings.get(page)
+    return {"settings": {**project.settings, page: {**(own if isinstance(own, Mapping) else {}), **values}}}
+
+
+def _simulation(project: ProjectState, rung: Rung) -> RungUse:
+    tolerance = float(rung.settings["tolerance"])
+    changes = _settings(project, "simulate", tolerance=tolerance, level="auto")
+    return RungUse(f"Compute: tolerance {100 * tolerance:g} %, level auto.", "tolerance", changes, "simulate")
+
+
+def _planes(project: ProjectState, rung: Rung) -> RungUse:
+    if project.plan is None:
+        return RungUse("Nothing was changed: there is no scan plan.")
+    depths = tuple(float(z) for z in rung.settings["depths_um"])
+    plan = replace(project.plan, depths_um=depths, exposure_s=project.plan.exposures[0])
+    return RungUse(f"Plan: {len(depths)} planes over the same depths.", "planes", {"plan": plan}, "setup")
+
+
+def _averaging(project: ProjectState, rung: Rung) -> RungUse:
+    if project.plan is None:
+        return RungUse("Nothing was changed: there is no scan plan.")
+    given = tuple(float(t) for t in rung.settings["exposure_s"])
+    exposure = given if len(given) == len(project.plan.depths_um) else given[0]
+    frames = int(rung.settings["frames_averaged"])
+    plan = replace(project.plan, frames_averaged=frames, exposure_s=exposure)
+    words = f"Plan: {frames} frame{'s' * (frames > 1)} averaged, exposure {1e3 * given[0]:.4g} ms."
+    return RungUse(words, "frames averaged", {"plan": plan}, "setup")
+
+
+def _interpolation(project: ProjectState, rung: Rung) -> RungUse:
+    name = str(rung.settings["interpolation"])
+    changes = _settings(project, "frames", interpolation=name)
+    return RungUse(f"Folder: interpolation {name}.", "interpolation", changes, "frames")
+
+
+def _projection(project: ProjectState, rung: Rung) -> RungUse:
+    method, double = str(rung.settings["method"]), bool(rung.settings["double"])
+    threshold = float(rung.settings["threshold"])
+    changes = _settings(project, "reconstruct", method=method, double=double, threshold=threshold)
+    precision = "double precision" if double else "single precision"
+    words = f"Reconstruct: projector {method}, {precision}, H without what is below {100 * threshold:g} % of the peak."
+    return RungUse(words, "projector", changes, "reconstruct")
+
+
+def _solvers(project: ProjectState, rung: Rung) -> RungUse:
+    solver, iterations = str(rung.settings["solver"]), int(rung.settings["iterations"])
+    changes = _settings(project, "reconstruct", solver=solver, iterations=iterations)
+    words = f"Reconstruct: {solver}, {iterations} iteration{'s' * (iterations > 1)}."
+    return RungUse(words, "solver", changes, "reconstruct")
+
+
+def _storage(project: ProjectState, rung: Rung) -> RungUse:
+    dtype, compression = str(rung.settings["dtype"]), str(rung.settings["compression"])
+    if dtype not in ("rounded", "float32") or compression not in ("gzip", "none"):
+        return RungUse(
+            "Nothing was changed: the window exports H rounded or as float32, with gzip or without. "
+            "Other types are for the command line and for Python."
+        )
+    chosen = {"suffix": ".h5", "dtype": dtype, "uncompressed": compression == "none"}
+    packed = "with gzip" if compression == "gzip" else "not compressed"
+    return RungUse(
+        f"Use: Other formats proposes an H file, {dtype}, {packed}.",
+        "export",
+        _settings(project, "export", **chosen),
+        "reconstruct",
+    )
+
+
+def _filters(project: ProjectState, rung: Rung) -> RungUse:
+    if rung.settings["route"] != "spatial":
+        return RungUse("Nothing was changed: Multiplexing always shows the Fourier route next to the spatial one.")
+    name = str(rung.settings["filter"])
+    return RungUse(f"Multiplexing: filter {name}.", "filter", _settings(project, "multiplex", filter=name), "multiplex")
+
+
+def _bases(project: ProjectState, rung: Rung) -> RungUse:
+    kind, size = str(rung.settings["mask"]), int(rung.settings["size"])
+    changes = _settings(project, "multiplex", family="mask", mask=kind, size=size)
+    words = f"Multiplexing: {kind.replace('_', ' ')}, {size} x {size} px. The exposure is that of your session."
+    return RungUse(words, "modulator", changes, "multiplex")
+
+
+_USES: dict[str, Callable[[ProjectState, Rung], RungUse]] = {
+    "simulation": _simulation,
+    "planes": _planes,
+    "averaging": _averaging,
+    "interpolation": _interpolation,
+    "storage": _storage,
+    "projection": _projection,
+    "solvers": _solvers,
+    "filters": _filters,
+    "bases": _bases,
+}
+"""For each place, the function that applies a rung."""

@@ -10,8 +10,7 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, iter_measure, subject_of
-from lfcal_gui.pages.accuracy.model import AccuracySettings, subjects
-from lfcal_gui.pages.accuracy.model_use import use_of
+from lfcal_gui.pages.accuracy.model import AccuracySettings, subjects, use_of
 from lfcal_gui.pages.accuracy.panel import AccuracyPanel
 
 

@@ -1,9 +1,9 @@
 """The place H: H and its transpose, its checks, the fit of the optics, and another H to compare with.
 
 - ``page``, ``panel``: pictures and inspector; ``model``: what they show
-- ``checks_view``: the checks; ``model_checks``: rows and words; ``model_judge``: the work
-- ``fit_view``, ``fit_choices``, ``fit_pictures``: the fit; ``model_fit``: settings, what an H offers, and what a fitted
-  camera changes in the project; ``model_fit_run``: the work; ``model_fit_words``: rows and lines
+- ``checks_view``: the checks; ``model_checks``: rows, words and the work
+- ``fit_view``: the fit; ``model_fit``: settings, what an H offers, and what a fitted camera changes in the project;
+  ``model_fit_run``: the work, rows and lines
 """
 
 from __future__ import annotations

@@ -26,24 +26,22 @@ from lfcal_gui.pages.h.checks_view import ChecksView
 from lfcal_gui.pages.h.model import PositionMap
 from lfcal_gui.pages.h.model_checks import (
     CheckRow,
+    InspectionRequest,
+    InspectionRun,
     QualitySettings,
+    asked_of,
     checks_of,
     count_words,
     error_map,
-    kept_of,
-    map_of,
-    picture_of,
-    summary_of,
-    worst_positions,
-)
-from lfcal_gui.pages.h.model_judge import (
-    InspectionRequest,
-    InspectionRun,
-    asked_of,
     iter_judge,
     iter_write_report,
     judged,
+    kept_of,
+    map_of,
+    picture_of,
     report_files,
+    summary_of,
+    worst_positions,
 )
 from lfcal_gui.pages.h.step_checks import step
 from lfcal_gui.saving import may_replace

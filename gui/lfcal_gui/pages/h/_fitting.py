@@ -21,8 +21,7 @@ from lfcal_gui.models import FittedCamera, ProjectState, value_in
 from lfcal_gui.pages.h.fit_view import FitView
 from lfcal_gui.pages.h.model import PositionMap
 from lfcal_gui.pages.h.model_fit import FitSettings, FitUse, Stamp, offer_of, stamp_of, use_of
-from lfcal_gui.pages.h.model_fit_run import FitRun, FoundFit, Place, asked_of, iter_fit, iter_taken
-from lfcal_gui.pages.h.model_fit_words import chi2_map
+from lfcal_gui.pages.h.model_fit_run import FitRun, FoundFit, Place, asked_of, chi2_map, iter_fit, iter_taken
 from lfcal_gui.pages.h.step_fit import step, step_as
 from lfcal_gui.saving import ask_target, may_replace
 

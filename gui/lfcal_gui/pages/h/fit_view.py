@@ -1,33 +1,320 @@
-"""The fit of the optics in the inspector: its verdict, findings and parameters, convergence, and what is fitted."""
+"""The fit of the optics: what is fitted, its verdict, findings, parameters and convergence, and its patterns."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
+import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QListWidget,
+    QListWidgetItem,
+    QProgressBar,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
 
 from lfcal.base import Progress
-from lfcal.fit import FitProgress
-from lfcal_gui.pages.h.fit_choices import ChoicesPanel
-from lfcal_gui.pages.h.model_fit_run import FoundFit
-from lfcal_gui.pages.h.model_fit_words import (
+from lfcal.fit import Fit, FitProgress
+from lfcal.tasks import FitMatrix
+from lfcal_gui.models import DisplaySettings, ProjectState, Shot, check_of, fields_of, levels_of, shown_of, typeset
+from lfcal_gui.pages.h.model_fit import HELD, START, FitSettings, Offer, group_rows
+from lfcal_gui.pages.h.model_fit_run import (
     COLUMNS,
     NUMBERS,
     SPARE,
+    FoundFit,
+    Place,
     chi2_words,
     detail_of,
     findings_of,
     merit_of,
     parameter_rows,
+    place_words,
     verdict_of,
 )
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, DecadeAxis, Folded, LinePlot, RowsTable, line, line_px, name_controls, set_role
+from lfcal_gui.widgets import (
+    LINES,
+    Contrast,
+    DecadeAxis,
+    Folded,
+    FoldedForm,
+    LinePlot,
+    Picture,
+    RowsTable,
+    WrappedLabel,
+    choice_box,
+    line,
+    line_px,
+    link,
+    name_controls,
+    set_role,
+    share_contrast,
+)
+
+NAME = Qt.ItemDataRole.UserRole
+WAYS = (("auto", "found: those that help"), ("chosen", "those chosen below"))
+
+
+class _Groups(QListWidget):
+    """A list as high as its lines, however they are wrapped."""
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Wrap the lines again."""
+        super().resizeEvent(event)
+        self.fit_height()
+
+    def fit_height(self) -> None:
+        """Be as high as all lines."""
+        self.doItemsLayout()
+        lines = [self.visualItemRect(self.item(k)) for k in range(self.count())]
+        self.setFixedHeight(lines[-1].bottom() - lines[0].top() + 2 * self.frameWidth() + 6)
+
+
+class ChoicesPanel(QWidget):
+    """Folded form of the fit: its settings and groups of unknowns.
+
+    Signals
+    -------
+    edited(key, value)
+        The user changed a value of `FitSettings`.
+    group_toggled(name, on)
+        The user switched the fit of a group of unknowns on or off.
+    """
+
+    edited = Signal(str, object)
+    group_toggled = Signal(str, bool)
+
+    def __init__(self) -> None:
+        super().__init__()
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(6)
+        column.addWidget(self._start())
+        self.unknowns = self._unknowns()
+        column.addWidget(self.unknowns)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _start(self) -> Folded:
+        frame = Folded("Patterns and start", "Positions, noise and camera that the fit begins with")
+        column = frame.column
+        self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
+        some, rare = (fields_of(FitMatrix, without=HELD, more=more) for more in (False, True))
+        self.form = FoldedForm((START, *some), rare, tip="Effects that the simulation begins with, and what H is saved")
+        self.form.check = check_of(FitMatrix)
+        self.form.edited.connect(self.edited.emit)
+        column.addWidget(self.source)
+        column.addWidget(self.form)
+        for label in (self.use, self.start, self.noise):
+            column.addWidget(label)
+        return frame
+
+    def _unknowns(self) -> Folded:
+        frame = Folded("Unknowns", "Groups of values that the fit may change in the described camera")
+        column = frame.column
+        self.way = choice_box(WAYS, "Found: the fit chooses groups that lower the error of held-out patterns")
+        self.way.setAccessibleName("choice of unknowns")
+        self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
+        self.groups = _Groups()
+        self.groups.setAccessibleName("groups of unknowns")
+        self.groups.setToolTip("Tick the groups that may differ from the description; the others are fixed")
+        for name, title, _ in group_rows():
+            item = QListWidgetItem(title)
+            item.setData(NAME, name)
+            self.groups.addItem(item)
+        self.groups.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.groups.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.groups.setWordWrap(True)
+        self.groups.setResizeMode(QListWidget.ResizeMode.Adjust)
+        self.groups.setTextElideMode(Qt.TextElideMode.ElideNone)
+        self.groups.itemChanged.connect(self._toggled)
+        self.legend = _wrapped()
+        column.addWidget(self.way)
+        column.addWidget(self.groups)
+        column.addWidget(self.legend)
+        return frame
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_source(self, name: str, offer: Offer | None, project: ProjectState) -> None:
+        """Show what the H called ``name`` offers to a fit in a project; None: it is being opened."""
+        settings = FitSettings.of(project)
+        if offer is None:
+            self.source.setText(f"{name} is being opened …")
+            for label in (self.use, self.start, self.noise):
+                label.setText("")
+            return
+        self.source.setText(offer.source_words(name))
+        self.use.setText(offer.use_words(settings.positions))
+        editor = self.form.editor("noise")
+        assert isinstance(editor, QLineEdit)
+        editor.setPlaceholderText("needed" if offer.noise is None else self.form.fields["noise"].empty)
+        _say(self.start, *offer.camera_words(settings, project.camera, project.plan))
+        _say(self.noise, *offer.noise_words(settings))
+
+    def show_settings(self, settings: FitSettings, fit: Fit | None, lacking: Mapping[str, str]) -> None:
+        """Show what the user chose; of a ``fit`` that found its groups, which they are.
+
+        Groups of ``lacking`` are grey, with what the camera would need for them.
+        """
+        values = {**shown_of(FitMatrix, vars(settings)), "camera": settings.camera}
+        self.form.set_values(values)
+        blockers = [QSignalBlocker(self.way), QSignalBlocker(self.groups)]
+        self.way.setCurrentIndex(0 if settings.auto else 1)
+        groups = fit.groups if fit is not None and settings.auto else None
+        for k, (name, title, core) in enumerate(group_rows()):
+            item, needs = self.groups.item(k), lacking.get(name, "")
+            flags, mark = Qt.ItemFlag.ItemIsEnabled, ""
+            if needs:
+                flags, mark = Qt.ItemFlag.NoItemFlags, "–  " if settings.auto else ""
+            elif settings.auto:
+                mark = ("✓  " if core else "?  ") if groups is None else ("✓  " if name in groups else "–  ")
+            else:
+                flags |= Qt.ItemFlag.ItemIsUserCheckable
+            if settings.auto:
+                item.setData(Qt.ItemDataRole.CheckStateRole, None)
+            else:
+                on = name in settings.groups and not needs
+                item.setCheckState(Qt.CheckState.Checked if on else Qt.CheckState.Unchecked)
+            item.setFlags(flags)
+            item.setText(typeset(f"{mark}{title}" + (f"\nneeds {needs}" if needs else "")))
+            always = ", always fitted where groups are found" if core else ""
+            item.setToolTip(f"{name}: {title}" + (f"; needs {needs}" if needs else always))
+        self.groups.fit_height()
+        self.legend.setText(_legend(settings, told=groups is not None))
+        self.legend.setVisible(bool(self.legend.text()))
+        for blocker in blockers:
+            blocker.unblock()
+
+    def set_running(self, running: bool) -> None:
+        """Keep choices as they are while a fit is at work."""
+        for widget in (self.form, self.way, self.groups):
+            widget.setEnabled(not running)
+
+    def _toggled(self, item: QListWidgetItem) -> None:
+        self.group_toggled.emit(item.data(NAME), item.checkState() == Qt.CheckState.Checked)
+
+
+def _legend(settings: FitSettings, *, told: bool) -> str:
+    if not settings.auto:
+        return ""
+    return "✓ fitted, – did not help" if told else "✓ always fitted, ? tried and kept if it helps"
+
+
+def _say(label: QLabel, words: str, role: str) -> None:
+    label.setText(words)
+    set_role(label, role)
+
+
+def _wrapped() -> QLabel:
+    label = WrappedLabel()
+    label.setProperty("role", "hint")
+    return label
+
+
+SIGMAS = 5.0
+"""Residuals at the ends of the colours: always the same, so that noise looks like noise."""
+
+
+class FitPictures(QWidget):
+    """Three pictures that are panned and zoomed together; measured and model share one scale."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._found: FoundFit | None = None
+        self.place: Place | None = None
+        """The position (z, y, x) that is shown."""
+        self.words = ""
+        """Where the pattern is, what became of it, and how well it is explained."""
+        self.measured, self.model = Picture(legend=False), Picture(legend=False)
+        self.residual = Picture("residual (σ of the noise)", legend=False)
+        self.views = (self.measured, self.model, self.residual)
+        link(*self.views)
+        share_contrast(self.measured, self.model)
+        self.contrast = Contrast(self.measured)
+        row = QHBoxLayout()
+        for view in self.views:
+            view.hovered.connect(self._hovered)
+            row.addWidget(view, 1)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(2)
+        column.addLayout(row, 1)
+        column.addWidget(self.contrast)
+
+    def show_fit(self, found: FoundFit | None) -> None:
+        """Show the patterns of a fit, from the first; None: nothing, and nothing of the fit is kept."""
+        if found is self._found:
+            return
+        self._found, self.place, self.words = found, None, ""
+        for view in self.views:
+            view.set_shot(None)
+
+    def show_place(self, place: Place) -> None:
+        """Show the fitted pattern that is nearest to a position (z, y, x), in its plane if that has one."""
+        found = self._found
+        if found is None:
+            return
+        own = [one for one in found.places if one[0] == place[0]] or found.places
+        self.place = nearest = min(own, key=lambda one: math.dist(one, place))
+        self.words = place_words(found, nearest)
+        measured, model = found.patterns[nearest], found.model[nearest]
+        levels = levels_of(np.stack([measured, model]))
+        name = "z{}_y{}_x{}".format(*nearest)
+        for view, image, what in ((self.measured, measured, "measured"), (self.model, model, "model")):
+            view.set_shot(Shot(image, what.capitalize(), found.unit, f"{what}_{name}", levels))
+        ends = (-SIGMAS, SIGMAS)
+        self.residual.set_shot(Shot(found.residual[nearest], "Residual", "", f"residual_{name}", ends, signed=True))
+
+    def step(self, by: int) -> Place | None:
+        """Return the position ``by`` patterns further in the plane that is shown, row by row."""
+        if self._found is None or self.place is None:
+            return None
+        own = [one for one in self._found.places if one[0] == self.place[0]]
+        return own[max(0, min(len(own) - 1, own.index(self.place) + by))]
+
+    def step_plane(self, by: int) -> Place | None:
+        """Return the nearest position in the plane ``by`` fitted planes further."""
+        if self._found is None or self.place is None:
+            return None
+        planes = sorted({one[0] for one in self._found.places})
+        z = planes[max(0, min(len(planes) - 1, planes.index(self.place[0]) + by))]
+        own = [one for one in self._found.places if one[0] == z]
+        return min(own, key=lambda one: math.dist(one, self.place or one))
+
+    def set_display(self, display: DisplaySettings) -> None:
+        """Use scaling and colours; residuals stay linear."""
+        for view in self.views[:2]:
+            view.set_display(replace(display))
+        self.contrast.update()
+
+    def _hovered(self, row: int, column: int, _: float) -> None:
+        found, place = self._found, self.place
+        if found is None or place is None or row < 0:
+            for view in self.views:
+                view.set_cross(None)
+            self.residual.set_note("")
+            return
+        for view in self.views:
+            view.set_cross(row, column)
+        a, b, c = (float(one[place][row, column]) for one in (found.patterns, found.model, found.residual))
+        off = f"{c:+.1f} σ" if found.valid[place][row, column] else "no measurement"
+        self.residual.set_note(f"t {row}, s {column}: measured {a:.5g}, model {b:.5g} {found.unit}; {off}")
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for widget in (*self.views, self.contrast):
+            widget.apply_theme()
+
 
 FLOOR = 1e-6
 """Least value that is drawn: a logarithm has no zero."""

@@ -62,7 +62,7 @@ from lfcal_gui.widgets import (
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
-    from lfcal_gui.pages.h.fit_pictures import FitPictures
+    from lfcal_gui.pages.h.fit_view import FitPictures
     from lfcal_gui.pages.h.model_fit_run import FoundFit
 
 LARGE = 200
@@ -208,7 +208,7 @@ class HPanel(QWidget):
     @cached_property
     def fitted(self) -> FitPictures:
         """The patterns of a fit; made when there is one."""
-        from lfcal_gui.pages.h.fit_pictures import FitPictures
+        from lfcal_gui.pages.h.fit_view import FitPictures
 
         made = FitPictures()
         made.set_display(self._display)

@@ -1,9 +1,9 @@
 """Multiplexing: filters, masks and lenslets in one formalism, their noise, and reconstructions from their frames.
 
 - ``page``, ``panel``; ``_pictures``: the reconstructions side by side
-- ``model``: settings, modulators; ``model_compare``: numbers and gains
-- ``model_scene``: scenes, their reconstruction; ``model_routes``: transmissions of every pixel, the camera's lattice
-- ``figures_view``: the figures of the paper; ``search_view``, ``model_search``: designs that can be made
+- ``model``: fields, settings, modulators; ``model_compare``: numbers, gains, and searches
+- ``model_scene``: scenes and frames, and their reconstruction by every route
+- ``figures_view``: the figures of the paper; ``search_view``: designs that can be made
 """
 
 from __future__ import annotations

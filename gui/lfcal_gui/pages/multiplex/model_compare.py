@@ -1,4 +1,4 @@
-"""What the Multiplexing page says of a modulator in numbers and curves. No Qt."""
+"""What the Multiplexing page says of a modulator in numbers and curves, and its searches for a better one. No Qt."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base import InputError
+from lfcal.base import Clock, InputError, Work
 from lfcal.camera import Sensor
 from lfcal.multiplex import (
+    Design,
     GainCurves,
     Modulator,
     ModulatorNumbers,
+    best_array,
+    best_printed_mask,
     camera_chi2,
     describe,
     gain_curves,
     merits,
     sensor_noise,
 )
-from lfcal_gui.pages.multiplex.model import MultiplexSettings
-from lfcal_gui.pages.multiplex.model_fields import TYPED
+from lfcal_gui.pages.multiplex.model import TYPED, MultiplexSettings
 
 MAX_SEEN = 1000
 """Pixels times samples of a modulator whose MTF is shown: larger ones take seconds."""
@@ -133,3 +135,53 @@ def _lost(lost: Mapping[str, float]) -> str:
         return "nothing"
     named = [f"{name} {100 * share:.3g} %" for name, share in list(lost.items())[:4]]
     return ", ".join(named) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
+
+
+@dataclass(frozen=True, eq=False)
+class FoundDesign:
+    """What a search found: the design, chi^2 it was made for, and lines for people."""
+
+    design: Design
+    chi2: float
+    words: tuple[tuple[str, str], ...]
+
+
+def iter_search(settings: MultiplexSettings, sensor: Sensor) -> Work[FoundDesign]:
+    """Search as a job."""
+    clock = Clock("search", 1)
+    yield clock.at(0, settings.sought)
+    chi2 = camera_chi2(sensor, gain=settings.gain)
+    if settings.sought == "mask":
+        found = best_printed_mask(
+            settings.search_size,
+            chi2,
+            levels=settings.levels,
+            crosstalk=settings.crosstalk,
+            least_light=settings.least_light,
+            starts=4,
+        )
+    else:
+        side = (2, 3) if settings.sought.endswith("3") else (2, 2)
+        letters = "RGBCMYW" if settings.crosstalk == 0 or side == (2, 2) else "RGBCMY"
+        found = best_array(
+            side,
+            chi2,
+            letters=letters,
+            crosstalk=settings.crosstalk,
+            most_kinds=settings.kinds,
+            least_light=settings.least_light,
+        )
+    yield clock.at(1)
+    return FoundDesign(found, chi2, _words(found, settings, chi2))
+
+
+def _words(found: Design, settings: MultiplexSettings, chi2: float) -> tuple[tuple[str, str], ...]:
+    over = "a pinhole" if settings.sought == "mask" else "Bayer"
+    light = float(found.modulator.matrix.mean(0).mean())
+    return (
+        ("Best", found.modulator.name.replace("_", " ")),
+        (f"Gain over {over}", f"{found.gain_db:+.3f} dB at χ² = {chi2:.4g}"),
+        ("How sure", found.certificate),
+        ("Tried", f"{found.tried}"),
+        ("Transmission τ", f"{light:.4g}"),
+    )

@@ -1,31 +1,443 @@
-"""Frames of the Multiplexing page, reconstructed by both routes. No Qt."""
+"""Scenes and frames of the Multiplexing page, reconstructed by both routes. No Qt."""
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, Work, format_seconds
+from lfcal.base import Clock, FileFormatError, InputError, LfcalError, Work, format_seconds, map_npy, storage_errors
 from lfcal.camera import Camera, Sensor
+from lfcal.frames import read_image
+from lfcal.frames.corrections import read_average
+from lfcal.lattice import FrameLattice, LatticeFit, ViewGrid, cropped, fit_lattice, lattice_of
 from lfcal.multiplex import (
     Modulator,
+    black_level_map,
     channel_grid,
+    colour_edges,
     demultiplex,
     demultiplex_lattice,
+    filament_light_field,
     is_straight,
     iter_demultiplex_generally,
+    lattice_transmissions,
+    multiplex,
     pixel_weights,
+    sample_places,
+    view_edges,
+    zone_plate,
 )
-from lfcal_gui.pages.multiplex import model_routes as routes
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
-from lfcal_gui.pages.multiplex.model_frames import Seen, recorded
+
+SCENE_SIDE = 240
+SCENE_CELLS = 12
+FEWEST_CELLS = 6
+MOST_SHARES = 10_000_000
+"""Transmissions of a built-in scene on the lattice."""
+
+MOST_SOLVED = 64_000_000
+"""Transmissions that the general route takes here: half a gigabyte."""
+
+OF_FRAMES = "frames:"
+"""Before the path of a white image that is that of Record > Folder: it counts for frames of its size only."""
 
 Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class FramePart:
+    """Where a frame lies in the whole one: its first pixel (row, column), and the whole's shape."""
+
+    corner: tuple[int, int]
+    whole: tuple[int, int]
+
+    def cut(self, image: Array, shape: tuple[int, ...]) -> Array:
+        """Return the same part of a whole image or of a stack of them."""
+        (top, left), (rows, columns) = self.corner, shape
+        return image[..., top : top + rows, left : left + columns]
+
+
+def dead_pixels(path: str, part: FramePart, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return where the map at ``path`` marks dead pixels of a frame that is a part of the whole."""
+    marked = read_image(path)
+    if marked.shape != part.whole:
+        raise InputError.expected("dead pixels", f"{part.whole} px", marked.shape, "use the frame's own camera's")
+    return np.asarray(part.cut(marked, shape) != 0)
+
+
+def shares_of(
+    settings: MultiplexSettings, modulator: Modulator, part: FramePart | None, shape: Any
+) -> Array | Modulator:
+    """Return the weight of each sample in each pixel, from the file of transmissions or from the modulator."""
+    if not settings.transmissions:
+        _check_count(modulator.count, shape)
+        return modulator
+    found = _transmissions(settings.transmissions)
+    if part is None:
+        part = FramePart(_middle(found.shape[1:], shape), (found.shape[1], found.shape[2]))
+    if found.shape[1:] != part.whole:
+        raise InputError.expected("transmissions", f"(N, {part.whole})", found.shape, "one per pixel of the frame")
+    _check_count(len(found), shape)
+    shares = np.asarray(part.cut(found, shape), float)
+    if not np.isfinite(shares).all():
+        raise InputError.expected("transmissions", "finite numbers", "NaN or infinity", "write 0 for dead pixels")
+    return shares
+
+
+def _check_count(samples: int, shape: tuple[int, ...]) -> None:
+    if samples * math.prod(shape) > MOST_SOLVED:
+        most = MOST_SOLVED // math.prod(shape)
+        raise InputError.expected(
+            "samples of the general route", f"up to {most} for this frame", samples, "copy the command and run it"
+        )
+
+
+def _transmissions(path: str) -> Array:
+    found = map_npy(path)
+    if found.ndim != 3 or not found.size:
+        raise InputError.expected("transmissions", "(N, rows, columns)", found.shape, "one plane per sample")
+    return found
+
+
+def _middle(whole: tuple[int, ...], shape: tuple[int, ...]) -> tuple[int, int]:
+    return (whole[0] - shape[0]) // 2, (whole[1] - shape[1]) // 2
+
+
+def scene_behind(settings: MultiplexSettings, modulator: Modulator) -> tuple[Array, Array]:
+    """Return a built-in scene ``(N, rows, columns)`` and its frame behind the middle of the file's transmissions."""
+    whole = _transmissions(settings.transmissions).shape
+    shape = (min(whole[1], SCENE_SIDE), min(whole[2], SCENE_SIDE))
+    shares = np.asarray(shares_of(settings, modulator, None, shape))
+    drawn = colour_edges(shape) if settings.scene == "edges" else zone_plate(shape, 0.2)
+    scene = np.stack([np.roll(drawn[k % 3], 7 * (k // 3), axis=1) for k in range(whole[0])])
+    return scene, np.asarray((shares * scene).sum(0))
+
+
+def at_nodes(scene: Array, nodes: tuple[int, ...]) -> Array:
+    """Return a scene at the nodes of the general route, which lie in the middle of their pixels."""
+    places = [(np.arange(n) + 0.5) * size / n - 0.5 for n, size in zip(nodes, scene.shape[1:], strict=True)]
+    return _sampled(scene, np.stack(np.meshgrid(*places, indexing="ij"), -1).reshape(-1, 2), nodes)
+
+
+def at_samples(scene: Array, grid: ViewGrid) -> Array:
+    """Return a scene at the samples of views."""
+    return _sampled(scene, sample_places(grid), grid.shape)
+
+
+def _sampled(scene: Array, places: Array, shape: tuple[int, ...]) -> Array:
+    from scipy.ndimage import map_coordinates
+
+    planes = [map_coordinates(plane, places.T, order=1, mode="nearest") for plane in scene]
+    return np.array(planes).reshape(-1, *shape)
+
+
+def white_of(project: ProjectState) -> str:
+    """Return the white image (or a folder of them) for the lattice: that of the page, else that of Folder."""
+    own = MultiplexSettings.of(project).white
+    frames = project.settings.get("frames")
+    if own or not isinstance(frames, Mapping):
+        return own
+    white = frames.get("white", "")
+    return OF_FRAMES + white if isinstance(white, str) and white else ""
+
+
+def measured_in(project: ProjectState) -> str:
+    """Return the white image that defines the lattice of an opened frame; empty: the camera defines it."""
+    white, image = white_of(project), MultiplexSettings.of(project).image
+    if not white.startswith(OF_FRAMES):
+        return white
+    path = white.removeprefix(OF_FRAMES)
+    try:
+        same = _measured(path, _stamp(path)).shape == read_image(image).shape
+    except LfcalError:
+        return ""
+    return path if same else ""
+
+
+def frame_lattice(
+    white: str, camera: Camera, part: FramePart | None, shape: tuple[int, int]
+) -> tuple[FrameLattice, str]:
+    """Return the lattice under a frame, and in words where it comes from.
+
+    It is measured in a white image where there is one (`white_of`), and else the camera's; a built-in scene lies in the
+    middle of the sensor.
+
+    Raises
+    ------
+    InputError
+        If the frame is not the camera's, or the white image of another size or without a lattice.
+    """
+    path = white.removeprefix(OF_FRAMES)
+    if part is not None and path:
+        fit = _measured(path, _stamp(path))
+        if fit.shape == part.whole:
+            return cropped(fit, shape, part.corner), f"lattice measured in {Path(path).name}"
+        if path == white:
+            raise InputError.expected(
+                "white image", f"the {part.whole} px of the frame", fit.shape, "choose one of the same camera"
+            )
+    sensor = camera.sensor.shape
+    if part is not None and part.whole != sensor:
+        raise InputError.expected(
+            "frame", f"the {sensor} px of the project's camera", part.whole, "open a whole frame of this camera"
+        )
+    corner = _middle(sensor, shape) if part is None else part.corner
+    return lattice_of(camera, shape, corner), f"lattice of {camera.name}, {camera.marks['lattice.pitch_um']}"
+
+
+def _stamp(path: str) -> int:
+    with storage_errors(Path(path)):
+        return Path(path).stat().st_mtime_ns
+
+
+@lru_cache(maxsize=2)
+def _measured(path: str, _: int) -> LatticeFit:
+    """Return the lattice of a white image or of the mean of a folder of them, measured once while it is unchanged."""
+    return fit_lattice(read_average(path))
+
+
+def lattice_scene(settings: MultiplexSettings, modulator: Modulator, camera: Camera) -> tuple[Array, Array]:
+    """Return a built-in light field at every pixel, and its frame behind the modulator on the camera's lattice."""
+    if modulator.side != modulator.cell or modulator.views[0] != modulator.views[1]:
+        raise InputError.expected(
+            "modulator on a lattice", "one super-pixel of a light field", modulator.name, "choose a mask or lenslets"
+        )
+    shape = _scene_shape(modulator, camera)
+    lattice = frame_lattice("", camera, None, shape)[0]
+    shares = lattice_transmissions(shape, lattice, modulator)
+    cells = (math.ceil(shape[0] / modulator.views[0]), math.ceil(shape[1] / modulator.views[0]))
+    if settings.scene == "edges":
+        light = view_edges(modulator.views[0], cells)
+    else:
+        light = filament_light_field(modulator.views[0], cells, np.random.default_rng(7))
+    light = light[:, : shape[0], : shape[1]]
+    return light, np.asarray((shares * (_gathered(light, lattice) if modulator.lenslets else light)).sum(0))
+
+
+def _gathered(light: Array, lattice: FrameLattice) -> Array:
+    """Return what a lenslet gives each pixel behind it: the mean over its area, here that of a box."""
+    from scipy.ndimage import uniform_filter
+
+    return np.asarray(uniform_filter(light, (0, round(lattice.row_pitch_px), round(lattice.pitch_px)), mode="nearest"))
+
+
+def _scene_shape(modulator: Modulator, camera: Camera) -> tuple[int, int]:
+    """Return rows and columns of a dozen super-pixels, fewer where there are many views."""
+    lattice, sensor = lattice_of(camera), camera.sensor.shape
+    pitch = max(lattice.pitch_px, lattice.row_pitch_px)
+    most = min(SCENE_CELLS * pitch, math.sqrt(MOST_SHARES / modulator.count))
+    if most < FEWEST_CELLS * pitch:
+        raise InputError.expected(
+            "mask for a built-in scene on this lattice",
+            f"up to {int(MOST_SHARES / (FEWEST_CELLS * pitch) ** 2)} views",
+            modulator.count,
+            "choose a smaller one, or open a recorded frame",
+        )
+    return min(sensor[0], round(most)), min(sensor[1], round(most))
+
+
+CFA_SIDE = 240
+SCENE_VALUES = 4_000_000
+LARGEST = 1536
+"""Side of the middle part taken of an opened image or a live frame (px)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A recorded frame.
+
+    Attributes
+    ----------
+    frame
+        ``(rows, columns)``, less the level of no light.
+    words
+        What it is.
+    truth
+        The scene at every pixel, None where it is not known.
+    part
+        Of what it is a part; None for built-in scenes.
+    level
+        Level of no light that was taken off: a number, or one per pixel.
+    """
+
+    frame: Array = field(repr=False)
+    words: str
+    truth: Array | None = field(default=None, repr=False)
+    part: FramePart | None = None
+    level: Any = 0.0
+
+
+def recorded(
+    settings: MultiplexSettings,
+    modulator: Modulator,
+    sensor: Sensor,
+    live: tuple[Array, tuple[int, int]] | None,
+    camera: Camera | None,
+) -> Seen:
+    """Return what the sensor recorded behind the modulator; parameters as in `model_scene`."""
+    if settings.scene == "live":
+        if live is None:
+            raise InputError("scene: no live frame yet; switch the live view of Record > Rig on")
+        return _from_live(live[0], live[1], modulator.side, sensor)
+    if settings.scene == "image":
+        return _from_file(settings, modulator, sensor.black_level if settings.weighted else 0.0)
+    frame: Array | None = None
+    if settings.route == "lattice" and camera is not None:
+        truth, frame = lattice_scene(settings, modulator, camera)
+    elif settings.route == "general" and settings.transmissions:
+        truth, frame = scene_behind(settings, modulator)
+    else:
+        truth = scene_of(settings.scene, modulator)
+        frame = multiplex(truth, modulator)
+    words = "built-in scene"
+    if settings.noise:
+        frame, words = noisy(frame, sensor, settings.gain, np.random.default_rng(1)), f"{words} with camera noise"
+    return Seen(frame, f"{words}, {_sized(frame.shape)}", truth)
+
+
+def _sized(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} × {shape[0]} px"
+
+
+def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
+    """Return a built-in scene ``(N, rows, columns)`` of whole super-pixels: ``"edges"`` or ``"smooth"``."""
+    if modulator.views == (1, 1):
+        rows, columns = (math.ceil(CFA_SIDE / n) * n for n in modulator.side)
+        shown = colour_edges((rows, columns)) if kind == "edges" else zone_plate((rows, columns), 0.2)
+        return shown if modulator.colours == ("R", "G", "B") else _told_apart(shown, modulator)
+    views, step = modulator.views[0], modulator.side[0] // modulator.cell[0]
+    if modulator.cell == (1, 1):
+        step = max(1, modulator.side[0] // views)
+    cells = min(48, math.isqrt(SCENE_VALUES // (modulator.count * views * views))) // step * step
+    if cells < FEWEST_CELLS:
+        raise InputError.expected(
+            "size for a built-in scene (px)",
+            "up to 17, fewer with colours",
+            views,
+            "choose a smaller one, or open a recorded frame",
+        )
+    if kind == "edges":
+        light = view_edges(views, (cells, cells))
+    else:
+        light = filament_light_field(views, (cells, cells), np.random.default_rng(7))
+    if not modulator.colours:
+        return light
+    tint = _told_apart(colour_edges(light.shape[1:]), modulator)
+    return np.asarray((light[:, None] * tint[: len(modulator.colours)]).reshape(-1, *light.shape[1:]))
+
+
+def _told_apart(shown: NDArray[np.float64], modulator: Modulator) -> NDArray[np.float64]:
+    """Return one plane per sample of a direction, all with different shapes, made from planes of three colours.
+
+    Stokes parameters are a share of S0, so that the light exists.
+    """
+    names = modulator.colours or ("light",)
+    planes = np.stack([np.roll(shown[k % 3], 7 * (k // 3), axis=1) for k in range(len(names))])
+    if any(name.startswith("S0") for name in names):
+        stokes = [not name.startswith("S0") for name in names]
+        planes[stokes] = 0.5 * planes[stokes] * shown.mean(0) - 0.1
+    return planes
+
+
+def opened(path: str) -> tuple[Array | None, Array | None, str]:
+    """Return an image file as a scene ``(3, rows, columns)`` in 0 … 1 or as a frame, and what the file says of it."""
+    seen = _opened(path, (1, 1))
+    return (None, seen.frame, seen.words) if seen.truth is None else (seen.truth, None, seen.words)
+
+
+def is_frame(path: str) -> bool:
+    """Return whether a file is there and holds grey values as a sensor records them."""
+    from lfcal.frames import open_image
+
+    try:
+        open_image(path).close()
+    except LfcalError:
+        return False
+    return True
+
+
+def _opened(path: str, side: tuple[int, int], dark: float = 0.0) -> Seen:
+    """Return the middle of an image file, from a whole super-pixel on; ``dark``: black level where it states none."""
+    from lfcal.frames import open_image, read_image
+
+    try:
+        image = open_image(path)
+    except FileFormatError as error:
+        try:
+            planes = np.stack([read_image(path, colour=c) for c in "RGB"])
+        except (FileFormatError, InputError):
+            raise error from None
+        part = _part(planes.shape[1:], (0, 0), side)
+        scene = np.asarray(_cut(planes, part), np.float32)
+        return Seen(scene[0], "colour image", scene / (float(scene.max()) or 1.0), part)
+    try:
+        frame, cfa = image.read(0), str(image.metadata.get("cfa", ""))
+        level = black_level_map(image.metadata.get("black_level", dark), frame.shape)
+    finally:
+        image.close()
+    part = _part(frame.shape, (0, 0), side)
+    black = _cut(level, part) if level.ndim else level
+    light = np.asarray(_cut(frame, part), np.float32) - black.astype(np.float32)
+    return Seen(light, f"frame with filters {cfa}" if cfa else "frame", None, part, black)
+
+
+def _part(shape: tuple[int, ...], first: tuple[int, int], side: tuple[int, int]) -> FramePart:
+    """Return the middle part of a frame, from a whole super-pixel on; these begin at the sensor's corner.
+
+    ``first`` is the sensor's pixel of the frame's first one.
+    """
+    start = [max(0, n - LARGEST) // 2 for n in shape]
+    top, left = (s + -(s + f) % p for s, f, p in zip(start, first, side, strict=True))
+    return FramePart((top, left), (shape[0], shape[1]))
+
+
+def _cut(image: Array, part: FramePart) -> Array:
+    return part.cut(image, (LARGEST, LARGEST))
+
+
+def _from_live(frame: Array, first: tuple[int, int], side: tuple[int, int], sensor: Sensor) -> Seen:
+    part, level = _part(frame.shape, first, side), sensor.black_level
+    light = np.asarray(_cut(frame, part), np.float32) - np.float32(level)
+    corner = (first[0] + part.corner[0], first[1] + part.corner[1])
+    return Seen(light, f"live frame, {_sized(light.shape)}", None, FramePart(corner, sensor.shape), level)
+
+
+def _from_file(settings: MultiplexSettings, modulator: Modulator, dark: float) -> Seen:
+    if not settings.image:
+        raise InputError("scene: no image yet; open one, or choose a built-in scene")
+    seen = _opened(settings.image, modulator.side, dark)
+    assert seen.part is not None  # of the file
+    shape = seen.frame.shape
+    words = f"{seen.words}, {_sized(shape)}"
+    if shape != seen.part.whole:
+        words = f"{seen.words}, the middle {_sized(shape)} of {_sized(seen.part.whole)} (a copied command takes all)"
+    if seen.truth is None:
+        return replace(seen, words=words)
+    only_frames = settings.route == "lattice" or (settings.route == "general" and settings.transmissions)
+    if only_frames or modulator.count != len(seen.truth):
+        raise InputError.expected(
+            "opened image",
+            "a grey frame recorded behind this modulator",
+            seen.words,
+            "choose colour filters, or open a grey frame",
+        )
+    return Seen(multiplex(seen.truth, modulator), words, seen.truth, seen.part)
+
+
+def noisy(frame: Array, sensor: Sensor, gain: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return ``frame`` with shot and read noise of a sensor whose full scale its brightest pixel fills."""
+    scale = sensor.full_well_e / gain / (float(frame.max()) or 1.0)
+    electrons = rng.poisson(np.maximum(frame, 0) * scale) + sensor.read_noise_e * rng.standard_normal(frame.shape)
+    return np.asarray(electrons / scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +540,7 @@ def _iter_cells(
 def _iter_general(
     settings: MultiplexSettings, modulator: Modulator, seen: Seen, sensor: Sensor, _: Camera | None
 ) -> Work[Reconstructions]:
-    shares = routes.shares_of(settings, modulator, seen.part, seen.frame.shape)
+    shares = shares_of(settings, modulator, seen.part, seen.frame.shape)
     own = not isinstance(shares, Modulator)
     count = len(shares) if isinstance(shares, np.ndarray) else modulator.count
     spacing = settings.spacing or math.sqrt(count)
@@ -137,7 +549,7 @@ def _iter_general(
         seen.frame, shares, spacing, weights=_weights(settings, seen, sensor), smoothness=settings.smoothness
     )
     seconds = time.perf_counter() - start
-    truth = None if seen.truth is None else routes.at_nodes(seen.truth, found.samples.shape[1:])
+    truth = None if seen.truth is None else at_nodes(seen.truth, found.samples.shape[1:])
     error = None if truth is None else rms_error(found.samples, truth, (1, 1))
     names = tuple(f"sample {k}" for k in range(count)) if own else modulator.sample_names
     told = f"{found.iterations} iterations, residual {found.residual:.1e}, {found.operations:.1e} multiply-adds"
@@ -152,9 +564,9 @@ def _iter_lattice(
     assert camera is not None  # the frame was taken with it
     clock, shape = Clock("reconstruct", 2), (seen.frame.shape[0], seen.frame.shape[1])
     yield clock.at(0, "lattice")
-    lattice, source = routes.frame_lattice(settings.white, camera, seen.part, shape)
+    lattice, source = frame_lattice(settings.white, camera, seen.part, shape)
     grid = channel_grid(shape, lattice, modulator.side, spacing_px=None)
-    truth = None if seen.truth is None else routes.at_samples(seen.truth, grid)
+    truth = None if seen.truth is None else at_samples(seen.truth, grid)
     weights = _weights(settings, seen, sensor)
     spatial: dict[str, Any] = {"filter": settings.filter} if weights is None else {"weights": weights}
     ways = [("Spatial, weighted" if weights is not None else f"Spatial, {settings.filter}", seen.frame, spatial)]
@@ -190,7 +602,7 @@ def _weights(settings: MultiplexSettings, seen: Seen, sensor: Sensor) -> Array |
     if seen.part is None or not (weighted or settings.dead):
         return None
     shape = seen.frame.shape
-    dead = routes.dead_pixels(settings.dead, seen.part, shape) if settings.dead else np.zeros(shape, bool)
+    dead = dead_pixels(settings.dead, seen.part, shape) if settings.dead else np.zeros(shape, bool)
     if not weighted:
         return np.where(dead, 0.0, 1.0)
     raw = seen.frame + np.asarray(seen.level, np.float32)

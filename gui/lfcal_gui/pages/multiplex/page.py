@@ -17,12 +17,9 @@ from lfcal_gui.models import PageSpec, ProjectState
 from lfcal_gui.pages.multiplex import model as view
 from lfcal_gui.pages.multiplex import takes
 from lfcal_gui.pages.multiplex.figures_view import Drawing
-from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings
+from lfcal_gui.pages.multiplex.model import IMAGES, ModulatorPicture, MultiplexSettings
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, compare
-from lfcal_gui.pages.multiplex.model_fields import IMAGES
-from lfcal_gui.pages.multiplex.model_frames import opened
-from lfcal_gui.pages.multiplex.model_routes import white_of
-from lfcal_gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct
+from lfcal_gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, opened, white_of
 from lfcal_gui.pages.multiplex.panel import MultiplexPanel
 from lfcal_gui.pages.multiplex.search_view import Searching
 

@@ -29,9 +29,8 @@ from PySide6.QtWidgets import (
 from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex._pictures import MultiplexPictures
 from lfcal_gui.pages.multiplex.figures_view import FiguresView
-from lfcal_gui.pages.multiplex.model import ModulatorPicture, MultiplexSettings, used_by, why_unused
+from lfcal_gui.pages.multiplex.model import BASIC, FIELDS, ModulatorPicture, MultiplexSettings, used_by, why_unused
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, number
-from lfcal_gui.pages.multiplex.model_fields import BASIC, FIELDS
 from lfcal_gui.pages.multiplex.search_view import SearchView
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (

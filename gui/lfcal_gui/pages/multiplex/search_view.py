@@ -13,9 +13,8 @@ from lfcal.multiplex import parse_pattern, save_modulator
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import ProjectState, Shot
-from lfcal_gui.pages.multiplex.model import MultiplexSettings
-from lfcal_gui.pages.multiplex.model_fields import SEARCH_FIELDS, TYPED
-from lfcal_gui.pages.multiplex.model_search import FoundDesign, iter_search
+from lfcal_gui.pages.multiplex.model import SEARCH_FIELDS, TYPED, MultiplexSettings
+from lfcal_gui.pages.multiplex.model_compare import FoundDesign, iter_search
 from lfcal_gui.saving import ask_target
 from lfcal_gui.widgets import FoldedForm, Picture, card, set_role
 

@@ -6,10 +6,8 @@ from pathlib import Path
 
 from lfcal.base import InputError
 from lfcal_gui.models import CAMERA_FILE, CommandStep, ProjectState, options_of
-from lfcal_gui.pages.multiplex.model import MultiplexSettings
-from lfcal_gui.pages.multiplex.model_fields import TYPED
-from lfcal_gui.pages.multiplex.model_frames import is_frame
-from lfcal_gui.pages.multiplex.model_routes import measured_in
+from lfcal_gui.pages.multiplex.model import TYPED, MultiplexSettings
+from lfcal_gui.pages.multiplex.model_scene import is_frame, measured_in
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:

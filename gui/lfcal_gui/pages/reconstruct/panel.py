@@ -21,7 +21,7 @@ from lfcal.reconstruct import PHANTOMS, SOLVERS
 from lfcal_gui.base_page import EmptyState
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import cutout_of, unbroken
-from lfcal_gui.pages.reconstruct._export_card import ExportCard
+from lfcal_gui.pages.reconstruct._exporting import ExportCard
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import BASIC, DEVICE, FIELDS, NO_DEVICE, ReconstructSettings, used_by
 from lfcal_gui.widgets import (

@@ -28,9 +28,17 @@ from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by, why_unused
 from lfcal_gui.pages.multiplex.model_compare import compare, number
-from lfcal_gui.pages.multiplex.model_frames import noisy, opened, scene_of
-from lfcal_gui.pages.multiplex.model_routes import measured_in, white_of
-from lfcal_gui.pages.multiplex.model_scene import Reconstructions, iter_reconstruct, rms_error, shown
+from lfcal_gui.pages.multiplex.model_scene import (
+    Reconstructions,
+    iter_reconstruct,
+    measured_in,
+    noisy,
+    opened,
+    rms_error,
+    scene_of,
+    shown,
+    white_of,
+)
 
 SENSOR = Sensor(full_well_e=10_000, read_noise_e=10)
 
@@ -390,7 +398,7 @@ def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
 
     monkeypatch.setattr(lfcal.frames, "open_image", stating)
     # a larger frame is worked on in its middle
-    monkeypatch.setattr("lfcal_gui.pages.multiplex.model_frames.LARGEST", 176)
+    monkeypatch.setattr("lfcal_gui.pages.multiplex.model_scene.LARGEST", 176)
     settings = MultiplexSettings(cfa="typed", pattern="GRBG", scene="image", weighted=True, **files)
     found = reconstruct(settings)
     light = frame - np.tile([[10.0, 20.0], [30.0, 40.0]], (120, 121))[:, :241]

@@ -18,7 +18,7 @@ from lfcal_gui.models.gathering import exported_to
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.models.verdict import verdict_of, with_verdict
 from lfcal_gui.pages.reconstruct import _exporting
-from lfcal_gui.pages.reconstruct._export_card import ExportCard
+from lfcal_gui.pages.reconstruct._exporting import ExportCard
 from lfcal_gui.pages.reconstruct.export_model import ExportSettings
 from lfcal_gui.window import MainWindow
 from tests.gui.pages.reconstruct.test_export_model import incomplete, matrix

@@ -21,8 +21,16 @@ from lfcal_gui.models.fitted import FittedCamera
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.h.checks_view import ChecksView
-from lfcal_gui.pages.h.model_checks import CheckRow, QualitySettings, checks_of, worst_positions
-from lfcal_gui.pages.h.model_judge import InspectionRequest, InspectionRun, asked_of, iter_judge
+from lfcal_gui.pages.h.model_checks import (
+    CheckRow,
+    InspectionRequest,
+    InspectionRun,
+    QualitySettings,
+    asked_of,
+    checks_of,
+    iter_judge,
+    worst_positions,
+)
 from lfcal_gui.pages.h.page import Page
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle

@@ -15,8 +15,7 @@ from lfcal.psf import PSFMatrix, save
 from lfcal_gui.models.comparison import both_at, plane_of_row
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
-from lfcal_gui.pages.h.model_checks import QualitySettings
-from lfcal_gui.pages.h.model_judge import InspectionRequest, InspectionRun, asked_of, iter_judge
+from lfcal_gui.pages.h.model_checks import InspectionRequest, InspectionRun, QualitySettings, asked_of, iter_judge
 from lfcal_gui.pages.h.page import Page
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle

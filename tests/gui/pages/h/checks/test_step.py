@@ -19,8 +19,15 @@ from lfcal_gui.models.comparison import CompareRequest, compare_step
 from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import stamp_of
-from lfcal_gui.pages.h.model_checks import FIELDS, HELD, QualitySettings
-from lfcal_gui.pages.h.model_judge import InspectionRun, asked_of, iter_judge, iter_write_report
+from lfcal_gui.pages.h.model_checks import (
+    FIELDS,
+    HELD,
+    InspectionRun,
+    QualitySettings,
+    asked_of,
+    iter_judge,
+    iter_write_report,
+)
 from lfcal_gui.pages.h.step_checks import step
 from tests.cli import conftest
 from tests.cli.test_inspect_units import alike

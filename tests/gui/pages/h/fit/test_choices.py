@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.pages.h.fit_choices import ChoicesPanel
+from lfcal_gui.pages.h.fit_view import ChoicesPanel
 
 
 def test_all_unknowns_are_seen_without_a_scroll_bar_of_their_own(qtbot: QtBot) -> None:

@@ -23,10 +23,13 @@ from lfcal.simulate.effects import Crosstalk, Zernike
 from lfcal.simulate.simulate import simulate_psf
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.h.model_fit import FitSettings, group_rows, offer_of, stamp_of, use_of
-from lfcal_gui.pages.h.model_fit_run import FitRun, FoundFit, asked_of, iter_fit
-from lfcal_gui.pages.h.model_fit_words import (
+from lfcal_gui.pages.h.model_fit_run import (
+    FitRun,
+    FoundFit,
+    asked_of,
     detail_of,
     findings_of,
+    iter_fit,
     merit_of,
     parameter_rows,
     place_words,

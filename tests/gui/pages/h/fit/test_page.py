@@ -24,8 +24,7 @@ from lfcal_gui.models.page import PageState
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.h import PAGE
 from lfcal_gui.pages.h.model_fit import FitSettings, group_rows
-from lfcal_gui.pages.h.model_fit_run import FitRun, FoundFit
-from lfcal_gui.pages.h.model_fit_words import chi2_map
+from lfcal_gui.pages.h.model_fit_run import FitRun, FoundFit, chi2_map
 from lfcal_gui.pages.h.page import Page
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from lfcal_gui.window import MainWindow
