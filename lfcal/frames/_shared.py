@@ -7,7 +7,7 @@ from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
 from lfcal.frames.channels import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.damage import SelectedSource, frame_errors
 from lfcal.frames.described import stated_noise
-from lfcal.frames.formats import split_dataset
+from lfcal.frames.formats import split_dataset, stacks_in
 from lfcal.frames.half_cell import with_partners
 from lfcal.frames.opening import COMPONENTS, RECORDINGS, SOURCES, TABLES, files_of, open_component
 from lfcal.frames.orientation import AUTO, CHECK
@@ -56,6 +56,7 @@ __all__ = [
     "part_refusal",
     "pattern_side",
     "split_dataset",
+    "stacks_in",
     "stated_noise",
     "stated_origin",
     "with_partners",

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
 
 from lfcal.base.errors import FileFormatError, InputError
+from lfcal.camera import ScanPlan
 from lfcal.frames import open_frames, scan_positions
+from tests.frames.lists.scans import small_camera
 
 STACK = np.random.default_rng(0).integers(0, 4000, (2, 3, 4, 12, 15)).astype(np.uint16)  # z, y, x, row, column
 
@@ -65,3 +69,51 @@ def test_more_axes_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "many.ome.tif", stack, "TZCAYX", ome=True)
     with pytest.raises(FileFormatError, match="axes of the pages: expected three or fewer, got TZCA"):
         open_frames(path)
+
+
+LAST: dict[str, Callable[[Path, Any], object]] = {
+    "last.npy": lambda path, stack: np.save(path, stack),
+    "last.h5": lambda path, stack: h5py.File(path, "w").create_dataset("frames", data=stack).file.close(),
+    "last.tif": lambda path, stack: tifffile.imwrite(path, stack, photometric="minisblack"),
+}
+
+
+@pytest.mark.parametrize("name", LAST)
+def test_frames_along_the_last_axis(tmp_path: Path, name: str) -> None:
+    """Programs that store (row, column, frame), after gms_plugin_hdf5#2."""
+    plan = ScanPlan(small_camera(), (3, 4), (9, 11), (-4e4, -2e4, 0.0, 1e4, 2e4), (20, 20))
+    frames = np.random.default_rng(2).integers(0, 4000, (60, *plan.camera.sensor.shape)).astype(np.uint16)
+    LAST[name](tmp_path / name, np.ascontiguousarray(np.moveaxis(frames, 0, -1)))
+    with open_frames(tmp_path / name, order="raster", plan=plan) as source:
+        assert any("60 along the last axis" in note for note in source.metadata.notes)
+        for k in (59, 0, 7):
+            np.testing.assert_array_equal(source.read(k), frames[k])
+            region = (slice(2, 9), slice(1, 4))
+            np.testing.assert_array_equal(source.read(k, region), frames[k][region])
+    # there are fewer rows than positions: without a sensor it may also be a scan that stopped early
+    with pytest.raises(FileFormatError, match="60 frames along one axis, got 40 along the first and 60 along the last"):
+        open_frames(tmp_path / name, order="raster", plan_shape=plan.shape[:3])
+
+
+def test_the_first_axis_wins_where_both_fit_and_a_large_stack_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.save(tmp_path / "both.npy", STACK.reshape(24, 12, 15)[:12, :, :12])
+    with open_frames(tmp_path / "both.npy", order="raster", plan_shape=(1, 3, 4)) as source:
+        np.testing.assert_array_equal(source.read(3), STACK.reshape(24, 12, 15)[3, :, :12])
+    np.save(tmp_path / "last.npy", np.moveaxis(STACK.reshape(24, 12, 15)[:6], 0, -1))
+    monkeypatch.setattr("lfcal.frames.formats._axes.LARGEST", 1000)
+    with pytest.raises(InputError, match=r"frames along the last axis: expected at most .*numpy\.moveaxis"):
+        open_frames(tmp_path / "last.npy", order="raster", plan_shape=(1, 2, 3))
+
+
+@pytest.mark.parametrize("shape", [(12, 1, 12, 15), (1, 12, 12, 15), (12, 12, 15, 1)])
+@pytest.mark.parametrize("name", ["a.npy", "a.h5"])
+def test_one_axis_of_length_1_is_left_out(tmp_path: Path, name: str, shape: tuple[int, ...]) -> None:
+    """Deep-learning code stores (frame, channel, row, column), after dipy#3112 and MouseLand/suite2p#701."""
+    frames = STACK[0].reshape(12, 12, 15)
+    LAST[name.replace("a.", "last.")](tmp_path / name, frames.reshape(shape))
+    with open_frames(tmp_path / name, order="raster", plan_shape=(1, 3, 4)) as source:
+        for k in (0, 5, 11):
+            np.testing.assert_array_equal(source.read(k), frames[k])
+            np.testing.assert_array_equal(source.read(k, (slice(1, 5), slice(3, 9))), frames[k, 1:5, 3:9])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, check_region
 from lfcal.base.h5 import H5File
+from lfcal.frames.formats._axes import used_axes
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 
-__all__ = ["Hdf5Image"]
+__all__ = ["Hdf5Image", "stacks_in"]
 
 _COMPRESSING = {1: "deflate", 32000: "lzf", 32001: "blosc", 32004: "lz4", 32008: "bitshuffle", 32015: "zstd"}
 """Names of the compression filters, by their numbers."""
@@ -63,12 +65,13 @@ class Hdf5Image(ImageFile):
     def _open(self, name: str | None) -> None:
         name = self._choose() if name is None else name
         self._data = self._file.dataset(name)
-        shape = self._data.shape
+        self._axes = used_axes(self._data.shape)
+        shape = tuple(self._data.shape[axis] for axis in self._axes)
         if len(shape) not in (3, 5) or 0 in shape or self._data.dtype.kind not in "iuf":
             raise FileFormatError.expected(
                 f"{self.path}:/{name}",
                 "numbers with axes (frame, row, column) or (z, y, x, row, column)",
-                f"{self._data.dtype} {shape}",
+                f"{self._data.dtype} {self._data.shape}",
                 "name another dataset",
             )
         self._lead = shape[:-2]
@@ -93,10 +96,10 @@ class Hdf5Image(ImageFile):
     def _choose(self) -> str:
         if "frames" in self._file:
             return "frames"
-        if (signal := self._signal()) and len(self._file.dataset(signal).shape) in (3, 5):
+        if (signal := self._signal()) and _is_stack(self._file.dataset(signal).shape):
             return signal
-        stacks = {name: shape for name, shape in self._file.datasets().items() if len(shape) in (3, 5)}
-        found = [name for name in stacks if not _CALIBRATION.search(name)] or list(stacks)
+        stacks = _stacks(self._file)
+        found = _candidates(stacks)
         self._others = [name for name in stacks if name not in found]
         if len(found) != 1:
             got = ", ".join(f"/{name} {stacks[name]}" for name in found[:8]) or "none"
@@ -139,14 +142,40 @@ class Hdf5Image(ImageFile):
         """Return a part of one frame; only the chunks that it touches are read."""
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead)
+        used: dict[int, int | slice] = dict(zip(self._axes, (*(int(k) for k in at), rows, columns), strict=True))
         with self._lock:
-            part = self._data.read((*(int(k) for k in at), rows, columns))
+            part = self._data.read(tuple(used.get(axis, 0) for axis in range(self._data.ndim)))
         return check_samples(self.path, np.ascontiguousarray(part, self.dtype))
 
     def close(self) -> None:
         """Close the file."""
         with self._lock:
             self._file.close()
+
+
+def stacks_in(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return name and shape of the datasets of an HDF5 file that may hold frames; dark and white frames if no other.
+
+    Raises
+    ------
+    FileFormatError, StorageError
+        If it cannot be read.
+    """
+    with H5File(path) as file:
+        stacks = _stacks(file)
+        return {name: stacks[name] for name in _candidates(stacks)}
+
+
+def _is_stack(shape: tuple[int, ...]) -> bool:
+    return len(used_axes(shape)) in (3, 5)
+
+
+def _stacks(file: H5File) -> dict[str, tuple[int, ...]]:
+    return {name: shape for name, shape in sorted(file.datasets().items()) if _is_stack(shape)}
+
+
+def _candidates(stacks: Mapping[str, tuple[int, ...]]) -> list[str]:
+    return [name for name in stacks if not _CALIBRATION.search(name)] or list(stacks)
 
 
 def _text(value: Any) -> str:

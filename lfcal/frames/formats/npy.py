@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, UnsafeFileError, check_region, map_npy
+from lfcal.frames.formats._axes import used_axes
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
 
@@ -21,6 +22,7 @@ class NpyImage(ImageFile):
     def __init__(self, path: Path) -> None:
         self.path = path
         array: Any = map_npy(path)
+        array = array.reshape([array.shape[axis] for axis in used_axes(array.shape)])
         if array.dtype.kind not in "iuf":
             raise UnsafeFileError.expected(
                 str(path), "whole numbers or floats", f"dtype {array.dtype}", "save it as numbers"

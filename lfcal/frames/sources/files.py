@@ -38,7 +38,7 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
         )
     root = path if path.is_dir() else path.parent
     listed, notes, facts = _listed(path, root, options)
-    shape = options.plan_shape
+    shape, last = options.plan_shape, facts.pop("frames_last", False)
     if shape is not None and listed.plan_shape != shape:
         listed = _bounded(listed, shape)
     return FolderSource(
@@ -52,6 +52,7 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
         notes=(*notes, *_pixel_notes(options, facts)),
         facts=facts,
         origin=options.origin,
+        frames_last=last,
     )
 
 
@@ -242,20 +243,50 @@ def _from_file(
     facts = {"pixel_um": image.metadata["pixel_um"]} if "pixel_um" in image.metadata else {}
     if image.metadata.get("stage_um") is not None and options.plan is not None and not options.order:
         return *from_stage(path, image.metadata, options), facts
+    notes = list(image.metadata.get("order_notes", ()))
     order = image.metadata.get("page_order") or [("", k) for k in range(image.pages)]
+    if _is_frames_last(path, image, options):
+        facts["frames_last"] = True
+        count, rows, columns = image.shape[1], image.pages, image.shape[0]
+        order = [("", k) for k in range(count)]
+        notes.append(f"frames: {count} along the last axis of {path.name}, each of {rows} x {columns} px")
     pages = [(file or path.name, page) for file, page in order]
     listed = _of_pages(path, image, pages, options, shape)
     exposures = image.metadata.get("exposure_s")
     if exposures is not None and all(entry.exposure_s is None for entry in listed.entries):
         entries = tuple(replace(entry, exposure_s=float(exposures[entry.page])) for entry in listed.entries)
         listed = replace(listed, entries=entries)
-    notes = list(image.metadata.get("order_notes", ()))
     if options.order and shape is not None and len(listed.entries) < (count := int(np.prod(shape))):
         there = len(listed.entries)
         notes.append(
             f"frames: {there} for {count} positions; they are taken as the first {there} of a scan that stopped"
         )
     return listed, tuple(notes), facts
+
+
+def _is_frames_last(path: Path, image: ImageFile, options: FrameOptions) -> bool:
+    """Return whether the frames of a stack run along its last axis, by the number of positions.
+
+    Raises
+    ------
+    FileFormatError
+        If it may also be a scan that stopped early, and the size of the sensor does not decide.
+    """
+    shape, known = options.plan_shape, image.metadata
+    if not options.order or shape is None or {"scan_axes", "plan_shape"} & set(known):
+        return False
+    count = int(np.prod(shape))
+    if image.shape[1] != count or image.pages == count:
+        return False
+    sensor = None if options.plan is None else set(options.plan.camera.sensor.shape)
+    first, last = set(image.shape) == sensor, {image.pages, image.shape[0]} == sensor
+    if first != last:
+        return last
+    if image.pages > count:
+        return True
+    remedy = "put the frames along the first axis, for example with numpy.moveaxis(frames, -1, 0)"
+    got = f"{image.pages} along the first and {count} along the last"
+    raise FileFormatError.expected(str(path), f"{count} frames along one axis", got, remedy)
 
 
 def _of_pages(
@@ -275,10 +306,6 @@ def _of_pages(
     if options.order:
         if shape is None:
             raise _where_from(path)
-        if len(pages) != (count := int(np.prod(shape))) == image.shape[1]:
-            remedy = "move that axis to the front, for example with numpy.moveaxis(frames, -1, 0)"
-            got = f"{len(pages)}, and {count} along the last"
-            raise FileFormatError.expected(str(path), f"{count} frames along the first axis", got, remedy)
         return Manifest.from_order(pages, shape, options.order, early=True)
     if image.metadata.get("plan_shape") is not None:
         return Manifest.from_order(pages, image.metadata["plan_shape"], "raster")

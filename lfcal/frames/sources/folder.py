@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfcal.base import FileFormatError, InputError, Region, StorageError, check_choice, check_region, format_count
 from lfcal.frames.cfa import check_greens
 from lfcal.frames.damage import frame_errors
-from lfcal.frames.formats import ImageFile, open_image
+from lfcal.frames.formats import FramesLast, ImageFile, open_image
 from lfcal.frames.manifest import FrameEntry, Manifest, resolve_inside
 from lfcal.frames.part import stated_origin
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, Samples, check_index, check_mask, masked, observed
@@ -130,6 +130,8 @@ class FolderSource(Frames):
         Notes on what was guessed, and further facts about all frames; both go to the metadata.
     origin
         As in `lfcal.frames.open_frames`; also in the metadata.
+    frames_last
+        Whether the frames of a stack run along its last axis.
 
     Raises
     ------
@@ -157,13 +159,14 @@ class FolderSource(Frames):
         notes: tuple[str, ...] = (),
         facts: Mapping[str, Any] | None = None,
         origin: tuple[int, int] | None = None,
+        frames_last: bool = False,
     ) -> None:
         check_choice("NaN in frames", nan, NAN_MODES)
         check_choice("blank frames", blank, ("reject", "accept"))
         self.root = Path(root)
         self.manifest = manifest
         self._options = {"colour": colour, "dataset": dataset}
-        self._nan, self._blank = nan, blank
+        self._nan, self._blank, self._frames_last = nan, blank, frames_last
         uses = Counter(entry.file for entry in manifest.entries)
         self._paths = resolve_inside(self.root, uses)
         # single-frame files are opened and closed; only stacks are kept open
@@ -258,7 +261,7 @@ class FolderSource(Frames):
     def _image(self, name: str) -> Iterator[ImageFile]:
         """Yield the opened file; multi-page files are kept open."""
         if name not in self._many or (len(self._open) >= MAX_OPEN and name not in self._open):
-            image = open_image(self._paths[name], **self._options)
+            image = self._opened(name)
             try:
                 yield image
             finally:
@@ -268,9 +271,13 @@ class FolderSource(Frames):
             if not self._finalizer.alive:
                 raise InputError(f"{self.root}: these frames are closed; open them again")
             if name not in self._open:
-                self._open[name] = open_image(self._paths[name], **self._options)
+                self._open[name] = self._opened(name)
             image = self._open[name]
         yield image
+
+    def _opened(self, name: str) -> ImageFile:
+        image = open_image(self._paths[name], **self._options)
+        return FramesLast(image) if self._frames_last else image
 
     @property
     def shape(self) -> tuple[int, int]:

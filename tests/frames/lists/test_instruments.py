@@ -214,10 +214,3 @@ def test_names_in_part_without_a_place_are_not_taken_for_places(tmp_path: Path, 
     write_frames(tmp_path, found, ["other.tif", *names[1:]])
     with pytest.raises(LfcalError):
         open_frames(tmp_path, plan=plan())
-
-
-def test_frames_along_the_last_axis_are_recognised(tmp_path: Path) -> None:
-    """Programs that store (row, column, frame) are told which axis to move (gms_plugin_hdf5#2)."""
-    np.save(tmp_path / "last.npy", np.zeros((20, 30, 12), np.uint16))
-    with pytest.raises(FileFormatError, match="expected 12 frames along the first axis, got 20, and 12 along"):
-        open_frames(tmp_path / "last.npy", order="raster", plan_shape=(1, 3, 4))

@@ -26,6 +26,7 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import said_in_window
 from lfcal_gui.pages.frames._columns_table import ColumnsTable
+from lfcal_gui.pages.frames._dataset_box import DatasetBox
 from lfcal_gui.pages.frames._import_previews import ImportPreviews
 from lfcal_gui.pages.frames.import_choice import ImportChoice
 from lfcal_gui.pages.frames.model_import import Survey, survey
@@ -118,6 +119,9 @@ class ImportDialog(QDialog):
                 button.clicked.connect(lambda _=False, action=action: action())
                 grid.addWidget(button, row, column)
         self._add_names(grid, len(rows))
+        self.dataset = DatasetBox()
+        self.dataset.chosen.connect(lambda path: self._say(frames=path))
+        self.dataset.add_to(grid, len(rows) + 1)
         return grid
 
     def _add_names(self, grid: QGridLayout, row: int) -> None:
@@ -266,6 +270,7 @@ class ImportDialog(QDialog):
     def _found(self, found: Survey) -> None:
         self.survey, self.choice = found, found.choice
         self.columns.show_table(found.table, found.used, found.choice.columns)
+        self.dataset.offer(found.datasets, found.choice.frames)
         _offer(self.channel, self._colours(found), self.choice.channel)
         # show notes of list and plan that are equal only once
         lines = dict.fromkeys(map(said_in_window, filter(None, (found.problem, *found.notes))))

@@ -13,6 +13,7 @@ BOXES = (
     ("--channel", "choose a colour above"),
     ("--orientation", "choose what makes them upright above"),
     ("--origin", "state their First pixel in Record > Folder, once they are open"),
+    ("name it as", "choose their Dataset above"),
     ("lfcal plan", "choose the camera, or make the plan of the scan, in Set up"),
 )
 """Options of the command line that messages name, and what does the same in the window."""

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lfcal.base import InputError
+from lfcal.frames import split_dataset, stacks_in
 from lfcal.frames.lists import TABLE_SUFFIXES
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -16,7 +19,7 @@ class ImportChoice:
     Attributes
     ----------
     frames
-        Folder, or one file of many frames.
+        Folder, or one file of many frames, also with the dataset in it: ``scan.h5::/entry/data``.
     listed
         List of the frames, if it is in another folder.
     columns, header
@@ -45,6 +48,11 @@ class ImportChoice:
     channel: str = ""
     orientation: str = ""
 
+    @property
+    def place(self) -> Path:
+        """Path of the folder or file, without the dataset in it."""
+        return split_dataset(self.frames)[0]
+
 
 def check_ways(choice: ImportChoice) -> None:
     """Raise `InputError` if the user gave more than one source of positions."""
@@ -60,7 +68,7 @@ def list_of(choice: ImportChoice) -> Path | None:
     """Return the list that is named, or the only list in the folder of the frames."""
     if choice.listed:
         return Path(choice.listed)
-    place = Path(choice.frames)
+    place = choice.place
     if choice.pattern or choice.order:
         return None
     if place.is_file():
@@ -77,7 +85,23 @@ def list_of(choice: ImportChoice) -> Path | None:
 
 def root_of(choice: ImportChoice) -> Path:
     """Return the folder of the frames, as `import_folder` finds it."""
-    place = Path(choice.frames)
+    place = choice.place
     if place.is_dir() and (place / "frames").is_dir() and not (place / "session.json").is_file():
         return place / "frames"
     return place if place.is_dir() else place.parent
+
+
+def datasets_in(frames: str) -> tuple[tuple[str, str], ...]:
+    """Return path and words of each dataset that may hold frames, if an HDF5 file has several; else nothing."""
+    file, _ = split_dataset(frames)
+    if not file.is_file() or not _is_hdf5(file):
+        return ()
+    found = stacks_in(file)
+    if len(found) < 2:
+        return ()
+    return tuple((f"{file}::/{name}", f"/{name}   {' × '.join(map(str, axes))}") for name, axes in found.items())
+
+
+def _is_hdf5(file: Path) -> bool:
+    with file.open("rb") as opened:
+        return opened.read(len(HDF5)) == HDF5

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import drain, read_text
 from lfcal.camera import ScanPlan
-from lfcal.frames import FrameSource, Position, named_orientation, parse_origin
+from lfcal.frames import FrameSource, Position, named_orientation, parse_origin, split_dataset
 from lfcal.psf import CHECK, INTERPOLATIONS
 from lfcal.records import from_flat
 from lfcal.tasks import Assemble
@@ -348,7 +348,7 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
     """
     from lfcal.acquire import SessionFile
 
-    folder = Path(path)
+    folder, dataset = split_dataset(path)
     chosen = replace(settings, dark="", white="")
     if not keep:
         chosen = replace(chosen, manifest="", pattern="", order="", columns="", first="", shift=0, channel="")
@@ -368,8 +368,9 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
         places = [place / name for place in (frames, around) for name in ("dark", "white")]
         found = {place.name: str(place) for place in places if place.is_dir()}
         chosen = replace(chosen, dark=found.get("dark", ""), white=found.get("white", ""))
-    opened = None if plan is None else open_imported(str(frames), chosen, plan)
-    return ImportedFrames(str(frames), chosen, plan, opened)
+    named = f"{frames}::/{dataset}" if dataset else str(frames)
+    opened = None if plan is None else open_imported(named, chosen, plan)
+    return ImportedFrames(named, chosen, plan, opened)
 
 
 def _plan_in(*folders: Path) -> ScanPlan | None:

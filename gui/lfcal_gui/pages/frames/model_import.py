@@ -22,7 +22,7 @@ from lfcal.frames.lists import (
     reader,
 )
 from lfcal_gui.pages.frames._import_words import said_in_dialog
-from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, list_of, root_of
+from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, datasets_in, list_of, root_of
 from lfcal_gui.pages.frames.list_columns import columns_used
 from lfcal_gui.pages.frames.model import (
     FrameSettings,
@@ -61,6 +61,8 @@ class Survey:
         The frames, open; None where there is a problem.
     shown
         First, middle and last frame with their cutouts.
+    datasets
+        Path and words of the datasets to choose from, if a file holds several stacks.
     """
 
     choice: ImportChoice
@@ -72,6 +74,7 @@ class Survey:
     shift: int = 0
     imported: ImportedFrames | None = None
     shown: tuple[Loaded, ...] = field(default=())
+    datasets: tuple[tuple[str, str], ...] = ()
 
     def close(self) -> None:
         """Close the frames if they are not imported."""
@@ -93,6 +96,7 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
     """
     found = Survey(choice)
     try:
+        found = replace(found, datasets=datasets_in(choice.frames))
         check_ways(choice)
         found = _with_table(found)
         if found.problem:
@@ -152,7 +156,7 @@ def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], F
 
 def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
     choice, notes = found.choice, list(found.notes)
-    if not Path(choice.frames).exists():
+    if not choice.place.exists():
         raise StorageError(f"{choice.frames}: no such file or folder; check the path")
     if _own_plan(choice) is None and plan is None and camera is not None:
         plan, said = _derived(choice, camera)
@@ -186,7 +190,7 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
 def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> ImportedFrames:
     """Return the open frames. Raise `InputError` for problems of the frames first, then if there is no plan."""
     listed = list_of(choice)
-    if listed is not None and not Path(choice.frames).is_file() and listed.parent != root_of(choice):
+    if listed is not None and not choice.place.is_file() and listed.parent != root_of(choice):
         choice = replace(choice, listed=str(listed))
     chosen = settings_of(choice, shift)
     imported = import_folder(choice.frames, chosen(FrameSettings()), plan, keep=True)
@@ -200,7 +204,7 @@ def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> Import
 
 
 def _own_plan(choice: ImportChoice) -> ScanPlan | None:
-    folder = Path(choice.frames)
+    folder = choice.place
     folder = folder if folder.is_dir() else folder.parent
     for place in (folder / "plan.json", folder.parent / "plan.json"):
         if place.is_file():

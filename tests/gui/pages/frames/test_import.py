@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -22,7 +23,7 @@ from lfcal_gui.pages.frames.model_frame import load_frame
 from lfcal_gui.pages.frames.model_import import open_choice, survey
 from tests.cli.test_colours import ANCHOR, PERIOD, SENSOR, mosaic, plan_of
 from tests.cli.test_intake import foreign_list
-from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, scan, write_frames
+from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, write_frames
 from tests.gui.waiting import GUARD_MS
 
 
@@ -277,3 +278,34 @@ def test_a_folder_that_does_not_open_is_asked_about(
     assert page.hint.text().startswith("24 frames of")
     context.project.undo()
     assert page.hint.text() == page.spec.hint, "no numbers of frames that are gone"
+
+
+def test_one_of_several_datasets_is_chosen(
+    qtbot: QtBot, context: Context, open_page: Any, folder: Path, tmp_path: Path
+) -> None:
+    """A beamline file holds several detectors, after Dioptas#119."""
+    found = scan()
+    frames = np.stack([frame((y, x)) for z in found.depths for y, x in np.ndindex(ROWS, COLUMNS)])
+    with h5py.File(tmp_path / "scan.h5", "w") as file:
+        file["entry/first/data"], file["entry/second/data"] = frames[:, :8, :8], frames
+    page = open_page("frames")
+    context.project.update("camera", camera=found.camera, plan=plan(found))
+    page.start_import()
+    dialog = page.dialog
+    dialog._say(frames=str(tmp_path / "scan.h5"), order="raster")
+    qtbot.waitUntil(lambda: dialog.survey is not None, timeout=GUARD_MS)
+    assert "choose their Dataset above" in dialog.words.text() and not dialog.open_button.isEnabled()
+    box = dialog.dataset
+    assert box.isVisibleTo(dialog) and [box.itemText(k).split()[0] for k in range(box.count())] == [
+        "/entry/first/data",
+        "/entry/second/data",
+    ]
+    box.setCurrentIndex(1)
+    box.activated.emit(1)
+    qtbot.waitUntil(lambda: dialog.survey is not None, timeout=GUARD_MS)
+    assert dialog.survey.problem == "" and dialog.frames_edit.text().endswith("scan.h5::/entry/second/data")
+    assert box.currentIndex() == 1
+    dialog.open_button.click()
+    qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
+    np.testing.assert_array_equal(page.opened.source.read(0), frames[0])
+    assert survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), plan(found), None).datasets == ()
