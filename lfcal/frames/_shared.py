@@ -7,9 +7,9 @@ from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
 from lfcal.frames.channels import ThinnedSource, colour_scan, colours_of
 from lfcal.frames.damage import SelectedSource, frame_errors
 from lfcal.frames.described import stated_noise
-from lfcal.frames.formats import split_dataset, stacks_in
+from lfcal.frames.formats import split_dataset
 from lfcal.frames.half_cell import with_partners
-from lfcal.frames.opening import COMPONENTS, RECORDINGS, SOURCES, TABLES, files_of, open_component
+from lfcal.frames.opening import COMPONENTS, RECORDINGS, SOURCES, TABLES, datasets_in, files_of, open_component
 from lfcal.frames.orientation import AUTO, CHECK
 from lfcal.frames.part import (
     binned,
@@ -46,6 +46,7 @@ __all__ = [
     "colour_scan",
     "colours_of",
     "compared_orientations",
+    "datasets_in",
     "files_of",
     "find_shift",
     "frame_errors",
@@ -56,7 +57,6 @@ __all__ = [
     "part_refusal",
     "pattern_side",
     "split_dataset",
-    "stacks_in",
     "stated_noise",
     "stated_origin",
     "with_partners",

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from lfcal.base import FileFormatError, Registry, StorageError
 from lfcal.camera import ScanPlan
-from lfcal.frames.formats import image_suffixes, split_dataset
+from lfcal.frames.formats import image_suffixes, split_dataset, stacks_in
 from lfcal.frames.manifest import Manifest
 from lfcal.frames.orientation import AS_IS
 from lfcal.frames.part import check_origin
@@ -18,7 +18,7 @@ from lfcal.frames.source import FrameMetadata, Frames, FrameSource
 from lfcal.frames.sources import FrameOptions, SourceKind
 from lfcal.frames.view import SourceView
 
-__all__ = ["COMPONENTS", "RECORDINGS", "SOURCES", "TABLES", "files_of", "open_component", "open_frames"]
+__all__ = ["COMPONENTS", "RECORDINGS", "SOURCES", "TABLES", "datasets_in", "files_of", "open_component", "open_frames"]
 
 SOURCES: Registry[SourceKind] = Registry(
     "frame source", "lfcal.frames.sources", "SOURCE", "lfcal.sources", order=lambda kind: (kind.rank, kind.name)
@@ -172,6 +172,20 @@ def open_component(opened: Callable[..., T], channel: str) -> T:
             raise
     # damaged grey frames fail again, with the same message
     return opened(colour=component)
+
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+def datasets_in(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
+    """Return name and axes of the datasets of an HDF5 file that may hold frames; nothing for any other file."""
+    file, _ = split_dataset(path)
+    if not file.is_file():
+        return {}
+    with file.open("rb") as opened:
+        if opened.read(len(HDF5)) != HDF5:
+            return {}
+    return stacks_in(file)
 
 
 def files_of(source: Path | str | None) -> list[Path]:

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lfcal.base import InputError
-from lfcal.frames import split_dataset, stacks_in
+from lfcal.frames import datasets_in, split_dataset
 from lfcal.frames.lists import TABLE_SUFFIXES
-
-HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True)
@@ -91,17 +89,9 @@ def root_of(choice: ImportChoice) -> Path:
     return place if place.is_dir() else place.parent
 
 
-def datasets_in(frames: str) -> tuple[tuple[str, str], ...]:
-    """Return path and words of each dataset that may hold frames, if an HDF5 file has several; else nothing."""
-    file, _ = split_dataset(frames)
-    if not file.is_file() or not _is_hdf5(file):
-        return ()
-    found = stacks_in(file)
+def choices_of_dataset(frames: str) -> tuple[tuple[str, str], ...]:
+    """Return path and words of each dataset that may hold frames, if a file has several; else nothing."""
+    found, file = datasets_in(frames), split_dataset(frames)[0]
     if len(found) < 2:
         return ()
     return tuple((f"{file}::/{name}", f"/{name}   {' × '.join(map(str, axes))}") for name, axes in found.items())
-
-
-def _is_hdf5(file: Path) -> bool:
-    with file.open("rb") as opened:
-        return opened.read(len(HDF5)) == HDF5

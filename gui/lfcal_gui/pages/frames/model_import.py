@@ -22,7 +22,7 @@ from lfcal.frames.lists import (
     reader,
 )
 from lfcal_gui.pages.frames._import_words import said_in_dialog
-from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, datasets_in, list_of, root_of
+from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, choices_of_dataset, list_of, root_of
 from lfcal_gui.pages.frames.list_columns import columns_used
 from lfcal_gui.pages.frames.model import (
     FrameSettings,
@@ -96,7 +96,7 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
     """
     found = Survey(choice)
     try:
-        found = replace(found, datasets=datasets_in(choice.frames))
+        found = replace(found, datasets=choices_of_dataset(choice.frames))
         check_ways(choice)
         found = _with_table(found)
         if found.problem:
