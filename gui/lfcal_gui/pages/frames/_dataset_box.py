@@ -35,7 +35,7 @@ class DatasetBox(QComboBox):
         grid.addWidget(self, row, 1)
 
     def offer(self, found: tuple[tuple[str, str], ...], frames: str) -> None:
-        """Show the datasets of `lfcal_gui.pages.frames.import_choice.choices_of_dataset`, of which ``frames`` may be one."""
+        """Show the datasets to choose from, each with its words; ``frames`` may be one of them."""
         blocker = QSignalBlocker(self)
         self.clear()
         for path, words in found:
