@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import LfcalError, drain
+from lfcal.base import InputError, LfcalError, drain
 from lfcal.camera import (
     Camera,
     Derived,
@@ -34,6 +34,9 @@ DEGREE = math.pi / 180
 OPTICS = (("MainLens", "main lens"), ("Microscope", "microscope"))
 ARRAYS = (("hexagonal", "hexagonal"), ("square", "square"))
 CLEAR = "Of a lenslet on the sensor, round within its cell; empty: squares without gaps, discs of the pitch"
+FARTHEST = 1e6
+"""Virtual depth beyond which a focal length no longer distinguishes focus at infinity."""
+
 FOCUS = "Virtual depths in focus, one or three; inf: focused at infinity (f = gap)"
 DISTORTED = "Departure of the micro-images from straight rows, and its largest size; measured in a white image"
 SATURATED = "Sample value from which samples are saturated; empty: the highest one only"
@@ -305,6 +308,8 @@ def _lattice(lattice: LensletLattice, name: str, value: Any) -> LensletLattice:
     if name == "offset_y":
         return replace(lattice, offset_um=(x, value))
     if name == "focus":
+        if any(FARTHEST < abs(v) < math.inf for v in value):
+            raise InputError.expected("virtual depths in focus", "at most 1e6, or inf", value, "write inf for infinity")
         ranges = [t.depth_range for t in lattice.types] + [None] * 3
         types = tuple(LensType.focused_at(v, lattice.gap_um, r) for v, r in zip(value, ranges, strict=False))
         return replace(lattice, types=types)

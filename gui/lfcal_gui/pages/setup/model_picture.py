@@ -182,7 +182,8 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
         radius = lattice.clear_diameter_um / 2
         # brighter in the middle, so that neighbours that touch are distinguished; edges are one sample wide
         lit = np.clip((radius - reach) / (step * camera.sensor.pixel_um) + 0.5, 0, 1)
-        values = (DARK + (LIT - DARK - SHADE * (reach / radius) ** 4) * lit).astype(np.float32)
+        out = np.minimum(reach / max(radius, 1e-6), 1)  # an aperture may be described as a point
+        values = (DARK + (LIT - DARK - SHADE * out**4) * lit).astype(np.float32)
     return values
 
 

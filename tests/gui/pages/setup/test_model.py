@@ -98,6 +98,7 @@ def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
         ("lattice.focus", ()),
         ("lattice.focus", (2.0, 3.0)),
         ("lattice.focus", (1.0,)),
+        ("lattice.focus", (1e40,)),
         ("sensor.rows", 0),
         ("sensor.bit_depth", 99),
         ("sensor.cfa", "XY"),

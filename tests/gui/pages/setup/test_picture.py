@@ -54,6 +54,12 @@ def test_lenslets_are_bright_at_their_centres_and_dark_between(name: str) -> Non
     )
 
 
+def test_lenslets_with_apertures_of_a_point_are_drawn() -> None:
+    lattice = replace(preset("bench").lattice, clear_um=1e-30)
+    shot = ScanScene(replace(preset("bench"), lattice=lattice)).shot((100.0, 120.0, 80.0, 90.0))
+    assert shot.values is not None and np.isfinite(shot.values).all()
+
+
 def test_nothing_is_drawn_off_the_sensor() -> None:
     shot = ScanScene(preset("bench")).shot((-10.0, -20.0, 40.0, 60.0))
     assert shot.values is not None and np.isfinite(shot.values).all()
