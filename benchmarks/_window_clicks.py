@@ -24,9 +24,6 @@ __all__ = ["SITTINGS", "Hand", "Sat", "clicks"]
 BAD = ((0, 3, 4), (0, 9, 20), (0, 15, 7))
 """Positions (z, y, x) that are displaced where bad ones are to be repaired."""
 
-OPTIONAL = ("Show them", "White image …", "Adjust", "Why")
-"""Buttons of optional steps."""
-
 SMALL = (480, 640)
 """Rows and columns of the sensor of the Raytrix sitting: as many clicks as with 29 megapixels, in less time."""
 
@@ -106,28 +103,20 @@ class Hand:
         self.sat.did.append(keys)
         QTest.keyClick(widget or self.window, pressed.key(), pressed.keyboardModifiers())
 
-    def leads_to(self, *buttons: str) -> str:
-        """Wait until the line of the next step has one of these buttons, and no other is about to take its place."""
+    def leads_to(self, button: str) -> None:
+        """Wait until the line of the next step has this button, and no other is about to take its place."""
         line = self.window.next_line
 
         def there() -> bool:
             step = line.step
-            return step is not None and step is line._wanted and line.button.text() in buttons
+            return step is not None and step is line._wanted and line.button.text() == button
 
-        self.until(there, " or ".join(buttons))
-        return str(line.button.text())
+        self.until(there, button)
 
-    def next(self, button: str, *, without: tuple[str, ...] = ()) -> None:
-        """Click the button of the next step; leave out optional steps ``without`` on the way, each by a key."""
-        while self.leads_to(button, *without) != button:
-            self.window.next_line.button.setFocus()
-            self.key("Del", self.window.next_line.button)
-            shown = self.window.next_line.button.text()
-            self._until_other(shown)
+    def next(self, button: str) -> None:
+        """Click the button of the next step."""
+        self.leads_to(button)
         self.click(self.window.next_line.button)
-
-    def _until_other(self, shown: str) -> None:
-        self.until(lambda: self.window.next_line.button.text() != shown, f"the step after {shown}")
 
     @contextmanager
     def named(self, path: Path, *, save: bool = False) -> Iterator[None]:
@@ -185,11 +174,11 @@ def raytrix(hand: Hand) -> None:
     hand.until(lambda: len(project.state.camera.lattice.types) == 3, "the camera")
     sensor = replace(project.state.camera.sensor, shape=SMALL)
     project.update("a smaller sensor", camera=replace(project.state.camera, sensor=sensor))
-    hand.next("Plan the scan", without=OPTIONAL)
+    hand.next("Plan the scan")
     hand.until(lambda: project.state.plan is not None, "the plan")
     _shorten(hand)
-    hand.next("Connect camera and stage", without=OPTIONAL)
-    hand.next("Record", without=OPTIONAL)
+    hand.next("Connect camera and stage")
+    hand.next("Record")
     hand.until(lambda: project.state.psf, "H")
     hand.until(lambda: hand.window.leading.sitting.verdict is not None, "a verdict")
 
@@ -216,7 +205,7 @@ def computed(hand: Hand) -> None:
     hand.stage.settle()
     panel = hand.window.shown.panel
     assert panel.seconds.text() not in ("", "…") and "%" in panel.error.text()
-    hand.next("Compute H", without=OPTIONAL)
+    hand.next("Compute H")
     hand.until(lambda: hand.window.project.state.psf, "H")
     hand.stage.settle()
 
@@ -245,7 +234,7 @@ def reconstructed(hand: Hand) -> None:
     hand.press("Use")
     with hand.named(hand.folder / "points.tif"):
         hand.press("Open light field …")
-    hand.next("Reconstruct", without=OPTIONAL)
+    hand.next("Reconstruct")
     hand.until(lambda: hand.window.leading.sitting.volume, "the volume")
     hand.stage.settle()
 

@@ -16,7 +16,7 @@ NEAR_PX, HELD_S, POLL_MS = 24, 0.4, 100
 
 
 class NextLine(QWidget):
-    """Shows a `Step`. Its button waits while the user is about to press the previous one.
+    """Shows a `Step`, and a second button for an optional one. They wait while the user is about to press the others.
 
     Signals
     -------
@@ -37,7 +37,7 @@ class NextLine(QWidget):
         self.lead, self.words = QLabel(), ElidedLabel()
         self.lead.setProperty("role", "lead")
         self.words.setProperty("role", "next")
-        self.stop, self.button = QPushButton("Stop"), QPushButton()
+        self.stop, self.other, self.button = QPushButton("Stop"), QPushButton(), QPushButton()
         self.stop.setToolTip("End the recording once the position under way is safe")
         self.button.setProperty("role", "primary")
         row = QHBoxLayout(self)
@@ -45,11 +45,13 @@ class NextLine(QWidget):
         row.setSpacing(8)
         row.addWidget(self.lead)
         row.addWidget(self.words, 1)
-        row.addWidget(self.stop)
-        row.addWidget(self.button)
+        for button in (self.stop, self.other, self.button):
+            row.addWidget(button)
         self.stop.clicked.connect(lambda: self.step and self.pressed.emit(self.step.stop))
         self.button.clicked.connect(self.press)
+        self.other.clicked.connect(lambda: self.step and self.step.other and self.pressed.emit(self.step.other.action))
         self.stop.hide()
+        self.other.hide()
         self.not_now = QAction("Not now", self)
         self.not_now.setShortcut(QKeySequence.StandardKey.Delete)
         self.not_now.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
@@ -77,8 +79,9 @@ class NextLine(QWidget):
             self.pressed.emit(self.step.action)
 
     def _decline(self) -> None:
-        if self.step is not None and self.step.optional:
-            self.declined.emit(self.step.action, self.step.place)
+        optional = _optional(self.step)
+        if optional is not None:
+            self.declined.emit(optional.action, optional.place)
 
     def _settle(self) -> None:
         """Change the button, unless the user is about to press it."""
@@ -91,7 +94,7 @@ class NextLine(QWidget):
             return
         self._later.stop()
         self.step = step
-        self.not_now.setEnabled(step.optional)
+        self.not_now.setEnabled(_optional(step) is not None)
         if same:
             return
         self._changed = time.monotonic()
@@ -99,6 +102,10 @@ class NextLine(QWidget):
         tip = f"{step.button} (Ctrl+Return)"
         self.button.setToolTip(f"{tip}; Del: not now" if step.optional else tip)
         self.stop.setVisible(bool(step.stop))
+        self.other.setVisible(step.other is not None)
+        if step.other is not None:
+            self.other.setText(step.other.button)
+            self.other.setToolTip(f"Optional: {step.other.words} Del: not now")
 
     def _near(self) -> bool:
         """Return whether the pointer is at the buttons."""
@@ -108,7 +115,7 @@ class NextLine(QWidget):
         return any(
             one.isVisible()
             and one.rect().adjusted(-NEAR_PX, -NEAR_PX, NEAR_PX, NEAR_PX).contains(one.mapFromGlobal(at))
-            for one in (self.button, self.stop)
+            for one in (self.button, self.other, self.stop)
         )
 
     @staticmethod
@@ -118,4 +125,9 @@ class NextLine(QWidget):
 
 
 def _button(step: Step) -> tuple[object, ...]:
-    return step.button, step.action, step.stop, step.optional
+    return step.button, step.action, step.stop, step.optional, step.other
+
+
+def _optional(step: Step | None) -> Step | None:
+    """Return the step that can be left out."""
+    return step if step is None or step.optional else step.other

@@ -15,17 +15,17 @@ from lfcal_gui.window import MainWindow
 WANTED = {
     "sample": (1, 0, 0),
     "sample_export": (2, 0, 0),
-    "raytrix": (4, 1, 3),
+    "raytrix": (4, 1, 0),
     "folder": (2, 1, 0),
     "dropped": (1, 0, 0),
-    "computed": (3, 0, 1),
+    "computed": (3, 0, 0),
     "fitted": (2, 0, 0),
     "reconstructed": (3, 1, 0),
     "multiplexed": (0, 0, 1),
     "repaired": (1, 0, 0),
     "left_out": (1, 0, 0),
 }
-"""Clicks, names and other keys of each sitting; those keys leave out optional steps, or open Multiplexing."""
+"""Clicks, names and other keys of each sitting."""
 
 QUICK = {"dropped", "computed", "multiplexed"}
 

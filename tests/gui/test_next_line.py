@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,21 @@ def test_an_optional_step_is_left_out_by_del(line: NextLine) -> None:
     assert declined == [("setup.white", "setup")]
 
 
+def test_an_optional_step_next_to_another_is_pressed_or_left_out(line: NextLine) -> None:
+    pressed: list[str] = []
+    declined: list[tuple[str, str]] = []
+    line.pressed.connect(pressed.append)
+    line.declined.connect(lambda *said: declined.append(said))
+    line.show_step(replace(MAKE, other=WHITE))
+    QTest.mouseClick(line.other, Qt.MouseButton.LeftButton)
+    QTest.mouseClick(line.button, Qt.MouseButton.LeftButton)
+    QTest.keyClick(line.button, Qt.Key.Key_Delete)
+    assert pressed == ["setup.white", "acquire.assemble"] and declined == [("setup.white", "setup")]
+    later(line)
+    line.show_step(MAKE)
+    assert not line.other.isVisible() and line.button.text() == "Assemble H"
+
+
 # -- through the window ------------------------------------------------------------------------------------
 def leads_to(window: MainWindow, qtbot: QtBot, button: str) -> None:
     """Wait until the button has this label."""
@@ -160,10 +176,11 @@ def test_every_deed_of_a_step_is_known(window: MainWindow) -> None:
 def test_a_step_that_was_left_out_stays_so_in_the_project(window: MainWindow, qtbot: QtBot) -> None:
     page: Any = window.page("setup")
     page._set(window.context.state.camera, "preset bench")
-    leads_to(window, qtbot, "White image …")
+    leads_to(window, qtbot, "Plan the scan")
+    assert window.next_line.other.isVisible() and window.next_line.other.text() == "White image …"
     window.next_line.button.setFocus()
     QTest.keyClick(window.next_line.button, Qt.Key.Key_Delete)
-    leads_to(window, qtbot, "Plan the scan")
+    qtbot.waitUntil(lambda: not window.next_line.other.isVisible(), timeout=GUARD_MS)
     QTest.keyClick(window, Qt.Key.Key_Return, Qt.KeyboardModifier.ControlModifier)
     leads_to(window, qtbot, "Connect camera and stage")
     assert window.context.state.plan is not None and "setup.white" in window.context.state.settings["declined"]

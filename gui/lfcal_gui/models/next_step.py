@@ -1,12 +1,13 @@
 """What comes next in a sitting, and the words of the rail: both are made of one record. No Qt.
 
-`next_step` goes through `ROWS`; the first one that holds says what comes next.
+`next_step` goes through `ROWS`; the first one that holds says what comes next, and optional steps on the way to H do
+not hold it up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from lfcal.base import format_bytes, format_count, format_seconds, format_share
@@ -16,6 +17,7 @@ LONGEST = 90
 """Characters of a line, its lead included."""
 
 PLACES = ("setup", "record", "h", "use")
+BEFORE_H = PLACES[:2]
 Place = Literal["setup", "record", "h", "use"]
 Mark = Literal["good", "fair", "bad", ""]
 
@@ -160,6 +162,8 @@ class Step:
         Whether it can be left out.
     stop
         What a second button *Stop* does; empty: there is none.
+    other
+        An optional step that can be done first.
     """
 
     lead: str
@@ -169,6 +173,7 @@ class Step:
     place: Place
     optional: bool = False
     stop: str = ""
+    other: Step | None = None
 
     @property
     def line(self) -> str:
@@ -185,11 +190,18 @@ class RailWords:
 
 
 def next_step(sitting: Sitting) -> Step:
-    """Return what comes next: the first row that holds, without optional steps that were declined."""
+    """Return what comes next: the first row that holds, without optional steps that were declined.
+
+    An optional step on the way to H is offered next to the step that has to be done.
+    """
+    other: Step | None = None
     for row in ROWS:
         step = row(sitting)
-        if step is not None and not (step.optional and step.action in sitting.declined):
-            return step
+        if step is None or (step.optional and step.action in sitting.declined):
+            continue
+        if not (step.optional and step.place in BEFORE_H):
+            return replace(step, other=other)
+        other = other or step
     raise AssertionError("the last row always holds")
 
 

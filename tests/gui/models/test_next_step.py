@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal_gui.models.next_step import JOBS, LONGEST, PLACES, ROWS, Sitting, next_step, rail_words
+from lfcal_gui.models.next_step import JOBS, LONGEST, PLACES, ROWS, Sitting, Step, next_step, rail_words
 from lfcal_gui.models.verdict import Verdict
 
 CAMERA = Sitting(camera=True, white=True, plan=True, positions=5643, planes=9)
@@ -203,12 +203,17 @@ TABLE = (
 )
 
 
+def steps_of(sitting: Sitting) -> tuple[Step, ...]:
+    """Return the step that has to be done, and the optional one next to it."""
+    step = next_step(sitting)
+    return (step,) if step.other is None else (step.other, step)
+
+
 @pytest.mark.parametrize(("sitting", "line", "action", "rail"), TABLE, ids=[line for _, line, _, _ in TABLE])
 def test_the_first_row_that_holds_says_what_comes_next(
     sitting: Sitting, line: str, action: str, rail: dict[str, str]
 ) -> None:
-    step = next_step(sitting)
-    assert (step.line, step.action) == (line, action)
+    assert (line, action) in [(step.line, step.action) for step in steps_of(sitting)]
     assert {place: rail_words(sitting)[place].words for place in rail} == rail
 
 
@@ -232,10 +237,23 @@ OPTIONAL = {
 
 def test_an_optional_step_can_be_left_out() -> None:
     for sitting, _, action, _ in TABLE:
-        step, after = next_step(sitting), next_step(replace(sitting, declined=frozenset({action})))
+        step, after = steps_of(sitting)[0], steps_of(replace(sitting, declined=frozenset({action})))[0]
         assert step.optional == (after != step)
         assert not step.optional or action in OPTIONAL
     assert next_step(replace(Sitting(), declined=frozenset({"setup.import"}))).action == "setup.import"
+
+
+@pytest.mark.parametrize(
+    ("sitting", "button"),
+    [
+        (replace(CAMERA, white=False, assumed=("gap",), plan=False), "Plan the scan"),
+        (replace(RIG, white=False, assumed=("gap",), rig_measured=False), "Record"),
+        (replace(H, h_camera=False, camera=False), "Export H"),
+    ],
+)
+def test_no_optional_step_holds_up_what_has_to_be_done(sitting: Sitting, button: str) -> None:
+    step = next_step(sitting)
+    assert (step.button, step.optional) == (button, False) and step.other is not None and step.other.optional
 
 
 def test_what_was_declared_unnecessary_changes_no_word_on_what_h_is_worth() -> None:
