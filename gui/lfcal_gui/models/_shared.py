@@ -63,6 +63,7 @@ from lfcal_gui.models.form import (
 from lfcal_gui.models.frame_view import FrameNumbers, frame_numbers, lattice_points, render_tile, visible_tile
 from lfcal_gui.models.gathering import (
     exported_to,
+    filled_of,
     session_counts,
     sitting_of,
     with_checked,

@@ -92,7 +92,7 @@ def sitting_of(
         h_camera=matrix is None or matrix.camera is not None,
         h_bytes=0.0 if matrix is None else 2.0 * matrix.nbytes,
         verdict=kept_verdict(project),
-        filled=_filled(kept_verdict(project), matrix),
+        filled=filled_of(kept_verdict(project), matrix),
         exported=path,
         exported_bytes=0.0 if file is None else float(file[2]),
         export_for=_export_for(matrix),
@@ -105,7 +105,7 @@ def sitting_of(
     return replace(found, **(reported if paces is None else paces.corrected(reported)))
 
 
-def _filled(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
+def filled_of(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
     """Return how many of the bad positions a model has filled already."""
     from lfcal.psf import Origin
 

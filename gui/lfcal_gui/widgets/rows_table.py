@@ -45,7 +45,7 @@ class RowsTable(QTableWidget):
     brief
         Numbers of the columns whose texts are given in full next to the table and in tips: they may be cut.
     spare
-        Numbers of the columns that a narrow table hides; it can be enlarged, and copies them, too.
+        Numbers of the columns that a table narrower than ``roomy`` (px) hides; it can be enlarged, and copies all.
     """
 
     def __init__(
@@ -55,9 +55,10 @@ class RowsTable(QTableWidget):
         sizes: Sequence[int] = (),
         brief: Sequence[int] = (),
         spare: Sequence[int] = (),
+        roomy: int = ROOMY_PX,
     ) -> None:
         super().__init__(0, len(header))
-        self._spare = tuple(spare)
+        self._spare, self._roomy = tuple(spare), roomy
         self._header, self._sizes, self.brief = header, tuple(sizes), tuple(brief)
         self.setHorizontalHeaderLabels(header)
         self.verticalHeader().hide()
@@ -81,7 +82,7 @@ class RowsTable(QTableWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Hide spare columns where there is no room for them."""
         for column in self._spare:
-            self.setColumnHidden(column, self.width() < ROOMY_PX)
+            self.setColumnHidden(column, self.width() < self._roomy)
         super().resizeEvent(event)
 
     def show_rows(

@@ -321,7 +321,7 @@ class FaultPanel(QWidget):
         if connected != self._connected:
             self._connected = connected
             self.hint.setText(NOW if connected else HINT)
-            self.add.setText("Strike" if connected else "Add")
+            self.add.setText("Inject fault" if connected else "Add")
             self.add.setToolTip("Make the simulator fail in this way" if connected else "Add this fault to the list")
             self._count()
         for widget in (self.kind, self.at, self.times, self.add):

@@ -123,7 +123,7 @@ def asked_words(control: Control, *, stopping: bool) -> str:
         return "Stopping once the position under way is safe …"
     if control.pausing and control.held != "paused":
         return "Pausing once the position under way is safe …"
-    return "Going on …" if control.held == "paused" and not control.pausing else ""
+    return "Resuming …" if control.held == "paused" and not control.pausing else ""
 
 
 def end_words(job: WindowJob, ended: str, counted: str = "positions") -> tuple[str, float]:

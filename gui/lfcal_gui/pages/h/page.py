@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from lfcal.base import LfcalError, format_bytes
+from lfcal.base import LfcalError, format_bytes, format_count
 from lfcal.psf import PSFMatrix, mat_orders_of, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
@@ -20,6 +20,7 @@ from lfcal_gui.models import (
     PageSpec,
     Place,
     ProjectState,
+    filled_of,
     kept_verdict,
     stated_order,
 )
@@ -241,8 +242,12 @@ class Page(BasePage):
         verdict = kept_verdict(self.context.state)
         if verdict is None:
             self.panel.verdict.show_verdict("", "")
-        elif verdict.few:
-            self.panel.verdict.show_verdict("fair", verdict.sentence, f"Good, except {verdict.bad} positions")
+            return
+        # those that a model has filled are no longer offered for repair
+        left = verdict.bad - filled_of(verdict, self.context.matrix(self.context.state.psf))
+        if verdict.few and left > 0:
+            head = f"Good, except {format_count(left, 'position', 'positions')}"
+            self.panel.verdict.show_verdict("fair", verdict.sentence, head)
         else:
             self.panel.verdict.show_verdict(verdict.merit, verdict.sentence)
 

@@ -3,26 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import (
-    QDialog,
-    QHBoxLayout,
-    QHeaderView,
-    QLabel,
-    QStackedWidget,
-    QTableWidget,
-    QTableWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal.judge import judgement_of
 from lfcal.lattice import DIFFERS, FITS, WRONG
 from lfcal_gui.models import Outline, Shot, Symbols, typeset
 from lfcal_gui.pages.setup.model_check import DISTORTION, RESIDUALS, Checked, LatticeMap, lattice_words
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import Picture, WrappedLabel, choice_box
+from lfcal_gui.widgets import Picture, RowsTable, WrappedLabel, choice_box
 
 PICTURE = "picture"
 SHOWN = ((PICTURE, "White image"), (DISTORTION, "Distortion"), (RESIDUALS, "Residuals"))
@@ -107,7 +95,9 @@ class LatticeView(QWidget):
 
 
 COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
-SIZE = (960, 520)
+OFF_BY = 2
+SIZE, ROOMY = (990, 520), 740
+"""Size of the dialog, and least width of a table with all columns (px)."""
 
 
 class CheckDialog(QDialog):
@@ -118,7 +108,9 @@ class CheckDialog(QDialog):
         self.setWindowTitle("Camera compared with a white image")
         self.resize(*SIZE)
         self.view = LatticeView()
-        self._make_table()
+        self.table = RowsTable(COLUMNS, 0, sizes=(OFF_BY,), spare=(OFF_BY,), roomy=ROOMY)
+        self.table.setAccessibleName("camera and white image")
+        self.table.setToolTip("Values of the description and of the white image, and their difference in pixels")
         self.words, self.about = WrappedLabel(), WrappedLabel()
         self.words.setProperty("role", "value")
         row = QHBoxLayout(self)
@@ -126,20 +118,9 @@ class CheckDialog(QDialog):
         for part in (self.words, self.about):
             column.addWidget(part)
         column.addWidget(self.table, 1)
-        row.addWidget(self.view, 2)
-        row.addLayout(column, 3)
+        row.addWidget(self.view, 1)
+        row.addLayout(column, 2)
         self._shown: Checked | None = None
-
-    def _make_table(self) -> None:
-        self.table = QTableWidget(0, len(COLUMNS))
-        self.table.setAccessibleName("camera and white image")
-        self.table.setToolTip("Values of the description and of the white image, and their difference in pixels")
-        self.table.setHorizontalHeaderLabels(list(COLUMNS))
-        self.table.verticalHeader().hide()
-        self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
-        self.table.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
-        self.table.setWordWrap(False)
-        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
 
     def show_check(self, found: Checked) -> None:
         """Show a comparison."""
@@ -153,20 +134,22 @@ class CheckDialog(QDialog):
         found = self._shown
         if found is None:
             return
-        theme = current_theme()
+        theme, lines = current_theme(), found.check.lines
         colours = {FITS: theme.good, DIFFERS: theme.fair, WRONG: theme.bad}
-        self.table.setRowCount(len(found.check.lines))
-        for row, entry in enumerate(found.check.lines):
-            edge = "" if entry.edge_px is None else f"{entry.edge_px:.2f}"
-            label = entry.label[:1].upper() + entry.label[1:]
-            texts = (label, entry.verdict, edge, typeset(entry.expected), typeset(entry.measured))
-            for column, text in enumerate(texts):
-                item = QTableWidgetItem(text)
-                if column == 2:
-                    item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-                if column == 1:
-                    item.setForeground(QColor(colours.get(entry.verdict, theme.muted)))
-                self.table.setItem(row, column, item)
+        rows = [
+            (
+                one.label[:1].upper() + one.label[1:],
+                one.verdict,
+                "" if one.edge_px is None else f"{one.edge_px:.2f}",
+                typeset(one.expected),
+                typeset(one.measured),
+            )
+            for one in lines
+        ]
+        off = [(0.0, 0.0, np.nan if one.edge_px is None else one.edge_px) for one in lines]
+        self.table.show_rows(
+            rows, off, lambda k, column: colours.get(lines[k].verdict, theme.muted) if column == 1 else ""
+        )
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

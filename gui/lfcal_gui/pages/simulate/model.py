@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
@@ -244,19 +244,29 @@ def used_rung(curve: Curve | None, settings: SimulateSettings) -> Rung | None:
     return max(good, key=lambda rung: float(rung.settings["tolerance"]), default=None)
 
 
-def numbers_of(rung: Rung | None, settings: SimulateSettings, forecast: str) -> tuple[str, str, str, str]:
-    """Return time and error of H, each with what it is: as measured, else the time as ``forecast``."""
+def numbers_of(rung: Rung | None, settings: SimulateSettings, seconds: float | None) -> tuple[str, str, str, str]:
+    """Return time and error of H, each with what it is; ``seconds``: how long H takes on this machine."""
+    time = "…" if seconds is None else format_seconds(seconds)
     if rung is not None:
-        return format_seconds(rung.cost), "for the whole H", format_share(rung.error), "error, measured"
-    return forecast or "…", "for H, forecast", format_share(settings.tolerance), "error asked for"
+        return time, "for the whole H", format_share(rung.error), "error, measured"
+    return time, "for the whole H", format_share(settings.tolerance), "error asked for"
 
 
-def better_words(curve: Curve | None, rung: Rung | None) -> str:
-    """Return which measured setting is faster and no less exact than ``rung``; empty: none is."""
+def better_words(curve: Curve | None, rung: Rung | None, paced: Callable[[float], float]) -> str:
+    """Return which measured setting is faster and no less exact than ``rung``; empty: none is.
+
+    Parameters
+    ----------
+    curve, rung
+        What is measured, and the setting in force.
+    paced
+        Returns how long this machine takes for a processor time (s).
+    """
     if curve is None or rung is None:
         return ""
     better = min((one for one in curve.front if one.error <= rung.error), key=lambda one: one.cost)
     if better.cost > WORTH * rung.cost:
         return ""
     asked = f"Tolerance {100 * better.settings['tolerance']:g} %"
-    return f"{asked} is faster and no less exact: {format_seconds(better.cost)}, {format_share(better.error)} off."
+    took, error = format_seconds(paced(better.cost)), format_share(better.error)
+    return f"{asked} is faster and no less exact: {took}, {error} off."

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ class Page(BasePage):
         self._measuring = 0
         self._curve: Curve | None = None
         self._warned: ScanPlan | None = None
-        self._seconds = ""
+        self._seconds: float | None = None
         self._asked: tuple[Any, ...] = (None, None)
         """Plan and settings of the frame that is shown, or being made."""
         self.tool_button("Compute H …", "Compute the whole H of the plan as a job", self.simulate)
@@ -125,7 +126,7 @@ class Page(BasePage):
         self.show_body()
         settings, plan = self.settings, state.plan
         self.panel.show_settings(settings)
-        self._seconds = ""
+        self._seconds = None
         self._show_curve()
         self.context.jobs.compute(
             "simulate plan", lambda: verdict_of(plan, settings), self._planned, self.context.message.emit
@@ -176,7 +177,7 @@ class Page(BasePage):
 
     def _forecasted(self, verdict: EffectsVerdict, seconds: float) -> None:
         if verdict is self._answer():
-            self._seconds = format_seconds(seconds)
+            self._seconds = seconds
             self._show_curve()
 
     def _look(self) -> None:
@@ -404,9 +405,11 @@ class Page(BasePage):
         key, curves = subject_of(self.context.state, "plan"), self.context.curves
         # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
         self._curve = curves.of(key).get(PLACE)
-        self.panel.show_cost(self._curve, self.settings, self._seconds)
+        paced = partial(self.context.paces.seconds, "compute")
+        self.panel.show_cost(self._curve, self.settings, self._seconds, paced)
         rung = used_rung(self._curve, self.settings)
-        facts = {} if rung is None else {"compute_s": rung.cost, "error": rung.error}
+        # the line of the next step corrects the time in the same way
+        facts = {"compute_s": self._seconds} if rung is None else {"compute_s": rung.cost, "error": rung.error}
         self.context.tell(self.spec.key, **facts)
         took = curves.took(key, PLACE)
         button = "" if self._measuring else "Measure again" if took else "Measure"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QScrollArea, QTabWidget, QVBoxLayout, QWidget
@@ -158,17 +159,29 @@ class SimulatePanel(QWidget):
         self.place.show_plan(verdict.plan)
         self.effect.show_row(verdict.row(self.table.selected))
 
-    def show_cost(self, curve: Curve | None, settings: SimulateSettings, forecast: str) -> None:
-        """Show the measured part of the curve, and time and error of the settings; ``forecast`` is of the time."""
+    def show_cost(
+        self, curve: Curve | None, settings: SimulateSettings, forecast: float | None, paced: Callable[[float], float]
+    ) -> None:
+        """Show the measured part of the curve, and time and error of the settings.
+
+        Parameters
+        ----------
+        curve, settings, paced
+            As in `better_words`.
+        forecast
+            Processor time of H (s) where it was not measured.
+        """
         rung = used_rung(curve, settings)
         if curve is not None:
             self.curve.set_labels(*axis_labels(curve))
         points = () if curve is None else points_of(curve, rung)
         self.curve.show_points(points, math.log10(100 * settings.tolerance))
+        seconds = forecast if rung is None else rung.cost
+        numbers = numbers_of(rung, settings, None if seconds is None else paced(seconds))
         labels = (self.seconds, self.seconds_words, self.error, self.error_words)
-        for label, text in zip(labels, numbers_of(rung, settings, forecast), strict=True):
+        for label, text in zip(labels, numbers, strict=True):
             label.setText(text)
-        self.better.setText(better_words(curve, rung))
+        self.better.setText(better_words(curve, rung, paced))
         self.better.setVisible(bool(self.better.text()))
 
     def apply_theme(self) -> None:

@@ -61,10 +61,10 @@ def test_faults_are_added_and_removed_on_screen(page: Page, context: Context, qt
     context.project.undo()
     page.setup.connect_devices()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
-    assert faults.add.isEnabled() and faults.add.text() == "Strike" and not faults.list.isEnabled()
+    assert faults.add.isEnabled() and faults.add.text() == "Inject fault" and not faults.list.isEnabled()
 
 
-def test_a_fault_strikes_the_simulator_that_is_connected(page: Page, context: Context, qtbot: QtBot) -> None:
+def test_a_fault_is_injected_into_the_connected_simulator(page: Page, context: Context, qtbot: QtBot) -> None:
     """Faults could be set before it was connected only."""
     faults = page.panel.setup.faults
     page.setup.connect_devices()

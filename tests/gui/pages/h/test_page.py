@@ -449,7 +449,9 @@ def test_a_reference_of_another_camera_is_told(
     assert told[-1] == ("simulate", False), "nothing is compared"
 
 
-def test_the_verdict_stands_next_to_h(page: Any, context: Context, qtbot: QtBot) -> None:
+def test_the_verdict_stands_next_to_h(
+    page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     card = page.panel.verdict
     assert card.head.text() == "Not judged yet" and not card.sentence.isVisibleTo(card)
     stamp = stamp_of(context.state.psf)
@@ -463,6 +465,10 @@ def test_the_verdict_stands_next_to_h(page: Any, context: Context, qtbot: QtBot)
     assert card.sentence.text() == "All checks pass."
     assert say(Verdict("bad", "5 positions are bad.", bad=5, share=0.01)) == "Good, except 5 positions"
     assert card.property("merit") == "fair"
+    monkeypatch.setattr("lfcal_gui.pages.h.page.filled_of", lambda verdict, matrix: 5)
+    assert say(Verdict("good", "Six were bad.", bad=6, share=0.01)) == "Good, except 1 position"
+    assert say(Verdict("good", "Five were bad.", bad=5, share=0.01)) == "✓ Good", "the fit has filled all of them"
+    monkeypatch.undo()
     assert say(Verdict("bad", "The background is 4 % of the light.")) == "▲ Bad"
     card.why.click()
     assert page.level == "checks" and page.panel.levels.currentWidget().objectName() == "checks"

@@ -24,6 +24,7 @@ from lfcal.camera import (
 )
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import Hold
+from lfcal_gui.pages.setup._check_dialog import OFF_BY, SIZE
 from lfcal_gui.window import MainWindow
 from tests.camera.importers.files import OLAF
 from tests.camera.importers.test_raytrix_xml import xml
@@ -143,6 +144,11 @@ def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbo
         panel.table.item(row, 0).text(): panel.table.item(row, 1).text() for row in range(panel.table.rowCount())
     }
     assert verdicts["Pitch"] == "differs" and verdicts["Sensor"] == "fits"
+    for width in (SIZE[0], 1300):
+        panel.resize(width, SIZE[1])
+        panel.show()
+        qtbot.waitUntil(lambda: panel.table.horizontalHeader().length() <= panel.table.viewport().width())
+        assert panel.table.isColumnHidden(OFF_BY) == (width == SIZE[0])
     assert all(len(marks.points) > 100 for marks in panel.view.image.overlays)
     inspector.buttons["take"].click()
     measured = context.project.state.camera

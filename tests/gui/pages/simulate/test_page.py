@@ -15,6 +15,7 @@ from pytestqt.qtbot import QtBot
 
 import lfcal_gui.pages.simulate.page as simulate_page
 from lfcal.accuracy import PLACES, AccuracyStep, Rung, Truth
+from lfcal.base import format_seconds
 from lfcal.camera import ScanPlan
 from lfcal.psf import open_psf
 from lfcal.simulate import simulate_psf
@@ -153,7 +154,8 @@ def page(open_page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.Mon
 
 def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Context, qtbot: QtBot) -> None:
     panel = page.panel
-    assert panel.seconds_words.text() == "for H, forecast" and panel.error.text() == "3 %"
+    assert panel.seconds_words.text() == "for the whole H" and panel.error.text() == "3 %"
+    assert panel.seconds.text() == format_seconds(context.told["simulate"]["compute_s"])
     panel.curve.measure_button.click()
     assert not panel.curve.measure_button.isEnabled()
     idle(context.jobs, qtbot)
@@ -162,6 +164,13 @@ def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Co
     panel.curve.moved.emit(0.2)
     assert SimulateSettings.of(context.state).tolerance == 0.2
     assert (panel.seconds.text(), panel.error.text()) == ("2.0 s", "5 %"), "of the tolerance that was measured below it"
+    context.paces.take("compute", forecast=1.0, seconds=4.0)
+    page._show_curve()
+    told = context.paces.corrected(context.told["simulate"])
+    assert panel.seconds.text() == format_seconds(told["compute_s"]) == "8.0 s", "that of the line of the next step"
+    assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 6.0 s, 1 % off."
+    context.paces.runs.clear()
+    page._show_curve()
     assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 1.5 s, 1 % off."
     page._set("level", "wave")
     idle(context.jobs, qtbot)
