@@ -108,7 +108,7 @@ print(json.dumps(visit_all(Path({folder!r}))))
 
 
 def visit_all(folder: Path) -> dict[str, float]:
-    """Return the longest hold (ms) of the first look at each page of a new window."""
+    """Return the longest hold (ms) of the first look at each page of a new window, and of two plans."""
     from PySide6.QtWidgets import QApplication
 
     from lfcal_gui.app import begin, make_window, parse
@@ -124,6 +124,11 @@ def visit_all(folder: Path) -> dict[str, float]:
         held.do("", lambda: None)
     for spec in window.specs:
         held.do(spec.title, window.go, spec.key)
+    window.go("setup")
+    setup: Any = window.page("setup")
+    held.do("", lambda: None)
+    held.do("a first plan", setup.make_default)
+    held.do("another plan", setup._scan_edited, "cutout", (41, 41))
     window.shut_down()
     held.found.pop("")
     return held.found

@@ -189,7 +189,7 @@ def _recorded(stage: Stage, plan: Any) -> Iterator[Capture]:
     _planned(stage, plan)
     yield Capture("plan_target_pose", plan.target)
     file = stage.folder / "target_plan.json"
-    file.write_text(plan.target.panel.found.plan.to_json(), encoding="utf-8")
+    file.write_text(plan.target.found.plan.to_json(), encoding="utf-8")
     page = stage.page("acquire")
     page.panel.setCurrentWidget(page.panel.record)
     page.record.target.take(str(file))
@@ -209,7 +209,7 @@ def _recorded(stage: Stage, plan: Any) -> Iterator[Capture]:
 
 
 def _type(page: Any, key: str, text: str) -> None:
-    editor = page.target.panel.form.editor(key)
+    editor = page.target.form.editor(key)
     editor.setText(text)
     editor.textEdited.emit(text)
 

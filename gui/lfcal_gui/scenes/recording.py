@@ -100,7 +100,7 @@ def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     stage.tidy()
     yield Capture("acquire_record_complete")
     panel.extent.setCurrentIndex(panel.extent.findData("error"))
-    panel.extent_asked.emit("error")
+    panel.extent.setCurrentIndex(panel.extent.findData("error"))
     settle_live(stage, page)
     yield Capture("acquire_record_error")
     tab.after.assemble(str(stage.folder / "session" / "H.h5"))

@@ -7,15 +7,18 @@ from lfcal_gui.widgets.axis_arrows import AxisArrows
 from lfcal_gui.widgets.cards import (
     INSPECTOR,
     HeadedCard,
+    button,
     card,
     choice_box,
     clear,
     column_area,
+    column_of,
     heading,
     line,
     scrolling,
     split,
     told_or_shown,
+    wrapped,
 )
 from lfcal_gui.widgets.colours import theme_table
 from lfcal_gui.widgets.compare_panel import ComparedNumbers, ComparePanel
@@ -30,6 +33,6 @@ from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
 from lfcal_gui.widgets.plots import LINES, LinePlot, line_px, shown_tone
 from lfcal_gui.widgets.rows_table import RowsTable
-from lfcal_gui.widgets.strip import PlaneTile, Strip, legend_words, outline_tones
+from lfcal_gui.widgets.strip import PlaneTile, Strip, expected_apertures, legend_words, outline_tones
 from lfcal_gui.widgets.verdict_card import VerdictCard
 from lfcal_gui.widgets.words import ElidedLabel, FittedBrowser, WrappedLabel, lines_px, set_look, set_role

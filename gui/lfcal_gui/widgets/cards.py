@@ -84,16 +84,57 @@ def choice_box(choices: Sequence[tuple[str, str]], tip: str = "") -> QComboBox:
     return box
 
 
+def button(text: str, tip: str, action: Callable[[], object]) -> QPushButton:
+    """Return a button that does ``action`` when it is clicked."""
+    made = QPushButton(text)
+    made.setToolTip(tip)
+    made.clicked.connect(lambda _=False: action())
+    return made
+
+
+def wrapped(role: str = "hint", text: str = "") -> QLabel:
+    """Return a label whose words are wrapped, in the look of a role."""
+    label = QLabel(text)
+    label.setProperty("role", role)
+    label.setWordWrap(True)
+    return label
+
+
 def told_or_shown(words: str, content: QWidget) -> tuple[QLabel, QStackedWidget]:
     """Return a label with ``words``, and the stack that shows it until there is something in ``content``."""
-    message = QLabel(words)
+    message = wrapped("hint", words)
     message.setAlignment(Qt.AlignmentFlag.AlignCenter)
-    message.setWordWrap(True)
-    message.setProperty("role", "hint")
     stack = QStackedWidget()
     stack.addWidget(message)
     stack.addWidget(content)
     return message, stack
+
+
+def column_of(
+    *parts: QWidget | QLayout, of: QWidget | None = None, spacing: int = SPACING, stretch: int = -1
+) -> QVBoxLayout:
+    """Return parts below each other, without margins.
+
+    Parameters
+    ----------
+    parts
+        From the top.
+    of
+        The widget that they fill.
+    spacing
+        Between them (px).
+    stretch
+        Number of the part that takes the room that is left; -1: none does.
+    """
+    made = QVBoxLayout() if of is None else QVBoxLayout(of)
+    made.setContentsMargins(0, 0, 0, 0)
+    made.setSpacing(spacing)
+    for k, part in enumerate(parts):
+        if isinstance(part, QLayout):
+            made.addLayout(part, int(k == stretch))
+        else:
+            made.addWidget(part, int(k == stretch))
+    return made
 
 
 def line(*parts: QWidget | str, stretch: int = -1) -> QHBoxLayout:
@@ -136,11 +177,9 @@ class HeadedCard(QFrame):
 
     def add_button(self, text: str, tip: str, action: Callable[[], object]) -> QPushButton:
         """Add a button at the end of the head."""
-        button = QPushButton(text)
-        button.setToolTip(tip)
-        button.clicked.connect(lambda _=False: action())
-        self.head.addWidget(button)
-        return button
+        made = button(text, tip, action)
+        self.head.addWidget(made)
+        return made
 
     def leave(self) -> None:
         """Go away."""

@@ -55,6 +55,7 @@ class RowsTable(QTableWidget):
         sizes: Sequence[int] = (),
         brief: Sequence[int] = (),
         spare: Sequence[int] = (),
+        *,
         roomy: int = ROOMY_PX,
     ) -> None:
         super().__init__(0, len(header))

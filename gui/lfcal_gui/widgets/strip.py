@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.colours import theme_table
 
 if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
     from lfcal.psf.aperture import Aperture
 
 FITTED, EXPECTED = "#39d353", "#56b4e9"
@@ -38,8 +39,8 @@ def legend_words(between: str = "<br>") -> str:
     return f"<span style='color:{fitted}'>━</span> fitted{between}<span style='color:{expected}'>┅</span> expected"
 
 
-LEAST = 84
-"""Least width of a tile with its depth (px)."""
+LEAST, WORD = 84, 16
+"""Least width of a tile with its depth, and height of the word below it (px)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +107,20 @@ class PlaneTile:
         painter.end()
 
 
+def expected_apertures(plan: ScanPlan) -> list[Aperture | None]:
+    """Return the apertures that are expected in the planes of a plan, for `Strip.show_expected`.
+
+    Call it in the background: the first outline loads a compiled function.
+    """
+    from lfcal.psf.aperture import expected_aperture
+
+    found = [expected_aperture(plan.camera, depth, plan.cutout) for depth in plan.depths_um]
+    for one in found:
+        if one is not None and one.seen:
+            one.outline()
+    return found
+
+
 def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "magma") -> QPixmap:
     """Return ``image`` as a square picture of ``side`` points."""
     data = to_uint8(image, DisplaySettings(), levels_of(image))
@@ -143,7 +158,8 @@ class Strip(QListWidget):
     ) -> None:
         super().__init__()
         self._tip, self._side, self._wrapping = tip, side, wrapping
-        words = 16 * worded
+        words = WORD * worded
+        self._height = side + 30 + words
         self.tiles: list[PlaneTile] = []
         self.setViewMode(QListWidget.ViewMode.IconMode)
         self.setFlow(QListWidget.Flow.LeftToRight)
@@ -154,10 +170,22 @@ class Strip(QListWidget):
         self.setGridSize(QSize(max(side + 18, LEAST), side + 26 + words))
         self.setAccessibleName("apertures of all planes")
         if not wrapping:
-            self.setFixedHeight(side + 30 + words)
+            self.setFixedHeight(self._height)
             self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane.")
         self.currentRowChanged.connect(self._changed)
+
+    def offer(self, depths_um: Sequence[float], shape: tuple[int, int]) -> None:
+        """Offer planes (µm) of cutouts of a shape; the one that was chosen stays chosen."""
+        tiles, z = [PlaneTile(depth, shape=shape) for depth in depths_um], self.currentRow()
+        if [(one.depth_um, one.shape) for one in self.tiles] != [(one.depth_um, one.shape) for one in tiles]:
+            self.show_tiles(tiles)
+            self.set_current(min(z, len(tiles) - 1))
+
+    def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
+        """Draw the apertures that are expected in the planes; None: in focus, or not to be seen."""
+        for z, one in enumerate(apertures):
+            self.set_tile(z, expected=one)
 
     def set_planes(self, depths: NDArray[np.float64]) -> None:
         """Make one empty place per plane."""
@@ -184,7 +212,7 @@ class Strip(QListWidget):
         if not self._wrapping:
             scrolled = self.count() * self.gridSize().width() > self.viewport().width()
             bar = self.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent) if scrolled else 0
-            self.setFixedHeight(self._side + 30 + bar)
+            self.setFixedHeight(self._height + bar)
 
     def set_tile(self, z: int, **known: Any) -> None:
         """Show more of plane ``z``: fields of `PlaneTile`."""

@@ -20,7 +20,7 @@ from lfcal_gui.models.display import SCALES, DisplaySettings, colour_table, dept
 from lfcal_gui.models.shot import Outline, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.simulate._effect_panel import InfluenceView
-from lfcal_gui.pages.simulate.model_influence import InfluencePictures
+from lfcal_gui.pages.simulate.model_frames import InfluencePictures
 from lfcal_gui.theme import LIGHT, NIGHT, apply_theme
 from lfcal_gui.widgets.colours import ramp
 from lfcal_gui.widgets.picture import LARGE, Picture, link, share_contrast

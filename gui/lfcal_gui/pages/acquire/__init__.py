@@ -2,11 +2,11 @@
 
 - ``page``: the page; ``panel``: its layout
 - ``setup_tab``, ``setup_panel``: devices and live view; ``_devices``, ``_stage``, ``_measuring``: parts of it
-- ``record_tab``, ``record_panel``: a recording; ``_pictures``: its pictures; ``_words``: its state in words
+- ``record_tab``, ``record_panel``: a recording; ``_pictures``: its pictures
 - ``_after``, ``step``: what is made of a session; ``_choices``: its folder and its target
 - ``_lab``: large buttons for a dark lab
 - ``model``: settings; ``model_live``: live frames; ``model_station``: the devices; ``model_recorder``: a recording
-  as it grows; ``model_folder``: what a folder holds
+  as it grows, in pictures and words; ``model_folder``: what a folder holds
 """
 
 from __future__ import annotations

@@ -8,20 +8,12 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QStandardItemModel
-from PySide6.QtWidgets import (
-    QComboBox,
-    QLabel,
-    QListWidget,
-    QPushButton,
-    QSpinBox,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QComboBox, QLabel, QListWidget, QSpinBox, QWidget
 
 from lfcal.base import LfcalError
 from lfcal.devices.simulated import CAMERA_FAULTS, FAULTS, GAUGE_FAULTS, STAGE_FAULTS, DeviceFault, parse_faults
 from lfcal_gui.models import Field
-from lfcal_gui.widgets import Folded, FoldedForm, card, choice_box, line, set_role
+from lfcal_gui.widgets import Folded, FoldedForm, button, choice_box, column_of, line, set_role, wrapped
 
 _SAID = {
     "move fails": "a move fails",
@@ -99,36 +91,23 @@ class DevicePanel(QWidget):
         self._connected = False
         self._make_choices()
         self.options = FoldedForm()
-        self.reason = QLabel("looking for devices …")
-        self.reason.setProperty("role", "hint")
-        self.reason.setWordWrap(True)
-        self.button = QPushButton("Connect")
-        self.button.setToolTip(CONNECT)
-        self.button.clicked.connect(self._pressed)
+        self.reason = wrapped("hint", "looking for devices …")
+        self.button = button("Connect", CONNECT, self._pressed)
         self.button.setEnabled(False)
-        frame, column = card("Devices")
-        column.addWidget(self.backend)  # its names are long
-        column.addLayout(line(self.stage_label, self.stage, stretch=1))
-        column.addWidget(self.reason)
-        column.addWidget(self.options)
-        column.addWidget(self.button)
-        self._column = column
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(frame)
+        # the names of backends are long
+        parts = (self.backend, line(self.stage_label, self.stage, stretch=1), self.reason, self.options, self.button)
+        self._column = column_of(*parts, of=self)
 
     # -- building --------------------------------------------------------------------------------------
     def _make_choices(self) -> None:
-        policy = QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon
-        self.backend = QComboBox()
+        self.backend, self.stage = QComboBox(), QComboBox()
+        for box in (self.backend, self.stage):
+            box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.backend.setAccessibleName("camera")
         self.backend.setToolTip("Driver of the camera; one that is not available says why")
         self.backend.setMinimumContentsLength(10)
-        self.backend.setSizeAdjustPolicy(policy)
         self.backend.activated.connect(self._backend_chosen)
-        self.stage = QComboBox()
         self.stage.setToolTip("Driver of the stage, where the driver of the camera brings none")
-        self.stage.setSizeAdjustPolicy(policy)
         self.stage.activated.connect(lambda _: self._emit())
         self.stage_label = QLabel("Stage")
 
@@ -245,6 +224,7 @@ def _fields(options: Mapping[str, str]) -> tuple[Field, ...]:
 
 
 MOST = 1_000_000
+ADD = "Add this fault to the list"
 HINT = "Rehearse faults: they occur the next time the simulator is connected."
 NOW = "The simulator is connected: a fault occurs after this number of calls, also during a recording."
 
@@ -277,30 +257,18 @@ class FaultPanel(QWidget):
         self.times.setAccessibleName("calls that the fault lasts")
         self.times.setToolTip("How many calls in a row are affected")
         self.counted = QLabel()
-        self.add, self.remove = QPushButton("Add"), QPushButton("Remove")
-        self.add.setToolTip("Add this fault to the list")
-        self.remove.setToolTip("Remove the selected fault from the list")
-        self.add.clicked.connect(self._add)
-        self.remove.clicked.connect(self._remove)
+        self.add = button("Add", ADD, self._add)
+        self.remove = button("Remove", "Remove the selected fault from the list", self._remove)
         self.list = QListWidget()
         self.list.setAccessibleName("faults of the simulator")
         self.list.setToolTip("Faults that will occur, and when. Select one to remove it")
         self.list.setMaximumHeight(84)
         self.list.currentRowChanged.connect(lambda _: self._enable())
-        self.hint = QLabel(HINT)
-        self.hint.setProperty("role", "hint")
-        self.hint.setWordWrap(True)
+        self.hint = wrapped("hint", HINT)
         self.fold = Folded("Faults of the simulator", "Rehearse how a recording handles faults")
-        column = self.fold.column
-        column.addWidget(self.hint)
-        column.addWidget(self.kind)
-        column.addLayout(line("At", self.at, self.counted, stretch=1))
-        column.addLayout(line("Lasts", self.times, self.add, stretch=1))
-        column.addWidget(self.list)
-        column.addLayout(line(self.remove, stretch=0))
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(self.fold)
+        at, lasts = line("At", self.at, self.counted, stretch=1), line("Lasts", self.times, self.add, stretch=1)
+        self.fold.column.addLayout(column_of(self.hint, self.kind, at, lasts, self.list, self.remove))
+        column_of(self.fold, of=self)
         self._count()
         self._show()
 
@@ -322,7 +290,7 @@ class FaultPanel(QWidget):
             self._connected = connected
             self.hint.setText(NOW if connected else HINT)
             self.add.setText("Inject fault" if connected else "Add")
-            self.add.setToolTip("Make the simulator fail in this way" if connected else "Add this fault to the list")
+            self.add.setToolTip("Make the simulator fail in this way" if connected else ADD)
             self._count()
         for widget in (self.kind, self.at, self.times, self.add):
             widget.setEnabled(not busy)

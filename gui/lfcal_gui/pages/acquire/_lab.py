@@ -177,7 +177,6 @@ class Lab(QWidget):
             self._show_button(name, words, enabled=button.isEnabled())
 
     def _show_button(self, key: str, words: str, *, enabled: bool) -> None:
-        """Show what a button does, with its key."""
         button = self.buttons[key]
         button.setText(f"{words}\n{dict(KEYS)[key]}")
         button.setAccessibleName(f"{words} ({key})")

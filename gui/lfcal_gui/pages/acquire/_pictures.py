@@ -11,8 +11,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
 from lfcal_gui.models import Shot
-from lfcal_gui.pages.acquire._words import ErrorCurve
-from lfcal_gui.pages.acquire.model_recorder import RecordPicture
+from lfcal_gui.pages.acquire.model_recorder import ErrorCurve, RecordPicture
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     LINES,

@@ -7,20 +7,13 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
-from PySide6.QtWidgets import (
-    QDoubleSpinBox,
-    QGridLayout,
-    QLabel,
-    QPushButton,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QLabel, QWidget
 
 from lfcal.base import LfcalError, format_length
 from lfcal_gui.context import Context
 from lfcal_gui.pages.acquire.model import target_of
 from lfcal_gui.pages.acquire.model_station import Station, read_target
-from lfcal_gui.widgets import heading, line
+from lfcal_gui.widgets import button, column_of, heading, line, wrapped
 
 Limits = tuple[tuple[float, float], ...]
 HOW = "Type a position and press Return, or press ↑ and ↓ in a field. Esc stops."
@@ -106,29 +99,16 @@ class StagePanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(4)
         self.motion = QLabel("")
         self.motion.setProperty("role", "hint")
         self.motion.setToolTip("Whether the stage moves; its position is read several times a second")
-        self.stop = QPushButton("Stop")
-        self.stop.setToolTip("Halt the stage now, where it is (Esc)")
-        self.stop.clicked.connect(lambda: self.stop_asked.emit())
+        self.stop = button("Stop", "Halt the stage now, where it is (Esc)", self.stop_asked.emit)
         self.stop.hide()
         head = line(heading("Stage"), self.stop, self.motion, stretch=0)
         head.addStrut(26)
-        column.addLayout(head)
-        column.addLayout(self._axes())
-        self.refusal = QLabel("")
-        self.refusal.setProperty("role", "error")
-        self.refusal.setWordWrap(True)
+        self.refusal, self.hint = wrapped("error"), wrapped("hint", HOW)
         self.refusal.hide()
-        column.addWidget(self.refusal)
-        self.hint = QLabel(HOW)
-        self.hint.setProperty("role", "hint")
-        self.hint.setWordWrap(True)
-        column.addWidget(self.hint)
+        column_of(head, self._axes(), self.refusal, self.hint, of=self, spacing=4)
         self.set_limits(None)
 
     # -- building --------------------------------------------------------------------------------------

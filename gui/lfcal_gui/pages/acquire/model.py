@@ -168,7 +168,6 @@ class AcquireSettings(PageSettings):
         return AcquireUntil(**self._given(AcquireUntil, plan, out, begun=begun))
 
     def _given(self, kind: type, plan: str, out: str, *, begun: bool) -> dict[str, Any]:
-        """Return the values of the fields that a kind of task has."""
         names = {row.name for row in rows(kind)} - set(BEGUN if begun else ())
         own = {one.name: getattr(self, one.name) for one in fields(self) if one.name in names}
         option = tuple(f"{name}={value}" for name, value in self.devices().items())

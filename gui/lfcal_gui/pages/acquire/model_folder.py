@@ -96,15 +96,13 @@ class FolderState:
             return self.problem
         if self.there is None:
             return "a new session"
-        done, total = int(self.there.sum()), self.there.size
+        done, total = self.counts
+        counted = f"{done} of {total} positions safe on disk"
         if self.target is not None:
-            return f"{done} of {total} frames of a target safe on disk" + (
-                f"; the last run: {self.how}" if self.how else ""
-            )
-        if self.chosen is not None:
-            of = f"{done} of {int(self.chosen.sum())} chosen positions safe on disk, of {total} of the plan"
-            return of + (f"; the last run: {self.how}" if self.how else "")
-        return f"{done} of {total} positions safe on disk" + (f"; the last run: {self.how}" if self.how else "")
+            counted = f"{done} of {total} frames of a target safe on disk"
+        elif self.chosen is not None:
+            counted = f"{done} of {total} chosen positions safe on disk, of {self.there.size} of the plan"
+        return counted + (f"; the last run: {self.how}" if self.how else "")
 
 
 def folder_state(folder: str) -> FolderState:

@@ -19,7 +19,6 @@ from lfcal.psf import Cutout, PSFMatrix
 from lfcal_gui.pages.acquire.model_station import Look, cut
 
 if TYPE_CHECKING:
-    from lfcal.psf.aperture import Aperture
     from lfcal.targets import TargetPlan
 
 LATE_S, LATE = 1.0, 3.0
@@ -169,13 +168,6 @@ def recorded_picture(
     if point is None or reference is None or reference.shape != plan.shape:
         return _compared(made, None)
     return _compared(made, predicted_pattern(plan, reference, stage_um, point))
-
-
-def apertures_of(plan: ScanPlan) -> list[Aperture | None]:
-    """Return the apertures that are expected in the planes; None: in focus, or not to be seen."""
-    from lfcal.psf.aperture import expected_aperture
-
-    return [expected_aperture(plan.camera, depth, plan.cutout) for depth in plan.depths_um]
 
 
 def places_px(

@@ -76,7 +76,6 @@ class Page(BasePage):
         return {name: partial(self._on_tab, tab, deed) for tab, own in tabs.items() for name, deed in own.items()}
 
     def _record(self) -> None:
-        """Record, into a new folder where none was chosen."""
         folder = "" if self.context.state.recording else self.context.own_path("session")
         if folder:
             self.context.project.update("session folder", recording=folder)
@@ -88,14 +87,12 @@ class Page(BasePage):
         self.record.after.assemble("" if own.exists() else str(own))
 
     def _record_bad(self) -> None:
-        """Record again the positions that the verdict on H names."""
         verdict = kept_verdict(self.context.state)
         if verdict is not None and verdict.redo:
             self.context.project.update("positions to record again", redo=verdict.redo)
             self.redo()
 
     def _on_tab(self, tab: QWidget, deed: Callable[[], object]) -> None:
-        """Do something on the tab where its effect is visible."""
         self.panel.setCurrentWidget(tab)
         deed()
 
@@ -118,7 +115,6 @@ class Page(BasePage):
         self.lab.show_controls()
 
     def _ask(self, words: str) -> None:
-        """Ask a person to do what the recording waits for."""
         recorder = self.record.recorder
         if not words or recorder is None:
             self.notice.clear()

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLay
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_panel import SetupPanel
-from lfcal_gui.widgets import Folded, column_area, line
+from lfcal_gui.widgets import Folded, column_area, column_of, line
 
 NARROW, WIDE, ROOMY = 304, 368, 1400
 """Width of the inspector, and of a page from which it is wide (px)."""
@@ -34,11 +34,8 @@ class AcquirePanel(QWidget):
             button.setAutoExclusive(True)
         self.setup.whole.setChecked(True)
         self.session.toggled.connect(lambda on: self._show(int(on)))
-        left = QVBoxLayout()
-        left.setSpacing(4)
-        left.addLayout(line(*choices, self.bars, stretch=3))
-        left.addWidget(self.views, 1)
-        left.addWidget(self.record.strip)
+        above = line(*choices, self.bars, stretch=len(choices))
+        left = column_of(above, self.views, self.record.strip, spacing=4, stretch=1)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
@@ -58,7 +55,6 @@ class AcquirePanel(QWidget):
         self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
 
     def _folds(self) -> tuple[Folded, ...]:
-        """Make the folded sections of the inspector."""
         self.devices = Folded("Devices", "Choose camera and stage, and their settings")
         self.adjust = Folded("Adjust the rig", "Scale and axis of the stage, exposures, white and dark frames")
         self.recording = Folded("Recording", "Folder, source, order, what happens at a fault, and all buttons")

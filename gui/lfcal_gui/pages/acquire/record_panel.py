@@ -18,20 +18,30 @@ from PySide6.QtWidgets import (
     QPushButton,
     QSizePolicy,
     QStyle,
-    QVBoxLayout,
     QWidget,
 )
 
 from lfcal.base import format_length
 from lfcal_gui.models import plane_words
 from lfcal_gui.pages.acquire._pictures import RecordPictures
-from lfcal_gui.pages.acquire._words import ErrorCurve
 from lfcal_gui.pages.acquire.model import EXTENTS, FIELDS, MORE, UNTIL
-from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, RecordPicture
-from lfcal_gui.widgets import ElidedLabel, FoldedForm, PeriodMap, PlaneTile, Strip, choice_box, line, name_controls
+from lfcal_gui.pages.acquire.model_recorder import QUANTITIES, ErrorCurve, RecordPicture
+from lfcal_gui.widgets import (
+    ElidedLabel,
+    FoldedForm,
+    PeriodMap,
+    PlaneTile,
+    Strip,
+    button,
+    choice_box,
+    column_of,
+    line,
+    name_controls,
+    wrapped,
+)
 
 if TYPE_CHECKING:
-    from lfcal.psf.aperture import Aperture
+    pass
 
 BUTTONS = (
     (
@@ -59,6 +69,7 @@ BUTTONS = (
 
 
 SINGLE = "a single point"
+OPEN_PLANE = "Assemble this plane, which is complete, and show its H and HT while recording continues"
 
 EXTENT_TIP = (
     "Every position of the plan, or chosen positions. Chosen: a few are recorded and fitted, then the most informative "
@@ -80,14 +91,6 @@ class RecordPanel(QWidget):
         Another session folder; the dialog to choose one.
     view_changed()
         Show another plane or quantity.
-    plane_chosen(z), go_asked(z)
-        A plane was chosen in the strip; it was clicked, where the stage shall go to it.
-    plane_asked(z)
-        Open the H of a complete plane.
-    extent_asked(key)
-        One of `EXTENTS` is wanted.
-    target_asked()
-        Another source is wanted: a target of many points, or a single point again.
     told()
         Status, details, alarms or values changed.
     """
@@ -96,11 +99,6 @@ class RecordPanel(QWidget):
     folder_edited = Signal(str)
     folder_asked = Signal()
     view_changed = Signal()
-    plane_chosen = Signal(int)
-    go_asked = Signal(int)
-    plane_asked = Signal(int)
-    extent_asked = Signal(str)
-    target_asked = Signal()
     told = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -113,13 +111,9 @@ class RecordPanel(QWidget):
         self._light: NDArray[np.float64] | None = None
         self.strip = Strip(_tip, SIDE, worded=True)
         self.strip.setToolTip("Planes of the scan. Click one to look at it, and to move the stage there")
-        self.strip.chosen.connect(self.plane_chosen.emit)
-        self.strip.itemClicked.connect(lambda _: self.go_asked.emit(self.z))
         self.progress, self.map_box = self._progress(), self._map_box()
         self.how = self._how()
-        self._seen = QVBoxLayout(self)
-        self._seen.setContentsMargins(0, 0, 0, 0)
-        self._seen.setSpacing(4)
+        self._seen = column_of(of=self, spacing=4)
         self.tools = self._tools()
         self.say_of_folder("")
 
@@ -161,9 +155,8 @@ class RecordPanel(QWidget):
         self.bar = QProgressBar()
         self.bar.setTextVisible(False)
         self.alarms.hide()
-        widget, column = _column()
-        for one in (self.status, self.bar, self.detail, self.alarms):
-            column.addWidget(one)
+        widget = QWidget()
+        column_of(self.status, self.bar, self.detail, self.alarms, of=widget, spacing=4)
         widget.hide()
         return widget
 
@@ -174,18 +167,24 @@ class RecordPanel(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel()
         self.map_words.setProperty("role", "hint")
-        self.map = PeriodMap()
-        self.map.setToolTip("Positions of one period in this plane; empty: not recorded")
-        self.map.pointed = False
-        self.map.graphics.setMinimumSize(LEAST_MAP, LEAST_MAP)
-        self.map.setFixedHeight(MAP)
-        for side in ("left", "bottom"):
-            self.map.plot.getAxis(side).hide()
-        widget, column = _column()
-        column.addLayout(line(self.quantity, self.map_words, stretch=1))
-        column.addWidget(self.map)
+        widget = QWidget()
+        column_of(line(self.quantity, self.map_words, stretch=1), of=widget, spacing=4)
         widget.hide()
         return widget
+
+    @cached_property
+    def map(self) -> PeriodMap:
+        """The map, made when there is something to show in it."""
+        made = PeriodMap()
+        made.setToolTip("Positions of one period in this plane; empty: not recorded")
+        made.pointed = False
+        made.graphics.setMinimumSize(LEAST_MAP, LEAST_MAP)
+        made.setFixedHeight(MAP)
+        for side in ("left", "bottom"):
+            made.plot.getAxis(side).hide()
+        self.map_box.layout().addWidget(made)
+        name_controls(self.map_box)
+        return made
 
     def _folder_line(self) -> QLineEdit:
         folder = QLineEdit()
@@ -204,47 +203,33 @@ class RecordPanel(QWidget):
         grid.setSpacing(5)
         self.buttons: dict[str, QPushButton] = {}
         for k, (key, title, tip) in enumerate(BUTTONS):
-            button = QPushButton(title)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, key=key: self.pressed.emit(key))
-            self.buttons[key] = button
-            grid.addWidget(button, k // 4, k % 4)
+            made = self.buttons[key] = button(title, tip, lambda key=key: self.pressed.emit(key))
+            grid.addWidget(made, k // 4, k % 4)
         return grid
 
     def show_buttons(self, *, startable: bool) -> None:
         """Show the buttons that can be pressed now, and Start also where it only waits for the devices."""
-        for key, button in self.buttons.items():
-            button.setVisible(button.isEnabled() or (key == "start" and startable))
+        for key, one in self.buttons.items():
+            one.setVisible(one.isEnabled() or (key == "start" and startable))
 
     def _how(self) -> QWidget:
-        widget, column = _column()
         self.folder, self.folder_words, self.why = self._folder_line(), _words("hint"), _words("hint")
-        for one in (self.folder, self.folder_words):
-            column.addWidget(one)
-        column.addLayout(self._button_grid())
-        column.addWidget(self.why)
         self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
         self.source.setProperty("role", "hint")
-        self.choose_target.clicked.connect(lambda: self.target_asked.emit())
         self.show_target("")
-        column.addLayout(line(self.source, self.choose_target, stretch=0))
         self.extent = choice_box(EXTENTS, EXTENT_TIP)
         self.extent.setAccessibleName("positions to record")
-        self.extent.currentIndexChanged.connect(lambda _: self.extent_asked.emit(self.extent.currentData()))
-        column.addWidget(self.extent)
-        column.addWidget(self.until)
-        column.addWidget(self.form)
+        where = (self.folder, self.folder_words, self._button_grid(), self.why)
+        source = line(self.source, self.choose_target, stretch=0)
+        widget = QWidget()
+        column_of(*where, source, self.extent, self.until, self.form, of=widget, spacing=4)
         return widget
 
     def _tools(self) -> QWidget:
-        """Make the controls in the bar of the session."""
         bar = QWidget()
         self.plane_label = ElidedLabel()
         self.open_plane = QPushButton("Open plane")
-        self.open_plane.setToolTip(
-            "Assemble this plane, which is complete, and show its H and HT while recording continues"
-        )
-        self.open_plane.clicked.connect(lambda: self.plane_asked.emit(self.z))
+        self.open_plane.setToolTip(OPEN_PLANE)
         row = line(self.plane_label, self.open_plane, stretch=0)
         row.setContentsMargins(0, 0, 0, 0)
         bar.setLayout(row)
@@ -270,19 +255,6 @@ class RecordPanel(QWidget):
             form.set_values(values)
         self.until.setVisible(extent == "error")
         self.told.emit()
-
-    def set_planes(self, depths_um: Sequence[float], shape: tuple[int, int]) -> None:
-        """Offer depth planes (µm) of cutouts of a shape."""
-        tiles = [PlaneTile(depth, shape=shape) for depth in depths_um]
-        if [(one.depth_um, one.shape) for one in self.strip.tiles] != [(one.depth_um, one.shape) for one in tiles]:
-            z = min(self.z, len(tiles) - 1)
-            self.strip.show_tiles(tiles)
-            self.strip.set_current(z)
-
-    def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
-        """Draw the apertures that are expected in the planes; None: in focus, or not to be seen."""
-        for z, one in enumerate(apertures):
-            self.strip.set_tile(z, expected=one)
 
     def show_merits(self, merits: Sequence[str]) -> None:
         """Show how good each plane is by the checks of H; empty: not judged."""
@@ -331,10 +303,11 @@ class RecordPanel(QWidget):
         self.strip.set_tile(self.z, image=seen if seen.any() else None)
 
     def _show_map(self) -> None:
-        """Show H while it fills, and else what was recorded."""
         picture = self._picture
         self.map_box.setVisible(self._light is not None or (picture is not None and any(picture.planes)))
         self.quantity.setVisible(self._light is None and not (picture is not None and picture.covered))
+        if self.map_box.isHidden():
+            return
         if self._light is not None:
             self.map.set_values(self._light)
         elif picture is not None and picture.covered:
@@ -364,25 +337,14 @@ class RecordPanel(QWidget):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
         self.strip.apply_theme()
-        self.map.apply_theme()
-        if self._drawn is not None:
-            self._drawn.apply_theme()
-
-
-def _column() -> tuple[QWidget, QVBoxLayout]:
-    """Return a widget with a tight column."""
-    widget = QWidget()
-    column = QVBoxLayout(widget)
-    column.setContentsMargins(0, 0, 0, 0)
-    column.setSpacing(4)
-    return widget, column
+        for name in ("map", "pictures"):
+            if name in vars(self):
+                getattr(self, name).apply_theme()
 
 
 def _words(role: str) -> QLabel:
     """Return a label whose words never make the window wider."""
-    label = QLabel("")
-    label.setProperty("role", role)
-    label.setWordWrap(True)
+    label = wrapped(role)
     label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
     return label
 

@@ -19,23 +19,25 @@ from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import Hold, ProjectState, kept_verdict, plane_words, said_in_window
 from lfcal_gui.pages.acquire._after import Afterwards
 from lfcal_gui.pages.acquire._choices import FolderChoice, TargetChoice
-from lfcal_gui.pages.acquire._words import (
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
+from lfcal_gui.pages.acquire.model_recorder import (
+    Recorder,
+    RecordPicture,
     advice_words,
     asked_words,
     automatic_words,
     check_goal,
     end_words,
     error_curve,
+    picture_of,
     progress_words,
 )
-from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
-from lfcal_gui.pages.acquire.model_live import apertures_of
-from lfcal_gui.pages.acquire.model_recorder import Recorder, RecordPicture, picture_of
 from lfcal_gui.pages.acquire.model_station import Station
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
 from lfcal_gui.pages.acquire.step import REDO_FILE, step
+from lfcal_gui.widgets import expected_apertures
 
 POLL_MS, HIDDEN_MS, READ_MS, FRAME_MS = 120, 1000, 250, 80
 """Periods (ms) of updates of the quality, of a hidden session, of reading earlier frames, and of frames."""
@@ -88,14 +90,14 @@ class RecordTab(QObject):
         for form in panel.forms:
             form.check = self._check_field
             form.edited.connect(self._field_edited)
-        panel.extent_asked.connect(lambda key: self._field_edited("extent", key))
+        panel.extent.currentIndexChanged.connect(lambda _: self._field_edited("extent", panel.extent.currentData()))
         panel.folder_edited.connect(self.folder_choice.take)
         panel.folder_asked.connect(self.folder_choice.ask)
-        panel.target_asked.connect(lambda: self.target.ask(panel))
+        panel.choose_target.clicked.connect(lambda: self.target.ask(panel))
         panel.view_changed.connect(self.refresh)
-        panel.plane_chosen.connect(self._plane_chosen)
-        panel.go_asked.connect(self._go)
-        panel.plane_asked.connect(self.after.open_plane)
+        panel.strip.chosen.connect(self._plane_chosen)
+        panel.strip.itemClicked.connect(lambda _: self._go(panel.z))
+        panel.open_plane.clicked.connect(lambda: self.after.open_plane(panel.z))
         panel.pressed.connect(self._pressed)
         setup.changed.connect(self.show_controls)
         context.jobs.changed.connect(self._job_changed)
@@ -127,11 +129,12 @@ class RecordTab(QObject):
 
     def _show_planes(self, plan: ScanPlan) -> None:
         """Offer the planes of a plan, with the apertures that are expected in them."""
-        self.panel.set_planes(plan.depths_um, plan.cutout)
+        strip = self.panel.strip
+        strip.offer(plan.depths_um, plan.cutout)
         self._set_plane(self.panel.z)
         if self._expected_of != (asked := (plan.camera, plan.depths_um, plan.cutout)):
             self._expected_of = asked
-            self.context.jobs.compute("acquire apertures", lambda: apertures_of(plan), self.panel.show_expected)
+            self.context.jobs.compute("acquire apertures", lambda: expected_apertures(plan), strip.show_expected)
 
     def _show_merits(self, planes: int) -> None:
         """Show how good each plane is, where H of this session was judged."""
@@ -143,7 +146,6 @@ class RecordTab(QObject):
         self.panel.show_merits(merits)
 
     def _set_plane(self, z: int) -> None:
-        """Look at plane ``z``."""
         self.setup.panel.z = z
         self.panel.set_plane(z)
 
@@ -154,7 +156,6 @@ class RecordTab(QObject):
         self.refresh()
 
     def _go(self, z: int) -> None:
-        """Move the stage to a plane, where nothing else uses it."""
         if self.setup.station is not None and self.setup.free:
             self.setup.moves.go_plane(z)
 
@@ -188,7 +189,6 @@ class RecordTab(QObject):
             self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=plan, settings=settings.into(state))
 
     def _target_read(self, words: str) -> None:
-        """Show what the target covers, or why its plan cannot be read."""
         if words:
             self._refuse(words)
         self.show_controls()
@@ -196,7 +196,6 @@ class RecordTab(QObject):
             self.refresh()
 
     def _refuse(self, words: str) -> None:
-        """Show why a request is refused, until the next request."""
         self._refused = True
         self.panel.show_status("Cannot begin.", words, 0.0)
         self.context.message.emit(words)
@@ -250,7 +249,6 @@ class RecordTab(QObject):
         self.shown.emit()
 
     def _tell(self) -> None:
-        """Report the state of the recording and its devices."""
         recorder, job = self.recorder, self._under_way
         facts: dict[str, Any] = {
             "rig": self.setup.station is not None,
@@ -304,7 +302,6 @@ class RecordTab(QObject):
         )
 
     def _begin(self, now: FolderState, *, redo: bool) -> None:
-        """Record, knowing what the folder holds."""
         state, folder, station = self.context.state, Path(self.context.state.recording), self.setup.station
         if state.plan is None or station is None or self.recording or not self.setup.free:
             return
@@ -408,7 +405,6 @@ class RecordTab(QObject):
             self.setup.show_recorded(frame, self.recorder.recorded)
 
     def _show_asked(self, words: str) -> None:
-        """Ask for what the recording waits for."""
         if words != self._asked:
             self._asked = words
             self.context.attention.emit("acquire", bool(words))
@@ -444,7 +440,6 @@ class RecordTab(QObject):
         )
 
     def _read_earlier(self, made: Recorder, z: int) -> None:
-        """Read what earlier runs recorded, while the page is visible."""
         jobs = self.context.jobs
         if not jobs.loading(EARLIER):
             self.read_timer.stop()
@@ -521,7 +516,7 @@ class RecordTab(QObject):
                 self.after.assemble_own()
 
     def _failed(self, job: WindowJob) -> None:
-        self._stopped = job.error
+        self._stopped = job.error.removeprefix("stopped ")  # the line of the next step begins with this word
         self.context.attention.emit("acquire", True)
 
     def _job_finished(self, job: WindowJob) -> None:

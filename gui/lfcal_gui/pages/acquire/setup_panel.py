@@ -6,15 +6,7 @@ import math
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import (
-    QDoubleSpinBox,
-    QHBoxLayout,
-    QLabel,
-    QMenu,
-    QPushButton,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QDoubleSpinBox, QHBoxLayout, QLabel, QMenu, QPushButton, QWidget
 
 from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
@@ -23,7 +15,18 @@ from lfcal_gui.pages.acquire._devices import DevicePanel, FaultPanel
 from lfcal_gui.pages.acquire._stage import StagePanel
 from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_words, plane_to_go
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import AxisArrows, Contrast, ElidedLabel, Picture, heading, line, set_role
+from lfcal_gui.widgets import (
+    AxisArrows,
+    Contrast,
+    ElidedLabel,
+    Picture,
+    button,
+    column_of,
+    heading,
+    line,
+    set_role,
+    wrapped,
+)
 
 EXPOSURE, PAIR = 104, 104
 """Least width of the box of the exposure, and height of the two small pictures (px)."""
@@ -78,8 +81,6 @@ class SetupPanel(QWidget):
 
     Signals
     -------
-    exposure_edited(seconds)
-        Another exposure of the live view.
     plane_asked(z)
         Go to a plane of the plan, where something is expected.
     find_asked(key)
@@ -90,7 +91,6 @@ class SetupPanel(QWidget):
         Something was found or forgotten, connected or released.
     """
 
-    exposure_edited = Signal(float)
     plane_asked = Signal(int)
     find_asked = Signal(str)
     connect_asked = Signal(bool)
@@ -112,25 +112,20 @@ class SetupPanel(QWidget):
         self.z = 0
         """Plane that is looked at, which what is measured in one plane is measured in."""
         self._last: tuple[LivePicture, ScanPlan] | None = None
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(4)
         self.tools = self._tools()
-        column.addWidget(self.view, 1)
-        column.addWidget(self.contrast)
+        column_of(self.view, self.contrast, of=self, spacing=4, stretch=0)
         self.pair, self.adjust = self._pair(), self._adjust()
         self.set_connected(False)
 
     # -- building --------------------------------------------------------------------------------------
     def _tools(self) -> QWidget:
-        """Make what stands next to the buttons that choose the view."""
         bar = QWidget()
         self.near, self.whole = QPushButton("Cutout"), QPushButton("Sensor")
         self.near.setToolTip("Show the cutout of the live frame, wherever the stage moves it")
         self.whole.setToolTip("Show the whole live frame")
         self.looked_at = self.whole
-        for button in (self.near, self.whole):
-            button.toggled.connect(lambda on, button=button: self._look_at(button) if on else None)
+        for one in (self.near, self.whole):
+            one.toggled.connect(lambda on, one=one: self._look_at(one) if on else None)
         self.readout = ElidedLabel()
         self.readout.setProperty("role", "hint")
         self.exposure = QDoubleSpinBox()
@@ -141,21 +136,18 @@ class SetupPanel(QWidget):
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.exposure.setAccessibleName("exposure of the live view")
         self.exposure.setToolTip("Exposure of the live view; the exposures of the plan do not change")
-        self.exposure.valueChanged.connect(lambda ms: self.exposure_edited.emit(ms / 1e3))
-        row = QHBoxLayout(bar)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(self.readout, 1)
-        self.connect_buttons = [QPushButton(title) for title, _ in CONNECTS]
-        for button, (_, tip) in zip(self.connect_buttons, CONNECTS, strict=True):
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, k=button is not self.connect_buttons[0]: self.connect_asked.emit(k))
+        self.connect_buttons = [
+            button(title, tip, lambda simulated=bool(k): self.connect_asked.emit(simulated))
+            for k, (title, tip) in enumerate(CONNECTS)
+        ]
         self.overlay = self._overlay_button()
-        for widget in (*self.connect_buttons, self.exposure, self.overlay):
-            row.addWidget(widget)
+        row = line(self.readout, *self.connect_buttons, self.exposure, self.overlay, stretch=0)
+        row.setContentsMargins(0, 0, 0, 0)
+        bar.setLayout(row)
         return bar
 
     def _overlay_button(self) -> QPushButton:
-        button, menu = QPushButton("Overlay"), QMenu(self)
+        made, menu = QPushButton("Overlay"), QMenu(self)
         self.overlays: dict[str, QAction] = {}
         for key, title, tip in OVERLAYS:
             action = menu.addAction(title)
@@ -165,9 +157,9 @@ class SetupPanel(QWidget):
             action.toggled.connect(lambda _: self._show_overlays())
             self.overlays[key] = action
         menu.setToolTipsVisible(True)
-        button.setToolTip("What is drawn over the frame")
-        button.setMenu(menu)
-        return button
+        made.setToolTip("What is drawn over the frame")
+        made.setMenu(menu)
+        return made
 
     def _pair(self) -> QWidget:
         """Make the two pictures that are compared, and what is known of the light."""
@@ -182,54 +174,39 @@ class SetupPanel(QWidget):
             view.setFixedHeight(PAIR)
             view.blank.words = NO_FRAME
             pictures.addWidget(view, 1)
-        self.correlation, self.near_words = QLabel(""), QLabel("")
-        self.near_words.setProperty("role", "hint")
+        self.correlation, self.near_words = QLabel(""), wrapped()
         self.correlation.setToolTip(
             "Normalised correlation of the two pictures; 1 for the same pattern, whatever its brightness"
         )
-        self.go = QPushButton()
-        self.go.setToolTip("Move the stage to the nearest plane of the plan, where a pattern is expected")
-        self.go.clicked.connect(lambda: self.plane_asked.emit(self._nearest))
+        nearest = "Move the stage to the nearest plane of the plan, where a pattern is expected"
+        self.go = button("", nearest, lambda: self.plane_asked.emit(self._nearest))
         self.go.hide()
         self._nearest = 0
-        self.numbers, self.spot = QLabel("–"), QLabel("–")
+        self.numbers, self.spot = wrapped("", "–"), wrapped("", "–")
         self.spot.setToolTip(
             "Centroid of the light above the background; sharpness compares neighbouring pixels (larger is sharper, "
             "whatever the brightness); seen − predicted: rows, columns"
         )
         for label in (self.numbers, self.spot):
             label.setTextFormat(Qt.TextFormat.RichText)
-        for label in (self.near_words, self.numbers, self.spot):
-            label.setWordWrap(True)
-        widget = QWidget()
-        column = QVBoxLayout(widget)
-        column.setContentsMargins(0, 0, 0, 0)
         head = line(heading("Seen against expected"), self.correlation, stretch=0)
         head.addStrut(20)
-        column.addLayout(head)
-        column.addLayout(pictures)
-        column.addLayout(line(self.near_words, self.go, stretch=0))
+        widget = QWidget()
+        column_of(head, pictures, line(self.near_words, self.go, stretch=0), of=widget)
         return widget
 
     def _adjust(self) -> QWidget:
-        """Make what is measured and recorded before the session."""
         self.find_buttons: dict[str, QPushButton] = {}
         self.results: dict[str, QLabel] = {}
         widget = QWidget()
-        column = QVBoxLayout(widget)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.numbers)
-        column.addWidget(self.spot)
+        column = column_of(self.numbers, self.spot, of=widget)
         for key, title, tip in (*FINDINGS, *STILLS):
-            button, result = QPushButton(title), QLabel("")
-            button.setToolTip(tip)
-            result.setWordWrap(True)
+            made, result = button(title, tip, lambda key=key: self.find_asked.emit(key)), wrapped("")
             result.setTextFormat(Qt.TextFormat.RichText)
             result.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             result.hide()
-            button.clicked.connect(lambda _=False, k=key: self.find_asked.emit(k))
-            self.find_buttons[key], self.results[key] = button, result
-            column.addWidget(button)
+            self.find_buttons[key], self.results[key] = made, result
+            column.addWidget(made)
             column.addWidget(result)
         return widget
 
@@ -239,8 +216,8 @@ class SetupPanel(QWidget):
         self.connected = connected
         for widget in (*self.find_buttons.values(), self.go):
             widget.setEnabled(connected and free)
-        for button, simulated in zip(self.connect_buttons, (False, True), strict=True):
-            button.setVisible(not (connected or (simulated and self.devices.backend.currentData() in (None, "sim"))))
+        for one, simulated in zip(self.connect_buttons, (False, True), strict=True):
+            one.setVisible(not (connected or (simulated and self.devices.backend.currentData() in (None, "sim"))))
         for widget in (self.exposure, self.overlay):
             widget.setVisible(connected)
         self.stage.set_free(connected and free)
@@ -339,9 +316,9 @@ class SetupPanel(QWidget):
         for key, (words, good) in tuple(self._said.items()):
             self.show_result(key, words, good=good, done=key in self.done)
 
-    def _look_at(self, button: QPushButton) -> None:
-        self.looked_at = button
-        if button is self.whole:
+    def _look_at(self, view: QPushButton) -> None:
+        self.looked_at = view
+        if view is self.whole:
             self.view.show_all()
         else:
             self._zoom()

@@ -2,84 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from PySide6.QtWidgets import QCheckBox, QLineEdit
 
 from lfcal.base import InputError
 from lfcal.frames import parse_origin
-from lfcal.psf import CHECK
 from lfcal.tasks import Assemble
 from lfcal_gui.models import Field, check_of, fields_of, shown_of
-from lfcal_gui.pages.frames.model import CORRECTIONS, HELD, WAYS, FrameSettings
+from lfcal_gui.pages.frames.model import CORRECTIONS, HELD, FrameSettings
 from lfcal_gui.pages.frames.orientation import CHOICES
 from lfcal_gui.widgets import FoldedForm
 
 DARK_TIP, WHITE_TIP = CORRECTIONS[0][2], CORRECTIONS[1][2]
 READING = "Positions and orientation"
 
+_READ = {one.key: replace(one, group=READING, optional=False, late=True) for one in fields_of(Assemble)}
 FIELDS = (
     *(
         Field(key, title, kind="bool", tip=tip, group="Corrections", default=getattr(FrameSettings(), key))
         for key, title, tip in CORRECTIONS
     ),
-    Field(
-        "pattern",
-        "File names",
-        kind="text",
-        tip="Where file names state the position, for folders without a manifest",
-        empty="z{z}_y{y}_x{x}.png",
-        group=READING,
-        default="",
-        late=True,
-    ),
-    Field(
-        "manifest",
-        "Manifest",
-        kind="text",
-        tip="A manifest in another folder: file, z, y, x, and exposure where it differs",
-        group=READING,
-        default="",
-        late=True,
-    ),
-    Field(
-        "orientation",
-        "Orientation",
-        kind="choice",
-        choices=CHOICES,
-        tip="Orientation that makes the frames upright: rows and columns as in the plan",
-        group=READING,
-        default=CHECK,
-    ),
-    Field(
-        "origin",
-        "First pixel",
-        "px",
-        tip="Sensor row and column of the first pixel, for frames of a part of the sensor",
-        kind="text",
-        empty="whole sensor",
-        group=READING,
-        default="",
-        late=True,
-    ),
-    Field(
-        "skip_damaged",
-        "Leave out damaged",
-        kind="bool",
-        tip="Leave out frames that cannot be read; H then lacks their positions. Every frame is read once when the "
-        "frames are opened",
-        group=READING,
-        default=False,
-    ),
-    Field(
-        "interpolation",
-        "Interpolation",
-        kind="choice",
-        choices=WAYS,
-        tip="How a cutout between pixels is interpolated",
-        group="Cutout and storage",
-        default="",
-    ),
+    *(_READ[key] for key in ("pattern", "manifest")),
+    replace(_READ["orientation"], kind="choice", choices=CHOICES, read=None),
+    *(_READ[key] for key in ("origin", "skip_damaged")),
     *fields_of(Assemble, without=HELD),
 )
 _check = check_of(Assemble)

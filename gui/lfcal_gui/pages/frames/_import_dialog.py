@@ -8,6 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
+    QAbstractItemView,
     QComboBox,
     QDialog,
     QFileDialog,
@@ -16,22 +17,157 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QPushButton,
     QScrollArea,
+    QTableWidget,
+    QTableWidgetItem,
     QVBoxLayout,
     QWidget,
 )
 
 from lfcal.camera import Camera, ScanPlan
+from lfcal.frames.lists import Column, Table
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import said_in_window
-from lfcal_gui.pages.frames._columns_table import ColumnsTable
+from lfcal_gui.models import Shot, cutout_of, said_in_window
 from lfcal_gui.pages.frames._dataset_box import DatasetBox
-from lfcal_gui.pages.frames._import_previews import ImportPreviews
-from lfcal_gui.pages.frames.import_choice import ImportChoice
+from lfcal_gui.pages.frames.import_choice import HOLDS, ImportChoice, columns_text, not_held, unit_shown, units_of
+from lfcal_gui.pages.frames.model import Loaded
 from lfcal_gui.pages.frames.model_import import Survey, survey
 from lfcal_gui.pages.frames.orientation import CHOICES
-from lfcal_gui.widgets import choice_box, clear, set_role
+from lfcal_gui.widgets import (
+    Picture,
+    button,
+    choice_box,
+    clear,
+    column_of,
+    heading,
+    line,
+    set_role,
+    told_or_shown,
+    wrapped,
+)
+
+WORDS = {"": "unit found", "index": "number of position"}
+NO_UNIT = (("", "no unit"),)
+SHOWN_ROWS = 3
+"""Rows of the list that are shown."""
+
+
+class ColumnsTable(QTableWidget):
+    """A row of choices over a row of units over the first rows of the list.
+
+    Signals
+    -------
+    changed(text)
+        What the columns hold, as ``lfcal assemble --columns`` takes it.
+    """
+
+    changed = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        self.verticalHeader().hide()
+        self.setAccessibleName("columns of the list")
+        self.setToolTip("Choose above a column what it holds, if that was not found or is wrong")
+        self.boxes: list[tuple[QComboBox, QComboBox]] = []
+        self.names: tuple[str, ...] = ()
+        """Names of the columns."""
+        self._used: set[str] = set()
+        self._without: set[str] = set()
+        self.hide()
+
+    def show_table(self, table: Table | None, used: tuple[Column, ...], told: str = "") -> None:
+        """Show the list and the meaning of its columns. Without a list, hide it; ``told``: the user's choices."""
+        self.setVisible(table is not None)
+        if table is None:
+            return
+        self.names = table.columns
+        self._used, self._without = {column.role for column in used}, not_held(told)
+        shown = table.rows[:SHOWN_ROWS]
+        self.clear()
+        self.setColumnCount(len(table.columns))
+        self.setRowCount(2 + len(shown))
+        self.setHorizontalHeaderLabels(list(table.columns))
+        self.boxes = []
+        by_name = {column.name: column for column in used}
+        for k, name in enumerate(table.columns):
+            self._add_boxes(k, by_name.get(name))
+            for row, cells in enumerate(shown):
+                self.setItem(2 + row, k, QTableWidgetItem(cells[k]))
+        self.resizeColumnsToContents()
+        for k in range(len(table.columns)):
+            self.setColumnWidth(k, max(150, self.columnWidth(k)))
+        heights = sum(self.rowHeight(row) for row in range(self.rowCount()))
+        self.setFixedHeight(self.horizontalHeader().sizeHint().height() + heights + 18)
+
+    def _add_boxes(self, k: int, column: Column | None) -> None:
+        role = choice_box(HOLDS, "What this column holds")
+        units = units_of("" if column is None else column.role)
+        shown = tuple((name, WORDS.get(name, name)) for name in units) if len(units) > 1 else NO_UNIT
+        unit = choice_box(shown, "Unit of this column")
+        blockers = [QSignalBlocker(role), QSignalBlocker(unit)]
+        role.setCurrentIndex(role.findData("" if column is None else column.role))
+        unit.setCurrentIndex(max(0, unit.findData("" if column is None else unit_shown(column.unit))))
+        unit.setEnabled(len(units) > 1)
+        for one in blockers:
+            one.unblock()
+        for row, box in enumerate((role, unit)):
+            box.currentIndexChanged.connect(self._changed)
+            self.setCellWidget(row, k, box)
+        self.boxes.append((role, unit))
+
+    def _changed(self) -> None:
+        holds = {str(k): (role.currentData(), unit.currentData()) for k, (role, unit) in enumerate(self.boxes, 1)}
+        # else a role that the user removed would be found again from the column's name
+        without = (self._without | self._used) - {role for role, _ in holds.values()}
+        self.changed.emit(columns_text(holds, without))
+
+
+SHOWN = ("first frame", "middle frame", "last frame")
+NO_FRAME = "no frame yet"
+HEIGHT = 200
+"""Pixels on the screen, at least: lower ones show axes only."""
+
+
+class ImportPreviews(QWidget):
+    """Three pictures side by side."""
+
+    def __init__(self, jobs: Jobs, *, legend: bool = True) -> None:
+        super().__init__()
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        self.views, self.labels, self.stacks = [], [], []
+        for title in SHOWN:
+            label, view = heading(title), Picture("sample value (counts)", jobs=jobs, legend=legend)
+            view.setMinimumHeight(HEIGHT)
+            _, stack = told_or_shown(NO_FRAME, view)
+            self.views.append(view)
+            self.labels.append(label)
+            self.stacks.append(stack)
+            row.addLayout(column_of(label, stack, stretch=1))
+
+    def show_frames(self, shown: tuple[Loaded, ...]) -> None:
+        """Show up to three frames."""
+        for k, (title, label, view) in enumerate(zip(SHOWN, self.labels, self.views, strict=True)):
+            # axes around nothing would be read as a picture
+            self.stacks[k].setCurrentIndex(int(k < len(shown)))
+            label.setText(title)
+            if k >= len(shown):
+                view.set_shot(None)
+                continue
+            loaded, (row, column, *shape) = shown[k], shown[k].window
+            z, y, x = loaded.position
+            label.setText(f"{title}: z {z}, y {y}, x {x}")
+            label.setToolTip(loaded.label)
+            cutout = cutout_of(row, column, (shape[0], shape[1]), loaded.point)
+            view.set_shot(Shot(loaded.raw, name="frame", overlays=cutout), keep_view=False)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for view in self.views:
+            view.apply_theme()
+
 
 FOLDER = "Choose a folder of images: each file a frame, or a stack of them"
 FILE = "Choose one file of many frames, or the list of their positions"
@@ -74,9 +210,8 @@ class ImportDialog(QDialog):
         self.columns.changed.connect(lambda text: self._say(columns=text, header=self.columns.names))
         column.addWidget(self.columns)
         column.addLayout(self._options())
-        self.words = QLabel(WELCOME)
+        self.words = wrapped("", WELCOME)
         self.words.setTextFormat(Qt.TextFormat.PlainText)
-        self.words.setWordWrap(True)
         self.words.setAlignment(Qt.AlignmentFlag.AlignTop)
         said = QScrollArea()  # there may be many words, and the pictures count more
         said.setWidgetResizable(True)
@@ -112,12 +247,10 @@ class ImportDialog(QDialog):
             edit.editingFinished.connect(self._typed)
             grid.addWidget(QLabel(title), row, 0)
             grid.addWidget(edit, row, 1)
-            for column, (text, tip, action) in enumerate(buttons, 2):
-                button = QPushButton(text)
-                button.setToolTip(tip)
-                button.setAutoDefault(False)
-                button.clicked.connect(lambda _=False, action=action: action())
-                grid.addWidget(button, row, column)
+            for column, asking in enumerate(buttons, 2):
+                made = button(*asking)
+                made.setAutoDefault(False)
+                grid.addWidget(made, row, column)
         self._add_names(grid, len(rows))
         self.dataset = DatasetBox()
         self.dataset.chosen.connect(lambda path: self._say(frames=path))
@@ -172,20 +305,13 @@ class ImportDialog(QDialog):
         }
 
     def _buttons(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.open_button, cancel = QPushButton("Open"), QPushButton("Cancel")
+        self.open_button = button("Open", "Import these frames as shown above; the files are not changed", self._take)
         self.open_button.setProperty("role", "primary")
         self.open_button.setEnabled(False)
         self.open_button.setDefault(True)
-        self.open_button.setToolTip("Import these frames as shown above; the files are not changed")
-        cancel.setToolTip("Keep the frames that the project has")
+        cancel = button("Cancel", "Keep the frames that the project has", self.reject)
         cancel.setAutoDefault(False)
-        self.open_button.clicked.connect(self._take)
-        cancel.clicked.connect(self.reject)
-        row.addStretch()
-        row.addWidget(cancel)
-        row.addWidget(self.open_button)
-        return row
+        return line("", cancel, self.open_button, stretch=0)
 
     def start(self, plan: ScanPlan | None, camera: Camera | None) -> None:
         """Reset the dialog for a project: its plan, and the camera used to make a plan from a list."""

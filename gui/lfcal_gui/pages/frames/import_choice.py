@@ -1,13 +1,15 @@
-"""The user's choices for an import, and the paths of frames and list that follow from them. No Qt."""
+"""The user's choices for an import: paths, meanings of columns, and problems in the words of the dialog. No Qt."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 from lfcal.base import InputError
 from lfcal.frames import datasets_in, split_dataset
-from lfcal.frames.lists import TABLE_SUFFIXES
+from lfcal.frames.lists import LENGTHS, TABLE_SUFFIXES, TIMES, Column, Table, clear_columns, find_columns, parse_columns
+from lfcal_gui.models import said_in_window
 
 
 @dataclass(frozen=True)
@@ -95,3 +97,94 @@ def choices_of_dataset(frames: str) -> tuple[tuple[str, str], ...]:
     if len(found) < 2:
         return ()
     return tuple((f"{file}::/{name}", f"/{name}   {' × '.join(map(str, axes))}") for name, axes in found.items())
+
+
+HOLDS = (
+    ("", "not used"),
+    *((role, role) for role in ("file", "x", "y", "z", "page", "exposure")),
+    ("dy", "dy (px)"),
+    ("dx", "dx (px)"),
+)
+"""What a column of a list can hold, with the words shown."""
+LENGTH_UNITS = ("um", "mm", "nm", "m", "index")
+TIME_UNITS = ("s", "ms", "us")
+
+
+def units_of(role: str) -> tuple[str, ...]:
+    """Return the units that a column of ``role`` may have; empty: found."""
+    own = {"exposure": TIME_UNITS, **dict.fromkeys("xyz", LENGTH_UNITS)}
+    return ("", *own.get(role, ()))
+
+
+def unit_shown(unit: str) -> str:
+    """Return the name of `units_of` of a unit as headers write it: um of microns."""
+    for known, units in ((LENGTHS, LENGTH_UNITS), (TIMES, TIME_UNITS)):
+        if unit in known:
+            return next(name for name in units if known[name] == known[unit])
+    return unit
+
+
+def columns_text(holds: dict[str, tuple[str, str]], without: Collection[str] = ()) -> str:
+    """Return ``--columns`` for what each column (by its number from 1) holds, with its unit.
+
+    Parameters
+    ----------
+    holds
+        Role and unit of each; empty: not used, and found.
+    without
+        Roles that no column is to hold.
+    """
+    parts = []
+    for number, (role, unit) in holds.items():
+        if role:
+            parts.append(f"{role}{f'_{unit}' if unit and unit in units_of(role) else ''}={number}")
+    return ",".join([*parts, *(f"{role}=" for role in sorted(without))])
+
+
+def not_held(columns: str) -> set[str]:
+    """Return the roles that the user excluded for all columns."""
+    return {part.rstrip("=") for part in columns.split(",") if part.endswith("=")}
+
+
+def columns_used(table: Table, columns: str) -> tuple[tuple[Column, ...], str]:
+    """Return the use of the columns, and the problem with it; empty: none."""
+    said = [part.partition("=")[::2] for part in columns.split(",") if part]
+    roles = [key.partition("_")[0] for key, _ in said]
+    if twice := [role for role in roles if roles.count(role) > 1]:
+        held = [
+            Column(role, table.columns[int(number) - 1], key.partition("_")[2])
+            for role, (key, number) in zip(roles, said, strict=True)
+            if number
+        ]
+        names = " and ".join(column.name for column in held if column.role == twice[0])
+        problem = (
+            f"{table.name}, column of {twice[0]}: expected one, got {names}; choose something else above the other"
+        )
+        return tuple(held), problem
+    told = parse_columns(columns) if columns else None
+    try:
+        return find_columns(table, told), ""
+    except InputError as error:
+        return clear_columns(table, told), str(error)
+
+
+BOXES = (
+    ("--manifest", "choose the List above"),
+    ("--columns", "choose it above its column"),
+    ("--pattern", "type the pattern of Names above"),
+    ("--order", "choose their Order above"),
+    ("--first", "choose above what Positions count from"),
+    ("--channel", "choose a colour above"),
+    ("--orientation", "choose what makes them upright above"),
+    ("--origin", "state their First pixel in Record > Folder, once they are open"),
+    ("name it as", "choose their Dataset above"),
+    ("lfcal plan", "choose the camera, or make the plan of the scan, in Set up"),
+)
+"""Options of the command line that messages name, and what does the same in the window."""
+
+
+def said_in_dialog(problem: str) -> str:
+    """Return ``problem`` without its command-line options, and with the remedy in the dialog."""
+    *ways, last = [words for option, words in BOXES if option in problem] or [""]
+    words = f"{', '.join(ways)}, or {last}" if ways else last
+    return "; ".join(filter(None, (said_in_window(problem), words)))

@@ -1,8 +1,8 @@
-"""The frames of a project: which are imported, and how they are corrected. No Qt."""
+"""The frames of a project: imported, corrected, looked at one by one, and made into H. No Qt."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import drain, read_text
+from lfcal.base import Work, drain, read_text
 from lfcal.camera import ScanPlan
 from lfcal.frames import FrameSource, Position, named_orientation, parse_origin, split_dataset
-from lfcal.psf import CHECK, INTERPOLATIONS
+from lfcal.psf import CHECK, Cutout, FoundOrientation, Window
 from lfcal.records import from_flat
-from lfcal.tasks import Assemble
-from lfcal_gui.models import PageSettings, options_in
+from lfcal.tasks import Assemble, AssemblyRun
+from lfcal_gui.models import FrameNumbers, PageSettings, frame_numbers, going_on, options_in, stamp_of_files
 from lfcal_gui.pages.frames.import_choice import ImportChoice, list_of
-from lfcal_gui.pages.frames.orientation import turned
+from lfcal_gui.pages.frames.orientation import advice, turned
 
 if TYPE_CHECKING:
     from lfcal.frames import CorrectedSource, CorrectionChain, CorrectionRecipe, Frames
+    from lfcal.psf import AssemblyReport
 
 CORRECTIONS = (
     ("use_dark", "Dark frame", "Subtract what the sensor shows without light: the mean dark frame, else a level"),
@@ -36,13 +37,10 @@ MEAN_DARK = "the mean dark frame"
 HELD = frozenset(
     {
         *("frames", "out", "plan", "manifest", "pattern", "order", "columns", "first", "origin", "skip_damaged"),
-        *("orientation", "shift", "channel", "dark", "white", "defects", "background", "interpolation"),
+        *("orientation", "shift", "channel", "dark", "white", "defects", "background"),
     }
 )
 """Fields of `lfcal.tasks.Assemble` that have their own widgets; the form shows all others."""
-
-WAYS = (("", "as the plan needs"), *((name, name) for name in INTERPOLATIONS))
-"""How a cutout between pixels may be taken, with the words shown."""
 
 
 @dataclass(frozen=True)
@@ -374,6 +372,151 @@ def import_folder(path: str, settings: FrameSettings, plan: ScanPlan | None, *, 
 
 
 def _plan_in(*folders: Path) -> ScanPlan | None:
-    """Return the plan in the first of the folders that has one."""
     found = [folder / "plan.json" for folder in folders if (folder / "plan.json").is_file()]
     return ScanPlan.from_json(read_text(found[0])) if found else None
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """One frame ``(rows, columns)``, before and after correction, with its numbers.
+
+    Attributes
+    ----------
+    window
+        First row, first column, rows and columns of the cutout.
+    point
+        Row and column of the paraxial image, where the plan has it.
+    origin
+        Sensor row and column of the frame's first pixel; window and point count from it.
+    crop
+        ``(nt, ns)`` the cutout as it goes into H, before and after correction; None where it leaves the frame.
+    """
+
+    position: Position
+    label: str
+    raw: NDArray[Any]
+    fixed: NDArray[np.float32]
+    numbers: FrameNumbers
+    window: tuple[int, int, int, int]
+    point: tuple[float, float]
+    origin: tuple[int, int] = (0, 0)
+    crop: tuple[NDArray[Any], NDArray[Any]] | None = None
+
+
+def load_frame(opened: Opened, position: Position) -> Loaded:
+    """Read one frame, correct it, count every pixel of it, and say where its cutout is."""
+    index = int(opened.frames[position])
+    info = opened.view.info(index)
+    raw = turned(opened.source, opened.plan, opened.delivered.orientation).read(index)
+    fixed = opened.view.samples(index)
+    cutout = Cutout.for_plan(opened.plan, interpolation=opened.interpolation)
+    wanted = opened.chosen.option_values.get("cutout")
+    # the smallest one that loses little light is found from all frames, when H is assembled
+    cutout = replace(cutout, shape=wanted) if isinstance(wanted, tuple) else cutout
+    corner = cutout.window(position)
+    row, column = opened.plan.image_px(position).tolist()
+    top, left = info.origin
+    return Loaded(
+        position,
+        info.label,
+        raw,
+        fixed.values,
+        frame_numbers(raw, fixed.saturated),
+        (corner.row - top, corner.column - left, *cutout.reach),
+        (row - top, column - left),
+        info.origin,
+        _crop(cutout, corner, (raw, fixed.values), info.origin),
+    )
+
+
+def _crop(
+    cutout: Cutout, window: Window, frames: tuple[NDArray[Any], NDArray[Any]], origin: tuple[int, int]
+) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    """Return the cutout of both frames, whose first pixel is ``origin``; None where it leaves them."""
+    rows, columns = cutout.region(window)
+    top, left = rows.start - origin[0], columns.start - origin[1]
+    bottom, right = rows.stop - origin[0], columns.stop - origin[1]
+    height, width = frames[0].shape
+    if top < 0 or left < 0 or bottom > height or right > width:
+        return None
+    raw, fixed = (cutout.resample(frame[top:bottom, left:right], window) for frame in frames)
+    return raw, fixed
+
+
+def first_middle_last(opened: Opened) -> tuple[Loaded, ...]:
+    """Return the first, the middle and the last frame in scan order; none where there is no frame."""
+    there = [p for p in opened.plan.positions() if opened.frames[p] >= 0]
+    return tuple(load_frame(opened, there[k]) for k in (0, len(there) // 2, -1)) if there else ()
+
+
+def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> tuple[str, str, str]:
+    """Return a mark (``"good"``, ``"fair"``, ``"bad"`` or none), a headline and a sentence.
+
+    ``found`` is the orientation found for the frames, None while it is not known; ``chosen`` is the user's choice.
+    """
+    if found is None:
+        return "", "Looking at the frames …", "Their orientation is being compared with the plan."
+    if (turn := advice(found, chosen)) is not None and not turn.chosen:
+        return "bad", "The frames are not oriented as in the plan", f"{turn.words}."
+    if opened.left_out:
+        return "fair", "Some frames are damaged", f"{len(opened.left_out)} cannot be read and are left out of H."
+    if opened.missing:
+        return "fair", "Some positions have no frame", f"{opened.missing} of {opened.frames.size} are missing."
+    if not found.name:
+        return "fair", "Every position has a frame", f"The orientation of the frames is unclear: {found.reason}."
+    return "good", "All of it is understood", "Every position has a frame, and their orientation is that of the plan."
+
+
+def facts_of(opened: Opened) -> tuple[tuple[str, str, str], ...]:
+    """Return rows of name, number and remark about the frames."""
+    nz, ny, nx = opened.frames.shape
+    rows, columns = opened.view.shape
+    chosen = opened.chosen
+    white = ("applied" if chosen.use_white else "not applied") if chosen.white else ""
+    return (
+        ("Frames", f"{len(opened.source):,}", f"{columns} × {rows} px"),
+        ("Positions", f"{nx} × {ny}", f"in {nz} plane{'' if nz == 1 else 's'}"),
+        ("Missing", f"{opened.missing:,}", ""),
+        ("Taken off", "", opened.dark or "nothing"),
+        ("White frames", "", f"{Path(chosen.white).name}, {white}" if white else "none"),
+        ("Positions from", "", Path(chosen.manifest).name or opened.positions),
+    )
+
+
+def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
+    """Check the frames against the path of the plan, then assemble H plane by plane from the corrected frames.
+
+    If you stop it, completed planes are kept, and the next call continues from them.
+
+    Raises
+    ------
+    InputError
+        As `lfcal.psf.upright.iter_upright` and `lfcal.psf.iter_assemble_plan`.
+    """
+    from lfcal.psf import Reopening
+    from lfcal.tasks import ChannelPart
+
+    given, chosen = opened.delivered, opened.chosen
+    task = task_of(chosen, opened.folder, path)
+    told = {
+        "from": asdict(chosen),
+        "plan": opened.plan.to_dict(),
+        "stamp": stamp_of_files(
+            opened.folder,
+            *(chosen.dark, chosen.white, chosen.manifest, str(task.fill or ""), str(task.leave_out or "")),
+            but=path,
+        ),
+    }
+    source: Any = given.frames  # of a file, or a part of it
+    part = ChannelPart(source, opened.plan, given.recipe.channel, Path(path))
+    how = AssemblyRun(going_on(), reopening=Reopening("", told))
+    made = yield from task.iter_part(part, given.scan, given.recipe, given.corrected, how)
+    return made.report
+
+
+def notes_of(report: AssemblyReport) -> tuple[str, ...]:
+    """Return the verdict on an H that was assembled, and how its frames were turned and averaged, a line each."""
+    from lfcal.judge import judgement_of
+
+    told = report.matrix.provenance.get("orientation", {}).get("note")
+    return (judgement_of(report).verdict, *([told] if told else []), *report.notes)

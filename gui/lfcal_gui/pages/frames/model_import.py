@@ -21,17 +21,24 @@ from lfcal.frames.lists import (
     read_table,
     reader,
 )
-from lfcal_gui.pages.frames._import_words import said_in_dialog
-from lfcal_gui.pages.frames.import_choice import ImportChoice, check_ways, choices_of_dataset, list_of, root_of
-from lfcal_gui.pages.frames.list_columns import columns_used
+from lfcal_gui.pages.frames.import_choice import (
+    ImportChoice,
+    check_ways,
+    choices_of_dataset,
+    columns_used,
+    list_of,
+    root_of,
+    said_in_dialog,
+)
 from lfcal_gui.pages.frames.model import (
     FrameSettings,
     ImportedFrames,
+    Loaded,
+    first_middle_last,
     import_folder,
     open_imported,
     open_source,
 )
-from lfcal_gui.pages.frames.model_frame import Loaded, first_middle_last
 from lfcal_gui.pages.frames.orientation import other_sensor
 
 OTHER_SCAN = "the list is of another scan"

@@ -20,12 +20,22 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import Filling, PageSpec, ProjectState, options_in
-from lfcal_gui.pages.frames._assembly import iter_assembly, notes_of
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
 from lfcal_gui.pages.frames._noticed import Noticed
-from lfcal_gui.pages.frames.found import facts_of, understood
-from lfcal_gui.pages.frames.model import FrameSettings, ImportedFrames, Opened, import_folder, open_imported
-from lfcal_gui.pages.frames.model_frame import Loaded, first_middle_last, load_frame
+from lfcal_gui.pages.frames.model import (
+    FrameSettings,
+    ImportedFrames,
+    Loaded,
+    Opened,
+    facts_of,
+    first_middle_last,
+    import_folder,
+    iter_assembly,
+    load_frame,
+    notes_of,
+    open_imported,
+    understood,
+)
 from lfcal_gui.pages.frames.model_import import open_choice
 from lfcal_gui.pages.frames.orientation import refusal
 from lfcal_gui.pages.frames.panel import FramesPanel
@@ -81,12 +91,12 @@ class Page(BasePage):
 
     def _connect_panel(self) -> None:
         panel = self.panel
-        panel.plane_asked.connect(lambda z: self.go_to(self.position._replace(z=z)))
-        panel.position_asked.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
-        panel.play_toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
+        panel.plane_slider.valueChanged.connect(lambda z: self.go_to(self.position._replace(z=z)))
+        panel.map.chosen.connect(lambda y, x: self.go_to(Position(self.position.z, y, x)))
+        panel.play_button.toggled.connect(lambda on: self.play_timer.start() if on else self.play_timer.stop())
         panel.choices.edited.connect(self._edited)
-        panel.before_toggled.connect(lambda _: self._show_pixels())
-        panel.lattice_toggled.connect(lambda _: self._show_overlays())
+        panel.before_box.toggled.connect(lambda _: self._show_pixels())
+        panel.lattice_box.toggled.connect(lambda _: self._show_overlays())
         panel.three_toggled.connect(self._show_three)
 
     def _add_shortcuts(self) -> None:
@@ -135,7 +145,6 @@ class Page(BasePage):
         }
 
     def _own_file(self) -> str:
-        """Return a new file for H, next to the folder of the frames."""
         name = Path(self.context.state.frames).name
         return self.context.own_path("H.h5" if name == "frames" else f"{name}_H.h5")
 
@@ -145,7 +154,6 @@ class Page(BasePage):
         self._edited("use_dark", True)
 
     def _tell(self) -> None:
-        """Report the state of the frames."""
         opened, settings = self.opened, self.settings
         path, why = self._unread
         # without H, the button of the next step assembles it
@@ -338,13 +346,11 @@ class Page(BasePage):
             self._offer_turn()
 
     def _show_found(self) -> None:
-        """Say whether the frames are understood, and the facts."""
         if self.opened is not None:
             mark, head, words = understood(self.opened, self.found, self.settings.orientation)
             self.panel.show_found(mark, head, words, facts_of(self.opened))
 
     def _show_three(self, on: bool) -> None:
-        """Read first, middle and last frame, where they are looked at."""
         opened = self.opened
         if on and opened is not None:
             self.context.jobs.compute(

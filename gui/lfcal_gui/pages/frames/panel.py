@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from html import escape
 from typing import Any
 
@@ -18,7 +19,6 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSlider,
     QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -26,20 +26,29 @@ from lfcal.camera import Camera
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import DisplaySettings, FrameNumbers, Shot, cutout_of
 from lfcal_gui.pages.frames._choices import FrameChoices
-from lfcal_gui.pages.frames._import_previews import ImportPreviews
-from lfcal_gui.pages.frames.model_frame import Loaded
+from lfcal_gui.pages.frames._import_dialog import ImportPreviews
+from lfcal_gui.pages.frames.model import Loaded
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     Contrast,
     PeriodMap,
     Picture,
     WrappedLabel,
+    button,
     card,
     column_area,
+    column_of,
     line,
+    name_controls,
     share_contrast,
+    wrapped,
 )
 
+ONE = "The frame of the position that is chosen"
+THREE = "Three frames: the image has to lie in the cutout in all of them"
+WHOLE = "See where in the frame the image lies; the cutout is no longer followed"
+FOLLOW = "Zoom to the cutout, and keep it in view as it moves along with the point"
+LATTICE = "Micro-image centres of the described camera, coloured by lens type; they lie on the images if it is right"
 INSPECTOR, MAP, CROP = 304, 112, 112
 """Width of what stands right of the pictures, and heights in it (px)."""
 
@@ -49,21 +58,10 @@ class FramesPanel(QWidget):
 
     Signals
     -------
-    plane_asked(z), position_asked(y, x)
-        Show another depth plane; another position of the same plane.
-    play_toggled(on)
-        Step through the positions, or stop.
-    before_toggled(on), lattice_toggled(on)
-        Show the frame as it was recorded; show the lattice.
     three_toggled(on)
         Show first, middle and last frame in place of one.
     """
 
-    plane_asked = Signal(int)
-    position_asked = Signal(int, int)
-    play_toggled = Signal(bool)
-    before_toggled = Signal(bool)
-    lattice_toggled = Signal(bool)
     three_toggled = Signal(bool)
 
     def __init__(self, jobs: Jobs) -> None:
@@ -74,16 +72,12 @@ class FramesPanel(QWidget):
         self.contrast.display_asked.connect(lambda _: self.show_display(self.view.display))
         self.view.hovered.connect(self._hovered)
         self.crop = Picture("counts", legend=False)
-        self.three = ImportPreviews(jobs, legend=False)
-        share_contrast(self.view, self.crop, *self.three.views)
-        self.crop_words = QLabel(" ")
-        self.crop_words.setProperty("role", "hint")
-        self.crop_words.setWordWrap(True)
+        self._jobs = jobs
+        share_contrast(self.view, self.crop)
+        self.crop_words, self.map_words = wrapped("hint", " "), wrapped()
         self.map = PeriodMap()
-        self.map.chosen.connect(self.position_asked.emit)
-        self.map_words = QLabel("")
-        self.map_words.setProperty("role", "hint")
-        self.map_words.setWordWrap(True)
+        for side in ("left", "bottom"):  # their names would be cut in a low picture
+            self.map.plot.getAxis(side).showLabel(False)
         self.map_words.hide()
         for picture, height in ((self.map, MAP), (self.crop, CROP)):
             picture.setFixedHeight(height)
@@ -95,61 +89,49 @@ class FramesPanel(QWidget):
         self._window: tuple[int, int, int, int] | None = None
         self.pictures = QStackedWidget()
         self.pictures.addWidget(self.view)
-        self.pictures.addWidget(self.three)
+        below = line(self.numbers, self.readout, stretch=1)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addLayout(self._pictures(), 1)
+        row.addLayout(column_of(self._bar(), self.pictures, self.contrast, below, spacing=2, stretch=1), 1)
         row.addWidget(self._inspector())
 
+    @cached_property
+    def three(self) -> ImportPreviews:
+        """First, middle and last frame; made when they are wanted."""
+        made = ImportPreviews(self._jobs, legend=False)
+        name_controls(made)
+        share_contrast(self.view, self.crop, *made.views)
+        self.pictures.addWidget(made)
+        for view in made.views:
+            view.set_display(self.view.display)
+        return made
+
     # -- building --------------------------------------------------------------------------------------
-    def _pictures(self) -> QVBoxLayout:
-        column = QVBoxLayout()
-        column.setSpacing(2)
-        column.addLayout(self._bar())
-        column.addWidget(self.pictures, 1)
-        column.addWidget(self.contrast)
-        column.addLayout(line(self.numbers, self.readout, stretch=1))
-        return column
 
     def _bar(self) -> QHBoxLayout:
-        row = QHBoxLayout()
-        self.one_button, self.three_button = QPushButton("One frame"), QPushButton("First, middle, last")
-        self.one_button.setToolTip("The frame of the position that is chosen")
-        self.three_button.setToolTip("Three frames: the image has to lie in the cutout in all of them")
-        for button, three in ((self.one_button, False), (self.three_button, True)):
-            button.setCheckable(True)
-            button.clicked.connect(lambda _=False, three=three: self.show_three(three))
-            row.addWidget(button)
+        self.one_button = button("One frame", ONE, lambda: self.show_three(False))
+        self.three_button = button("First, middle, last", THREE, lambda: self.show_three(True))
+        for one in (self.one_button, self.three_button):
+            one.setCheckable(True)
         self.one_button.setChecked(True)
         self.lattice_box = QCheckBox("Lattice")
-        self.lattice_box.setToolTip(
-            "Micro-image centres of the described camera, coloured by lens type; they lie on the images if it is right"
-        )
+        self.lattice_box.setToolTip(LATTICE)
         self.before_box = QCheckBox("As recorded")
         self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
-        self.lattice_box.toggled.connect(self.lattice_toggled.emit)
-        self.before_box.toggled.connect(self.before_toggled.emit)
-        whole, self.follow = QPushButton("Whole"), QPushButton("Follow")
-        whole.setToolTip("See where in the frame the image lies; the cutout is no longer followed")
+        whole, self.follow = button("Whole", WHOLE, self._show_whole), QPushButton("Follow")
         self.follow.setCheckable(True)
-        self.follow.setToolTip("Zoom to the cutout, and keep it in view as it moves along with the point")
-        whole.clicked.connect(self._show_whole)
+        self.follow.setToolTip(FOLLOW)
         self.follow.toggled.connect(lambda _: self._zoom_cutout())
-        for widget in (self.lattice_box, self.before_box):
-            row.addWidget(widget)
-        row.addStretch()
-        row.addWidget(whole)
-        row.addWidget(self.follow)
-        return row
+        shown = (self.one_button, self.three_button, self.lattice_box, self.before_box)
+        return line(*shown, "", whole, self.follow, stretch=len(shown))
 
     def _inspector(self) -> QScrollArea:
-        found, column = card()
+        found, within = card()
         self._found: tuple[str, str, str, Sequence[tuple[str, str, str]]] = ("", "", "", ())
-        self.found = QLabel()
+        self.found = wrapped("")
         self.found.setTextFormat(Qt.TextFormat.RichText)
-        self.found.setWordWrap(True)
-        column.addWidget(self.found)
+        within.addWidget(self.found)
         place, column = card()
         self.position_label = WrappedLabel()
         self.position_label.setProperty("role", "heading")
@@ -166,21 +148,16 @@ class FramesPanel(QWidget):
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
         self.plane_slider.setAccessibleName("depth plane")
         self.plane_slider.setToolTip("Depth plane whose positions the map shows (page up, page down)")
-        self.plane_slider.valueChanged.connect(self.plane_asked.emit)
         self.play_button = QPushButton("Play")
         self.play_button.setCheckable(True)
         self.play_button.setToolTip("Step through all positions: the image has to move steadily, without jumps (space)")
-        self.play_button.toggled.connect(self._play)
-        row = QHBoxLayout()
-        row.addWidget(QLabel("Plane"))
-        row.addWidget(self.plane_slider, 1)
-        row.addWidget(self.play_button)
-        return row
+        self.play_button.toggled.connect(lambda on: self.play_button.setText("Stop" if on else "Play"))
+        return line("Plane", self.plane_slider, self.play_button, stretch=1)
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_three(self, on: bool) -> None:
         """Show first, middle and last frame, or the one of the position."""
-        self.pictures.setCurrentIndex(int(on))
+        self.pictures.setCurrentWidget(self.three if on else self.view)
         self.one_button.setChecked(not on)
         self.three_button.setChecked(on)
         self.three_toggled.emit(on)
@@ -250,7 +227,7 @@ class FramesPanel(QWidget):
 
     def show_display(self, display: DisplaySettings) -> None:
         """Use scaling and colours for all pictures."""
-        for view in (self.view, self.crop, *self.three.views):
+        for view in self.view.sharing:
             view.set_display(display)
 
     def show_overlays(self, camera: Camera, loaded: Loaded | None) -> None:
@@ -267,17 +244,12 @@ class FramesPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.view, self.three, self.crop, self.map, self.contrast):
+        for widget in (*self.view.sharing, self.map, self.contrast):
             widget.apply_theme()
         self._count(self._counted)  # its colours are the theme's
         self.found.setText(_found_words(*self._found))
 
-    def _play(self, on: bool) -> None:
-        self.play_button.setText("Stop" if on else "Play")
-        self.play_toggled.emit(on)
-
     def _zoom_cutout(self) -> None:
-        """Keep the cutout in view, where that is chosen."""
         if self.follow.isChecked() and self._window is not None:
             self.view.show_part(*self._window)
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QStackedWidget, QWidget
 
 from lfcal.judge import judgement_of
 from lfcal.lattice import DIFFERS, FITS, WRONG
 from lfcal_gui.models import Outline, Shot, Symbols, typeset
 from lfcal_gui.pages.setup.model_check import DISTORTION, RESIDUALS, Checked, LatticeMap, lattice_words
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import Picture, RowsTable, WrappedLabel, choice_box
+from lfcal_gui.widgets import Picture, RowsTable, WrappedLabel, choice_box, column_of, wrapped
 
 PICTURE = "picture"
 SHOWN = ((PICTURE, "White image"), (DISTORTION, "Distortion"), (RESIDUALS, "Residuals"))
@@ -23,45 +23,51 @@ STRAIGHT = "The lattice is straight: there is no distortion to draw."
 LENSLETS = 12
 """Lenslets seen along a side of the picture."""
 
+COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
+OFF_BY = 2
+SIZE, ROOMY = (990, 520), 740
+"""Size of the dialog, and least width of a table with all columns (px)."""
 
-class LatticeView(QWidget):
-    """A picture, what to show in it, and how to read it."""
 
-    def __init__(self) -> None:
-        super().__init__()
+class CheckDialog(QDialog):
+    """The white image with both lattices, and a table of every value; it follows the check while it is open."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Camera compared with a white image")
+        self.resize(*SIZE)
         self.choice = choice_box(SHOWN, "Picture with both lattices, or how the micro-images depart from a lattice")
         self.choice.setAccessibleName("Picture of the lattice")
         self.choice.currentIndexChanged.connect(lambda _: self._show())
-        self.legend = QLabel()
-        self.legend.setProperty("role", "hint")
-        self.legend.setWordWrap(True)
+        self.legend = wrapped()
         self.image = Picture(legend=False, colour_map="gray")
         self.map = Picture("displacement (px)", axes=("column (px)", "row (px)"), colour_map="cividis")
         self.stack = QStackedWidget()
         for view in (self.image, self.map):
             self.stack.addWidget(view)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(3)
-        column.addWidget(self.choice)
-        column.addWidget(self.stack, 1)
-        column.addWidget(self.legend)
+        self.table = RowsTable(COLUMNS, 0, sizes=(OFF_BY,), spare=(OFF_BY,), roomy=ROOMY)
+        self.table.setAccessibleName("camera and white image")
+        self.table.setToolTip("Values of the description and of the white image, and their difference in pixels")
+        self.words, self.about = WrappedLabel(), WrappedLabel()
+        self.words.setProperty("role", "value")
+        row = QHBoxLayout(self)
+        row.addLayout(column_of(self.choice, self.stack, self.legend, stretch=1, spacing=3), 1)
+        row.addLayout(column_of(self.words, self.about, self.table, stretch=2), 2)
         self._found: Checked | None = None
 
     def show_check(self, found: Checked) -> None:
-        """Show what was found, as it is chosen."""
+        """Show a comparison."""
         self._found = found
+        self.words.setText(f"{found.name}: {judgement_of(found.check).verdict}")
+        self.about.setText("" if found.check.fit is None else lattice_words(found.check.fit))
         marks = Symbols(found.described, "o", "#ffffff", 11), Symbols(found.centres, "+", "#ff5a5f", 9)
         self.image.set_shot(Shot(found.picture, name=found.name, step=found.step, overlays=marks), keep_view=False)
-        self._look_at_corner(found)
-        self._show()
-
-    def _look_at_corner(self, found: Checked) -> None:
-        """Show a corner, where differences are largest; the menu shows all."""
+        # differences are largest in a corner
         side = LENSLETS * (found.check.fit.pitch_px if found.check.fit is not None else 30.0)
-        if found.picture is not None:
-            side = min(side, found.step * max(found.picture.shape))
+        side = min(side, found.step * max(found.picture.shape))
         self.image.show_part(-2, -2, side, side, padding=0)
+        self._show()
+        self._fill()
 
     def _show(self) -> None:
         if self._found is None:
@@ -88,53 +94,10 @@ class LatticeView(QWidget):
         drawn = f"; arrows {shown.gain:.2g} times too long." if shown.largest else "."
         self.legend.setText(LEGENDS[name].format(largest=shown.largest) + drawn)
 
-    def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
-        self.image.apply_theme()
-        self.map.apply_theme()
-
-
-COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
-OFF_BY = 2
-SIZE, ROOMY = (990, 520), 740
-"""Size of the dialog, and least width of a table with all columns (px)."""
-
-
-class CheckDialog(QDialog):
-    """The white image with both lattices, and a table of every value; it follows the check while it is open."""
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setWindowTitle("Camera compared with a white image")
-        self.resize(*SIZE)
-        self.view = LatticeView()
-        self.table = RowsTable(COLUMNS, 0, sizes=(OFF_BY,), spare=(OFF_BY,), roomy=ROOMY)
-        self.table.setAccessibleName("camera and white image")
-        self.table.setToolTip("Values of the description and of the white image, and their difference in pixels")
-        self.words, self.about = WrappedLabel(), WrappedLabel()
-        self.words.setProperty("role", "value")
-        row = QHBoxLayout(self)
-        column = QVBoxLayout()
-        for part in (self.words, self.about):
-            column.addWidget(part)
-        column.addWidget(self.table, 1)
-        row.addWidget(self.view, 1)
-        row.addLayout(column, 2)
-        self._shown: Checked | None = None
-
-    def show_check(self, found: Checked) -> None:
-        """Show a comparison."""
-        self._shown = found
-        self.view.show_check(found)
-        self.words.setText(f"{found.name}: {judgement_of(found.check).verdict}")
-        self.about.setText("" if found.check.fit is None else lattice_words(found.check.fit))
-        self._fill()
-
     def _fill(self) -> None:
-        found = self._shown
-        if found is None:
+        if self._found is None:
             return
-        theme, lines = current_theme(), found.check.lines
+        theme, lines = current_theme(), self._found.check.lines
         colours = {FITS: theme.good, DIFFERS: theme.fair, WRONG: theme.bad}
         rows = [
             (
@@ -153,5 +116,6 @@ class CheckDialog(QDialog):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        self.view.apply_theme()
+        self.image.apply_theme()
+        self.map.apply_theme()
         self._fill()

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QToolButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QToolButton, QWidget
 
 from lfcal.camera import NOISE, PRESETS, Camera, Microscope, ScanPlan
 from lfcal.tasks import PlanScan
@@ -28,7 +28,19 @@ from lfcal_gui.pages.setup.model import (
 from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD, suggested_values
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
-from lfcal_gui.widgets import ElidedLabel, FoldedForm, VerdictCard, WrappedLabel, card, line, set_role
+from lfcal_gui.widgets import (
+    ElidedLabel,
+    FoldedForm,
+    VerdictCard,
+    WrappedLabel,
+    button,
+    card,
+    choice_box,
+    column_of,
+    line,
+    set_role,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect
@@ -76,39 +88,9 @@ HEADS = {
 """Headline of the comparison with a white image."""
 
 
+PRESET = "Start with a camera that comes with lfcal, and change what is different; undo brings yours back"
 SMALL = 18
 """Side of a tick (px)."""
-
-
-class PresetBox(QComboBox):
-    """The cameras that come with lfcal.
-
-    Signals
-    -------
-    chosen(name)
-        One was picked.
-    """
-
-    chosen = Signal(str)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.addItem("Preset …", "")
-        for name in PRESETS:
-            self.addItem(name, name)
-        self.setAccessibleName("preset")
-        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.setMinimumContentsLength(7)
-        self.setToolTip(
-            "Start with a camera that comes with lfcal, and change what is different; undo brings yours back"
-        )
-        self.activated.connect(self._activated)
-
-    def _activated(self, index: int) -> None:
-        name = self.itemData(index)
-        self.setCurrentIndex(0)  # a preset is a start, not a state: the camera may be changed afterwards
-        if name:
-            self.chosen.emit(name)
 
 
 class Inspector(QWidget):
@@ -121,6 +103,8 @@ class Inspector(QWidget):
 
     Signals
     -------
+    preset_chosen(name)
+        A camera that comes with lfcal was picked.
     edited(key, value), scan_edited(key, value)
         The user changed a field of the camera, or of the scan, and it passes.
     confirmed(paths)
@@ -129,6 +113,7 @@ class Inspector(QWidget):
         A button was pressed: its name in `BUTTONS`.
     """
 
+    preset_chosen = Signal(str)
     edited = Signal(str, object)
     scan_edited = Signal(str, object)
     confirmed = Signal(tuple)
@@ -140,32 +125,33 @@ class Inspector(QWidget):
         self._suggested: Camera | None = None
         self._assumed: tuple[str, ...] = ()
         self.setProperty("dense", True)
-        column = QVBoxLayout(self)
+        parts = (self._start(), self._camera(check), self._scan(check_scan), self._checks())
+        column = column_of(*parts, of=self, spacing=6)
         column.setContentsMargins(0, 0, 4, 0)
-        column.setSpacing(6)
-        for part in (
-            self._start(),
-            self._camera(check),
-            self._scan(check_scan),
-            self._checks(),
-        ):
-            column.addWidget(part)
         column.addStretch()
 
     def _button(self, name: str) -> QPushButton:
         text, tip = BUTTONS[name]
-        button = self.buttons[name] = QPushButton(text)
-        button.setToolTip(tip)
-        button.setProperty("role", "tight")
-        button.clicked.connect(lambda: self.asked.emit(name))
-        return button
+        made = self.buttons[name] = button(text, tip, lambda: self.asked.emit(name))
+        made.setProperty("role", "tight")
+        return made
 
     def _start(self) -> QWidget:
         frame, column = card("Start from")
-        self.presets = PresetBox()
+        self.presets = choice_box((("", "Preset …"), *((name, name) for name in PRESETS)), PRESET)
+        self.presets.setAccessibleName("preset")
+        self.presets.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.presets.setMinimumContentsLength(7)
+        self.presets.activated.connect(self._preset)
         column.addLayout(line(self._button("import"), self.presets, stretch=1))
         column.addLayout(line(self._button("white")))
         return frame
+
+    def _preset(self, index: int) -> None:
+        name = self.presets.itemData(index)
+        self.presets.setCurrentIndex(0)  # a preset is a start, not a state: the camera may be changed afterwards
+        if name:
+            self.preset_chosen.emit(name)
 
     def _camera(self, check: Callable[[str, Any], str]) -> QWidget:
         frame, column = card("Camera")
@@ -195,12 +181,8 @@ class Inspector(QWidget):
         self.refused = WrappedLabel()
         set_role(self.refused, "error")
         self.no_plan = QWidget()
-        none = QVBoxLayout(self.no_plan)
-        none.setContentsMargins(0, 0, 0, 0)
-        hint = WrappedLabel("A plan says where the point source goes. It follows from the camera.")
-        set_role(hint, "hint")
-        none.addWidget(hint)
-        none.addLayout(line(self._button("make"), self._button("open")))
+        hint = wrapped("hint", "A plan says where the point source goes. It follows from the camera.")
+        column_of(hint, line(self._button("make"), self._button("open")), of=self.no_plan)
         for part in (self.no_plan, self.scan, self.refused):
             column.addWidget(part)
         self.scan.fold_line(self._button("again"), self._button("save_plan"), self._button("default"))
@@ -213,10 +195,7 @@ class Inspector(QWidget):
         self.check_card.why.setText(BUTTONS["details"][0])
         self.check_card.why_asked.connect(lambda: self.asked.emit("details"))
         holder = QWidget()
-        column = QVBoxLayout(holder)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.check_card)
-        column.addLayout(line(self._button("take")))
+        column_of(self.check_card, line(self._button("take")), of=holder)
         self.show_verdict("", "")
         return holder
 

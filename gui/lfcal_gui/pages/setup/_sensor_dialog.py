@@ -3,26 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import (
-    QDialog,
-    QFileDialog,
-    QHBoxLayout,
-    QHeaderView,
-    QLabel,
-    QProgressBar,
-    QPushButton,
-    QTableWidget,
-    QTableWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QDialog, QFileDialog, QLabel, QProgressBar, QWidget
 
 from lfcal.base import InputError, Work
 from lfcal.camera import Camera
@@ -35,16 +22,21 @@ from lfcal.frames.photon_transfer import (
 )
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.widgets import LINES, LinePlot
+from lfcal_gui.widgets import LINES, LinePlot, RowsTable, button, column_of, line, wrapped
 
+Points = tuple[NDArray[np.float64], NDArray[np.float64]]
 
-@dataclass(frozen=True)
-class Curves:
-    """Noise over signal (counts), arrays of x and y each: points fitted, other points, and the fit."""
-
-    fitted: tuple[NDArray[np.float64], NDArray[np.float64]]
-    others: tuple[NDArray[np.float64], NDArray[np.float64]]
-    fit: tuple[NDArray[np.float64], NDArray[np.float64]]
+HINT = (
+    "Flats: two or more frames at each level of light; white images through the lenslets are suitable. Darks: two or "
+    "more with the cap on. The files must be unprocessed: no gamma, no noise reduction, no JPEG."
+)
+FOLDERS = {
+    "flats": "A folder of evenly lit frames, two or more at each of several exposures: gain and linearity",
+    "darks": "A folder of frames without light, at several exposures: read noise, dark current, offsets",
+}
+TAKE = "Make the measured sensor that of the project's camera"
+CLOSE = "Close without changing the camera; a running measurement is stopped"
+AXES = ("signal above black (counts)", "noise, rms (counts)")
 
 
 def iter_sensor(camera: Camera, flats: Path, darks: Path) -> Work[SensorMeasurement]:
@@ -54,46 +46,23 @@ def iter_sensor(camera: Camera, flats: Path, darks: Path) -> Work[SensorMeasurem
     return found
 
 
-def rows_of(found: SensorMeasurement, camera: Camera) -> list[tuple[str, str]]:
-    """Return name and value of every figure, and of the full well that ``camera`` would take."""
-    return figures_of(found, camera.sensor)
-
-
-def words_of(found: SensorMeasurement, camera: Camera) -> str:
+def remarks_on(found: SensorMeasurement, camera: Camera) -> str:
     """Return the remarks on the figures, one line each: doubts, differences from ``camera``, notes."""
     doubts = [f"Not the sensor's own: {doubt}." for doubt in found.doubts]
     notes = (*sensor_differences(found, camera.sensor), *found.notes)
     return "\n".join([*doubts, *(f"{note[:1].upper()}{note[1:]}." for note in notes)])
 
 
-def taken(found: SensorMeasurement, camera: Camera) -> tuple[Camera | None, str]:
-    """Return ``camera`` with the measured sensor, or None and why it cannot be taken."""
-    try:
-        return found.camera(camera), ""
-    except InputError as error:
-        return None, str(error)
-
-
-def curves_of(found: SensorMeasurement) -> Curves:
-    """Return the photon-transfer curve to be drawn on logarithmic axes."""
+def curves_of(found: SensorMeasurement) -> tuple[Points, Points, Points]:
+    """Return noise over signal (counts) for logarithmic axes: points fitted, other points, and the fit."""
     curve = found.curve
     lit = (curve.points.x > 0) & (curve.points.y > 0)
     x, y = curve.points.x, np.sqrt(np.maximum(curve.points.y, 0))
-    empty = np.zeros(0)
-    fit = (empty, empty)
+    fit: Points = (np.zeros(0), np.zeros(0))
     if curve.slope is not None and lit.any():
         over = np.geomspace(max(float(x[lit].min()) / 3, 1e-2), curve.limit, 100)
         fit = (over, np.sqrt(curve.variance(over)))
-    used = curve.used
-    return Curves((x[lit & used], y[lit & used]), (x[lit & ~used], y[lit & ~used]), fit)
-
-
-HINT = (
-    "Flats: two or more frames at each level of light; white images through the lenslets are suitable. Darks: two or "
-    "more with the cap on. The files must be unprocessed: no gamma, no noise reduction, no JPEG."
-)
-
-AXES = ("signal above black (counts)", "noise, rms (counts)")
+    return (x[lit & curve.used], y[lit & curve.used]), (x[lit & ~curve.used], y[lit & ~curve.used]), fit
 
 
 class SensorDialog(QDialog):
@@ -113,93 +82,57 @@ class SensorDialog(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(940, 560)
         self.context, self._take_over = context, take
-        self.flats, self.darks = "", ""
+        self.folders = dict.fromkeys(FOLDERS, "")
         self.found: SensorMeasurement | None = None
         self._job = 0
-        self.words = QLabel(HINT)
-        self.words.setWordWrap(True)
+        self.words = wrapped("", HINT)
         self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.bar = QProgressBar()
-        self.bar.setVisible(False)
-        self._make_results()
-        layout = QVBoxLayout(self)
-        layout.addLayout(self._folders())
-        layout.addWidget(self.words)
-        layout.addWidget(self.bar)
-        layout.addWidget(self.results, 1)
-        layout.addLayout(self._buttons())
-        context.theme_changed.connect(self.apply_theme)
-        context.jobs.changed.connect(self._job_changed)
-        context.state_changed.connect(self._show_figures)
-
-    def _folders(self) -> QHBoxLayout:
-        self.flats_button, self.darks_button = QPushButton("Flats …"), QPushButton("Darks …")
-        self.flats_button.setToolTip(
-            "A folder of evenly lit frames, two or more at each of several exposures: gain and linearity"
-        )
-        self.darks_button.setToolTip(
-            "A folder of frames without light, at several exposures: read noise, dark current, offsets"
-        )
-        self.flats_button.clicked.connect(lambda: self.choose("flats"))
-        self.darks_button.clicked.connect(lambda: self.choose("darks"))
+        self.bar.hide()
         self.chosen = QLabel("no folders chosen")
-        row = QHBoxLayout()
-        row.addWidget(self.flats_button)
-        row.addWidget(self.darks_button)
-        row.addWidget(self.chosen, 1)
-        return row
-
-    def _make_results(self) -> None:
-        self.table = QTableWidget(0, 2)
-        self.table.setHorizontalHeaderLabels(["Figure", "Value"])
-        self.table.verticalHeader().hide()
-        self.table.verticalHeader().setDefaultSectionSize(22)
-        self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
-        self.table.setSelectionMode(QTableWidget.SelectionMode.NoSelection)
-        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.table.horizontalHeader().setStretchLastSection(True)
+        asking = [
+            button(f"{name.capitalize()} …", tip, lambda name=name: self.choose(name)) for name, tip in FOLDERS.items()
+        ]
+        self.table = RowsTable(("Figure", "Value"), 1)
         self.plot = LinePlot(*AXES, legend=True)
         self.plot.set_decades(x=True, y=True)
         self.plot.plot.legend.setOffset((8, 8))  # the curve rises to the right
-        self.results = QWidget()
-        row = QHBoxLayout(self.results)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(self.table, 1)
-        row.addWidget(self.plot, 1)
-
-    def _buttons(self) -> QHBoxLayout:
-        self.take_button = QPushButton("Take measured sensor")
+        results = line(self.table, self.plot)
+        for k in range(2):
+            results.setStretch(k, 1)
+        self.take_button = button("Take measured sensor", TAKE, self.take)
         self.take_button.setProperty("role", "primary")
         self.take_button.setEnabled(False)
-        self.take_button.clicked.connect(lambda: self.take())
-        close = QPushButton("Close")
-        close.setToolTip("Close without changing the camera; a running measurement is stopped")
-        close.clicked.connect(lambda: self.close())
-        row = QHBoxLayout()
-        row.addStretch()
-        row.addWidget(self.take_button)
-        row.addWidget(close)
-        return row
+        end = line("", self.take_button, button("Close", CLOSE, self.close), stretch=0)
+        column_of(line(*asking, self.chosen, stretch=2), self.words, self.bar, results, end, of=self, stretch=3)
+        self.layout().setContentsMargins(11, 11, 11, 11)
+        context.theme_changed.connect(self.plot.apply_theme)
+        context.jobs.changed.connect(self._job_changed)
+        context.state_changed.connect(self._show_figures)
 
     def choose(self, which: str) -> None:
         """Ask for the folder of ``"flats"`` or ``"darks"``."""
-        path = QFileDialog.getExistingDirectory(self, f"Folder of {which}", getattr(self, which))
+        path = QFileDialog.getExistingDirectory(self, f"Folder of {which}", self.folders[which])
         if path:
             self.set_folder(which, path)
 
     def set_folder(self, which: str, path: str) -> None:
         """Take a folder of ``"flats"`` or ``"darks"``; with both the measurement begins."""
-        setattr(self, which, path)
-        known = {"flats": self.flats, "darks": self.darks}
-        self.chosen.setText(", ".join(f"{name}: {Path(at).name}" for name, at in known.items() if at))
-        self.chosen.setToolTip("\n".join(at for at in known.values() if at))
-        if self.flats and self.darks:
+        self.folders[which] = path
+        known = {name: at for name, at in self.folders.items() if at}
+        self.chosen.setText(", ".join(f"{name}: {Path(at).name}" for name, at in known.items()))
+        self.chosen.setToolTip("\n".join(known.values()))
+        if len(known) == len(FOLDERS):
             self._start()
 
     def _start(self) -> None:
         self.context.jobs.cancel(self._job)
-        self._show_none()
-        camera, flats, darks = self.context.state.camera, Path(self.flats), Path(self.darks)
+        self.found = None
+        self.table.setRowCount(0)
+        self.plot.clear()
+        self.take_button.setEnabled(False)
+        self.take_button.setToolTip("")
+        camera, flats, darks = self.context.state.camera, *map(Path, self.folders.values())
         self.words.setText("Measuring …")
         self.bar.setVisible(True)
         self._job = self.context.jobs.start(
@@ -221,63 +154,51 @@ class SensorDialog(QDialog):
         self.bar.setVisible(False)
         self.words.setText(job.error or HINT)
 
-    def _show_none(self) -> None:
-        """Show no figures, until those of the folders chosen are there."""
-        self.found = None
-        self.table.setRowCount(0)
-        self.plot.clear()
-        self.take_button.setEnabled(False)
-        self.take_button.setToolTip("")
-
     def show_found(self, found: SensorMeasurement) -> None:
         """Show the figures, the curve, and the remarks on them."""
         self.found = found
         self.bar.setVisible(False)
-        curves = curves_of(found)
-        for name, points, tone in (("fitted", curves.fitted, LINES[0]), ("not fitted", curves.others, LINES[5])):
+        fitted, others, fit = curves_of(found)
+        for name, points, tone in (("fitted", fitted, LINES[0]), ("not fitted", others, LINES[5])):
             if points[0].size:
                 self.plot.set_curve(name, *points, symbol="o", colour=tone, line=False)
-        if curves.fit[0].size:
-            self.plot.set_curve("fit", *curves.fit, colour=LINES[1])
+        if fit[0].size:
+            self.plot.set_curve("fit", *fit, colour=LINES[1])
         self.plot.plot.vb.autoRange()
         self._show_figures()
+
+    def _taken(self) -> tuple[Camera | None, str]:
+        """Return the project's camera with the measured sensor, or None and why it cannot be taken."""
+        try:
+            return None if self.found is None else self.found.camera(self.context.state.camera), ""
+        except InputError as error:
+            return None, str(error)
 
     def _show_figures(self) -> None:
         """Show the figures next to those of the project's camera, and whether they can be transferred to it."""
         if self.found is None:
             return
-        found, camera = self.found, self.context.state.camera
-        self.words.setText(words_of(found, camera) or "Every figure was measured.")
-        rows = rows_of(found, camera)
-        self.table.setRowCount(len(rows))
-        for row, texts in enumerate(rows):
-            for column, text in enumerate(texts):
-                self.table.setItem(row, column, QTableWidgetItem(text))
-        changed, why = taken(found, camera)
+        camera = self.context.state.camera
+        self.words.setText(remarks_on(self.found, camera) or "Every figure was measured.")
+        self.table.show_rows(figures_of(self.found, camera.sensor))
+        changed, why = self._taken()
         self.take_button.setEnabled(changed is not None and changed != camera)
-        self.take_button.setToolTip(why)
+        self.take_button.setToolTip(why or TAKE)
 
     def take(self) -> None:
         """Make the measured sensor that of the project's camera as it is now."""
-        if self.found is None:
-            return
-        camera, why = taken(self.found, self.context.state.camera)
+        camera, why = self._taken()
         if camera is None:
-            self.words.setText(why)
-            return
-        if not self._take_over(camera, "measured sensor"):
+            self.words.setText(why or self.words.text())
+        elif not self._take_over(camera, "measured sensor"):
             self.words.setText("The camera cannot change while a session is being recorded; take it over afterwards.")
-            return
-        self.words.setText("The camera now has the measured sensor; save the camera to use it elsewhere.")
-
-    def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
-        self.plot.apply_theme()
+        else:
+            self.words.setText("The camera now has the measured sensor; save the camera to use it elsewhere.")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Stop what is still measured."""
         self.context.jobs.cancel(self._job)
         self.context.jobs.changed.disconnect(self._job_changed)
-        self.context.theme_changed.disconnect(self.apply_theme)
+        self.context.theme_changed.disconnect(self.plot.apply_theme)
         self.context.state_changed.disconnect(self._show_figures)
         super().closeEvent(event)

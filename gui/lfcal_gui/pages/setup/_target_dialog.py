@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtWidgets import QComboBox, QDialog, QHBoxLayout, QLabel, QWidget
 
 from lfcal.base import LfcalError, format_length
 from lfcal.camera import ScanPlan
@@ -37,8 +36,10 @@ from lfcal_gui.widgets import (
     Plot,
     RowsTable,
     WrappedLabel,
+    button,
     card,
     column_area,
+    column_of,
     line,
     name_controls,
     offer_menu,
@@ -60,52 +61,99 @@ COSTS = (
     "Noise: expected error of a recorded pattern from sensor noise, sum of errors over sum of light, in the middle "
     "plane. Phases: number of positions that are covered. Both for all frames, and for the first half of them"
 )
+PLAN, STOP = "Search for the fewest frames that cover all phases", "Stop searching without creating a plan"
+SAVE = "Write where the target goes in each frame (.json): Record > Rig records it, by Target …"
 READY_WORDS = "Nothing is planned yet.\nPress Plan target to search for the fewest frames that cover all phases."
 
 
-class TargetPanel(QWidget):
-    """The tab's widgets.
+def _rectangle(top: float, left: float, rows: float, columns: float, *, gap: bool = False) -> tuple[Any, Any]:
+    """Return the columns and rows of a rectangle's corners, round it; with a ``gap`` before the next."""
+    bottom, right, end = top + rows, left + columns, [np.nan] * gap
+    return np.array([left, right, right, left, left, *end]), np.array([top, top, bottom, bottom, top, *end])
 
-    Signals
-    -------
-    plan_asked(), stop_asked(), save_asked()
-        Look for the frames; look no longer; write the plan.
-    """
 
-    plan_asked = Signal()
-    stop_asked = Signal()
-    save_asked = Signal()
+def _costs(found: PlannedTarget) -> str:
+    head = "<tr><td></td><td style='padding-right:12px'>this target</td><td>single point</td></tr>"
+    cells = "".join(
+        f"<tr><td style='padding-right:12px'>{name.replace('  ', '&nbsp;&nbsp;')}</td><td><b>{ours}</b></td>"
+        f"<td>{single}</td></tr>"
+        for name, ours, single in found.summary()
+    )
+    return f"<table cellspacing='3'>{head}{cells}</table>"
 
-    def __init__(self) -> None:
-        super().__init__()
+
+def _covered(plane: PlaneDrawing) -> str:
+    missing, most = int((plane.shown == 0).sum()), int(plane.shown.max())
+    crossed = f"{missing} of {plane.shown.size} are not covered: red crosses. " if missing else ""
+    return f"{crossed}Shown by up to {most} frame{'s' * (most != 1)}, brighter: by more. Click a position to read it."
+
+
+def _note(found: PlannedTarget) -> str:
+    from lfcal.targets import target_words
+
+    missing = sum(int((plane.shown == 0).sum()) for plane in found.planes)
+    words = target_words(found.plan.target)
+    if missing:
+        words += f". {missing} phases are not covered: allow more frames, or fit the optics to what is shown"
+    words += ". Crosstalk is by rays, whose patterns end" if found.plan.tails == "geometric" else ""
+    return f"{words}. {found.coding_briefly}".rstrip()
+
+
+def refused_setting(context: Context, key: str, value: Any) -> str:
+    """Return why a setting of the plan cannot have a value; empty: it can."""
+    state = context.state
+    try:
+        settings = PlanSettings.of(state).changed(key, value).into(state)
+    except LfcalError as error:
+        return str(error)
+    return context.project.held(replace(state, settings=settings))
+
+
+def change_settings(context: Context, key: str, value: Any) -> None:
+    """Change a setting of the plan."""
+    state = context.state
+    settings = PlanSettings.of(state).changed(key, value).into(state)
+    context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
+
+
+class TargetDialog(QDialog):
+    """Dialog with the settings of a target and its plan; a plan of other settings is not shown."""
+
+    def __init__(self, parent: QWidget, context: Context) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Target of many points")
+        self.resize(980, 560)
+        self.context = context
         self.found: PlannedTarget | None = None
+        self._job = 0
+        self._asked: tuple[ScanPlan, PlanSettings] | None = None
         some, rare = (fields_of(PlanTarget, without=HELD_OF_TARGET, more=more) for more in (False, True))
         some = tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some)
         self.form = FoldedForm(some, rare, tip="Bounds of the pose, and light by which coded frames are judged")
         self.form.set_defaults(PlanSettings().shown())
         self.form.own_line("source")
         self.form.own_line("pose")
+        self.form.check = lambda *given: refused_setting(context, *given)
+        self.form.edited.connect(lambda *given: change_settings(context, *given))
         self._build_images()
         self._build_map()
         self.table = RowsTable(TABLE, 0, range(1, len(TABLE)))
         self.table.setAccessibleName("planes of the target's plan")
         self.message, self.stack = told_or_shown(POINT_WORDS, self._results())
         row = QHBoxLayout(self)
-        row.setContentsMargins(0, 8, 0, 0)
         row.setSpacing(10)
-        row.addWidget(column_area(COLUMN_PX, self._asked()))
+        row.addWidget(column_area(COLUMN_PX, self._form_card()))
         row.addWidget(self.stack, 1)
+        name_controls(self)
+        context.jobs.finished.connect(self._job_finished)
+        self.show_state(context.state)
 
     # -- building --------------------------------------------------------------------------------------
-    def _asked(self) -> QWidget:
+    def _form_card(self) -> QWidget:
         frame, column = card("Target")
-        self.plan_button = _button("Plan target", "Search for the fewest frames that cover all phases", self.plan_asked)
-        self.stop_button = _button("Stop", "Stop searching without creating a plan", self.stop_asked)
-        self.save_button = _button(
-            "Save target plan …",
-            "Write where the target goes in each frame (.json): Record > Rig records it, by Target …",
-            self.save_asked,
-        )
+        self.plan_button = button("Plan target", PLAN, self.plan_target)
+        self.stop_button = button("Stop", STOP, lambda: self.context.jobs.cancel(self._job))
+        self.save_button = button("Save target plan …", SAVE, self.save_target)
         self.costs = QLabel()
         self.costs.setToolTip(COSTS)
         self.costs.setTextFormat(Qt.TextFormat.RichText)
@@ -164,25 +212,16 @@ class TargetPanel(QWidget):
         planes, below = card("Planes")
         planes.setFixedHeight(TABLE_PX)
         below.addWidget(self.table)
-        holder = QWidget()
-        column, pictures = QVBoxLayout(holder), QHBoxLayout()
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(10)
+        pictures = line(images, phases, stretch=0)
         pictures.setSpacing(10)
-        pictures.addWidget(images, 1)
-        pictures.addWidget(phases)
-        column.addLayout(pictures, 1)
-        column.addWidget(planes)
+        holder = QWidget()
+        column_of(pictures, planes, of=holder, spacing=10, stretch=0)
         return holder
 
     # -- showing ---------------------------------------------------------------------------------------
-    def follow(self, check: Callable[[str, Any], str], edited: Callable[[str, Any], None]) -> None:
-        """Check values by ``check``, and report those that are edited."""
-        self.form.check = check
-        self.form.edited.connect(edited)
-
-    def show_settings(self, asked: PlanSettings, *, busy: bool) -> None:
+    def _show(self) -> None:
         """Show what is asked for, and whether it is being planned."""
+        asked, busy = PlanSettings.of(self.context.state), bool(self._job)
         self.form.set_values(asked.shown())
         for key in self.form.fields:
             self.form.set_enabled(key, key == "source" or asked.many)
@@ -193,10 +232,6 @@ class TargetPanel(QWidget):
             self.message.setText(
                 "Looking for the fewest frames …" if busy else READY_WORDS if asked.many else POINT_WORDS
             )
-
-    def show_refusal(self, words: str) -> None:
-        """Say why there is no plan."""
-        self.message.setText(words)
 
     def show_planned(self, found: PlannedTarget | None) -> None:
         """Show a plan; None: there is none."""
@@ -266,117 +301,35 @@ class TargetPanel(QWidget):
         self.map.apply_theme()
         self._draw()
 
-
-def _button(text: str, tip: str, signal: Any) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.clicked.connect(lambda _=False: signal.emit())
-    return button
-
-
-def _rectangle(top: float, left: float, rows: float, columns: float, *, gap: bool = False) -> tuple[Any, Any]:
-    """Return the columns and rows of a rectangle's corners, round it; with a ``gap`` before the next."""
-    bottom, right, end = top + rows, left + columns, [np.nan] * gap
-    return np.array([left, right, right, left, left, *end]), np.array([top, top, bottom, bottom, top, *end])
-
-
-def _costs(found: PlannedTarget) -> str:
-    head = "<tr><td></td><td style='padding-right:12px'>this target</td><td>single point</td></tr>"
-    cells = "".join(
-        f"<tr><td style='padding-right:12px'>{name.replace('  ', '&nbsp;&nbsp;')}</td><td><b>{ours}</b></td>"
-        f"<td>{single}</td></tr>"
-        for name, ours, single in found.summary()
-    )
-    return f"<table cellspacing='3'>{head}{cells}</table>"
-
-
-def _covered(plane: PlaneDrawing) -> str:
-    missing, most = int((plane.shown == 0).sum()), int(plane.shown.max())
-    crossed = f"{missing} of {plane.shown.size} are not covered: red crosses. " if missing else ""
-    return f"{crossed}Shown by up to {most} frame{'s' * (most != 1)}, brighter: by more. Click a position to read it."
-
-
-def _note(found: PlannedTarget) -> str:
-    from lfcal.targets import target_words
-
-    missing = sum(int((plane.shown == 0).sum()) for plane in found.planes)
-    words = target_words(found.plan.target)
-    if missing:
-        words += f". {missing} phases are not covered: allow more frames, or fit the optics to what is shown"
-    words += ". Crosstalk is by rays, whose patterns end" if found.plan.tails == "geometric" else ""
-    return f"{words}. {found.coding_briefly}".rstrip()
-
-
-def refused_setting(context: Context, key: str, value: Any) -> str:
-    """Return why a setting of the plan cannot have a value; empty: it can."""
-    state = context.state
-    try:
-        settings = PlanSettings.of(state).changed(key, value).into(state)
-    except LfcalError as error:
-        return str(error)
-    return context.project.held(replace(state, settings=settings))
-
-
-def change_settings(context: Context, key: str, value: Any) -> None:
-    """Change a setting of the plan."""
-    state = context.state
-    settings = PlanSettings.of(state).changed(key, value).into(state)
-    context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
-
-
-class TargetDialog(QDialog):
-    """Dialog with the settings of a target and its plan; a plan of other settings is not shown."""
-
-    def __init__(self, parent: QWidget, context: Context) -> None:
-        super().__init__(parent)
-        self.setWindowTitle("Target of many points")
-        self.resize(980, 560)
-        self.context = context
-        self.panel = TargetPanel()
-        self._job = 0
-        self._asked: tuple[ScanPlan, PlanSettings] | None = None
-        QVBoxLayout(self).addWidget(self.panel)
-        name_controls(self)
-        self.panel.follow(
-            lambda *given: refused_setting(context, *given), lambda *given: change_settings(context, *given)
-        )
-        self.panel.plan_asked.connect(self.plan_target)
-        self.panel.stop_asked.connect(lambda: context.jobs.cancel(self._job))
-        self.panel.save_asked.connect(self.save_target)
-        context.jobs.finished.connect(self._job_finished)
-        self.show_state(context.state)
-
+    # -- planning --------------------------------------------------------------------------------------
     def show_state(self, state: ProjectState) -> None:
         """Show what is asked for, and no plan that was made for other values."""
         if self._asked != (state.plan, PlanSettings.of(state)):
             self.forget()
         self._show()
 
-    def _show(self) -> None:
-        self.panel.show_settings(PlanSettings.of(self.context.state), busy=bool(self._job))
-
     def forget(self) -> None:
         """Show no plan, and stop looking for one."""
         job, self._job, self._asked = self._job, 0, None
         self.context.jobs.cancel(job)
-        self.panel.show_planned(None)
+        self.show_planned(None)
 
     def plan_target(self) -> None:
         """Look for the frames as a job."""
         plan, settings = self.context.state.plan, PlanSettings.of(self.context.state)
         if plan is None or not settings.many:
-            self.panel.show_refusal("there is no target to plan; make a plan, and type a source such as array")
+            self.message.setText("there is no target to plan; make a plan, and type a source such as array")
             return
         self.forget()
         # else the previous value would be used for the plan
-        if refused := self.panel.form.error:
-            self.panel.show_refusal(refused)
+        if refused := self.form.error:
+            self.message.setText(refused)
             return
         self._asked = asked = (plan, settings)
 
         def done(found: PlannedTarget) -> None:
             if self._asked is asked:
-                self.panel.show_planned(found)
+                self.show_planned(found)
 
         self._job = self.context.jobs.start(
             f"Plan {settings.source}", "setup", lambda: iter_target(plan, settings), done, leave=True, at_once=True
@@ -389,7 +342,7 @@ class TargetDialog(QDialog):
         self._job = 0
         self._show()
         if job.error:
-            self.panel.show_refusal(job.error)
+            self.message.setText(job.error)
 
     def expect(self, scan: ScanPlan, settings: PlanSettings) -> None:
         """Treat the plan that is shown next as the plan of these values."""
@@ -398,15 +351,15 @@ class TargetDialog(QDialog):
 
     def show_opened(self, found: PlannedTarget) -> None:
         """Show a plan from a file."""
-        self.panel.show_planned(found)
+        self.show_planned(found)
         self._show()
         self.show()
 
     def save_target(self, path: str = "") -> None:
         """Write the plan of the target as JSON."""
-        found, state = self.panel.found, self.context.state
+        found, state = self.found, self.context.state
         if found is None:
-            self.panel.show_refusal("there is no target plan to save; press Plan target first")
+            self.message.setText("there is no target plan to save; press Plan target first")
             return
         path = path or ask_target(self, "Save target plan", "target_plan.json", "Plans (*.json)")
         text = found.plan.to_json()

@@ -250,7 +250,6 @@ def values_of(camera: Camera) -> dict[str, Any]:
 
 
 def _distortion(camera: Camera) -> str:
-    """Return in words what is known of the lattice's distortion."""
     found = camera.lattice.distortion
     if found is not None:
         return f"{found.model}, {found.largest / camera.sensor.pixel_um:.2f} px"

@@ -23,13 +23,14 @@ from lfcal_gui.pages.setup._check_dialog import CheckDialog
 from lfcal_gui.pages.setup._target_dialog import TargetDialog, change_settings, refused_setting
 from lfcal_gui.pages.setup.model import apply_change, confirmed, name_at, state_with, weighed, weighed_key
 from lfcal_gui.pages.setup.model_check import Checked, iter_check
-from lfcal_gui.pages.setup.model_costs import expected_light, light_key
+from lfcal_gui.pages.setup.model_picture import expected_light, light_key
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
 from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text, moved
 from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan
 from lfcal_gui.pages.setup.panel import PlanningPanel
 from lfcal_gui.pages.setup.step import camera_step, scan_step
 from lfcal_gui.saving import ask_target, write_file
+from lfcal_gui.widgets import expected_apertures
 
 if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect, ExpectedLight, ScanChoice
@@ -53,6 +54,8 @@ class Page(BasePage):
         super().__init__(spec, context)
         self._white, self._dark, self._job = "", "", 0
         self._light: tuple[Any, ExpectedLight] | None = None
+        self._expected_of: tuple[Any, ...] = ()
+        """Camera, depths and cutout whose apertures are shown."""
         self._weighed: tuple[Any, tuple[AssumedEffect, ...]] | None = None
         self._off: ScanPlan | str = ""
         self._checked: Checked | None = None
@@ -64,7 +67,7 @@ class Page(BasePage):
             self.segments.addWidget(button)
         self.tools.addWidget(self.panel.overlay)
         inspector = self.panel.inspector
-        inspector.presets.chosen.connect(lambda name: self._set(preset(name), f"preset {name}"))
+        inspector.preset_chosen.connect(lambda name: self._set(preset(name), f"preset {name}"))
         inspector.edited.connect(self._edited)
         inspector.scan_edited.connect(self._scan_edited)
         inspector.confirmed.connect(self._confirmed)
@@ -76,7 +79,6 @@ class Page(BasePage):
         self._show(context.state)
 
     def _do(self, name: str) -> None:
-        """Do what a button of the inspector says."""
         deeds: dict[str, Callable[[], object]] = {
             "import": self.import_file,
             "white": self.choose_white,
@@ -117,11 +119,12 @@ class Page(BasePage):
         self.panel.apply_theme()
         self.check.apply_theme()
         if self._target is not None:
-            self._target.panel.apply_theme()
+            self._target.apply_theme()
 
     def entered(self) -> None:
         """Look at the scan, now that there is room for it."""
         self.panel.look()
+        self._expect(self.context.state.plan)
         self._forecast_noise()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
@@ -147,11 +150,22 @@ class Page(BasePage):
         self.panel.show_state(state, self._checked, self._light_of(state.plan))
         if self._target is not None:
             self._target.show_state(state)
+        self._expect(state.plan)
         self._forecast_noise()
         self._weigh()
         self._report()
 
     # -- noise and assumed values ----------------------------------------------------------------------
+    def _expect(self, plan: ScanPlan | None) -> None:
+        """Compute the apertures that are expected in the planes, in the background."""
+        if plan is None or not self.isVisible():
+            return
+        if self._expected_of != (asked := (plan.camera, plan.depths_um, plan.cutout)):
+            self._expected_of = asked
+            self.context.jobs.compute(
+                "apertures of the scan", lambda: expected_apertures(plan), self.panel.show_expected
+            )
+
     def _light_of(self, plan: ScanPlan | None) -> ExpectedLight | None:
         """Return the light of a plan's patterns, where it was computed."""
         known = plan is not None and self._light is not None and self._light[0] == light_key(plan)
@@ -171,13 +185,11 @@ class Page(BasePage):
         self.context.jobs.compute("light of the scan", lambda: expected_light(plan), done)
 
     def _choose(self, choice: ScanChoice) -> None:
-        """Record the scan faster, or more exactly."""
         state = self.context.state
         settings = replace(PlanSettings.of(state), peak=choice.peak).into(state)
         self.context.project.merge("time against accuracy", plan=choice.plan, settings=settings)
 
     def _weigh(self) -> None:
-        """Compute the effects of the assumed values in the background."""
         state = self.context.state
         key = weighed_key(state)
         if key is None or (self._weighed is not None and self._weighed[0] == key):
@@ -223,7 +235,6 @@ class Page(BasePage):
         return why or held
 
     def _set(self, camera: Camera, label: str) -> bool:
-        """Take a camera; return False where that was refused."""
         before, state = self.context.state.plan, self.context.state
         if not self.context.project.update(label, **state_with(state, camera), settings=with_described(state)):
             return False
@@ -432,7 +443,6 @@ class Page(BasePage):
         self.load(name, lambda: read_plan(path, settings), lambda found: self._opened(name, found), on_error=refused)
 
     def _opened(self, name: str, found: ScanPlan | PlannedTarget) -> None:
-        """Continue with the plan of a scan, or of a target and its scan."""
         if isinstance(found, ScanPlan):
             self.context.project.update(f"plan {name}", plan=found, camera=found.camera)
             return

@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QPushButton,
     QSlider,
     QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -26,8 +25,7 @@ from lfcal_gui.pages.setup._inspector import Inspector
 from lfcal_gui.pages.setup._optics_view import OpticsView
 from lfcal_gui.pages.setup.model import facts
 from lfcal_gui.pages.setup.model_check import Checked
-from lfcal_gui.pages.setup.model_costs import Number, ScanCosts, numbers_of
-from lfcal_gui.pages.setup.model_picture import Area, ScanScene, apertures_of
+from lfcal_gui.pages.setup.model_picture import Area, Number, ScanCosts, ScanScene, numbers_of
 from lfcal_gui.pages.setup.model_scan import half_of, path_lines
 from lfcal_gui.pages.setup.model_target import PlanSettings
 from lfcal_gui.widgets import (
@@ -36,13 +34,18 @@ from lfcal_gui.widgets import (
     Picture,
     PlaneTile,
     Strip,
+    button,
     clear,
+    column_of,
+    line,
     outline_tones,
     scrolling,
     table_entries,
+    wrapped,
 )
 
 if TYPE_CHECKING:
+    from lfcal.psf.aperture import Aperture
     from lfcal.simulate import ExpectedLight, ScanChoice
 
 VIEWS = (
@@ -201,7 +204,6 @@ class PlanningPanel(QWidget):
         self.costs: ScanCosts | None = None
         self._area: Area | None = None
         """The area to show, at any size of the picture."""
-        self._expected: Sequence[Any] = ()
         self._shown: tuple[Any, Shot] | None = None
         """What the picture was drawn of, and the picture."""
         self.inspector = Inspector(check, check_scan)
@@ -220,11 +222,7 @@ class PlanningPanel(QWidget):
             self.views.addWidget(view)
         self._tools()
         self.numbers = CostRow()
-        left = QVBoxLayout()
-        left.setSpacing(4)
-        left.addWidget(self.views, 1)
-        left.addWidget(self.strip)
-        left.addWidget(self.numbers)
+        left = column_of(self.views, self.strip, self.numbers, spacing=4, stretch=0)
         self.area = scrolling(self.inspector)
         self.area.setProperty(INSPECTOR, True)
         clear(self.area)
@@ -235,17 +233,14 @@ class PlanningPanel(QWidget):
         row.addWidget(self.area)
 
     def _tools(self) -> None:
-        """Make what the header has: views, and what is drawn over the picture."""
         self.segments = []
         for k, (title, tip) in enumerate(VIEWS):
-            button = QPushButton(title)
-            button.setProperty("role", "segment")
-            button.setCheckable(True)
-            button.setAutoExclusive(True)
-            button.setChecked(k == 0)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, k=k: self._look_at(k))
-            self.segments.append(button)
+            made = button(title, tip, lambda k=k: self._look_at(k))
+            made.setProperty("role", "segment")
+            made.setCheckable(True)
+            made.setAutoExclusive(True)
+            made.setChecked(k == 0)
+            self.segments.append(made)
         self.overlay = QPushButton("Overlay")
         self.overlay.setToolTip("What is drawn over the picture")
         menu = QMenu(self.overlay)
@@ -274,10 +269,10 @@ class PlanningPanel(QWidget):
         return table_entries(self, "scan path", lines)
 
     def _depth(self) -> QWidget:
-        inner = QWidget()
-        row = QHBoxLayout(inner)
-        for label in (self.facts, self.forecast):
-            row.addWidget(label, 1)
+        inner, row = QWidget(), line(self.facts, self.forecast)
+        for k in range(2):
+            row.setStretch(k, 1)
+        inner.setLayout(row)
         area = scrolling(inner)
         clear(area)
         return area
@@ -332,14 +327,14 @@ class PlanningPanel(QWidget):
         self.strip.setVisible(plan is not None)
         if plan is None:
             return
-        expected = apertures_of(plan.camera, plan.depths_um, plan.cutout)
-        if expected is self._expected:  # the same planes, looked at in the same way
-            return
-        self._expected = expected
-        tiles = [PlaneTile(z, expected=one, shape=plan.cutout) for z, one in zip(plan.depths_um, expected, strict=True)]
-        chosen = self.strip.currentRow()
-        self.strip.show_tiles(tiles)
-        self.strip.set_current(chosen if 0 <= chosen < len(tiles) else len(tiles) - 1)
+        self.strip.offer(plan.depths_um, plan.cutout)
+        if self.strip.currentRow() < 0:
+            self.strip.set_current(len(plan.depths_um) - 1)
+
+    def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
+        """Draw the apertures that are expected in the planes; None: in focus, or not to be seen."""
+        self.strip.show_expected(apertures)
+        self._draw()
 
     def _moved(self) -> None:
         seen = self.picture.box.viewRect()
@@ -381,11 +376,10 @@ class PlanningPanel(QWidget):
 
 
 def _figures() -> QLabel:
-    label = QLabel()
+    label = wrapped("")
     label.setTextFormat(Qt.TextFormat.RichText)
     label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
     label.setAlignment(Qt.AlignmentFlag.AlignTop)
-    label.setWordWrap(True)
     return label
 
 

@@ -2,15 +2,340 @@
 
 from __future__ import annotations
 
-import numpy as np
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QGridLayout, QLabel, QPushButton, QScrollArea, QSplitter, QVBoxLayout, QWidget
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
 
+import numpy as np
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import (
+    QComboBox,
+    QGridLayout,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+from lfcal.base import InputError
+from lfcal.simulate.effects import Magnitude
 from lfcal_gui.models import Shot, levels_of
-from lfcal_gui.pages.simulate._magnitude_form import MagnitudeForm
-from lfcal_gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow
-from lfcal_gui.pages.simulate.model_influence import InfluencePictures
-from lfcal_gui.widgets import Picture, clear, heading, line, link, share_contrast
+from lfcal_gui.pages.simulate.model import GIVEN
+from lfcal_gui.pages.simulate.model_effects import FRAMES_ONLY, EffectRow, read_terms, refused
+from lfcal_gui.pages.simulate.model_frames import InfluencePictures
+from lfcal_gui.widgets import (
+    Picture,
+    button,
+    clear,
+    column_of,
+    line,
+    link,
+    name_controls,
+    scrolling,
+    set_look,
+    share_contrast,
+    split,
+    wrapped,
+)
+
+TERM_TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), for m < 0 sin; the value at the rim of the pupil"}
+
+
+class TermCells(QTableWidget):
+    """The cells; Delete takes the selected row away.
+
+    Signals
+    -------
+    removed()
+        Delete was pressed.
+    """
+
+    removed = Signal()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Take a term away with Delete."""
+        if event.key() == Qt.Key.Key_Delete:
+            self.removed.emit()
+            return
+        super().keyPressEvent(event)
+
+
+class TermsTable(QWidget):
+    """Rows to edit.
+
+    Parameters
+    ----------
+    effect, magnitude
+        The effect's name and the magnitude that the table holds.
+
+    Signals
+    -------
+    changed(terms, why)
+        The terms after a change, or None and a line that says what is wrong with them.
+    """
+
+    changed = Signal(object, str)
+
+    def __init__(self, effect: str, magnitude: Magnitude) -> None:
+        super().__init__()
+        self._effect, self._magnitude = effect, magnitude
+        self.cells = TermCells(0, len(magnitude.columns))
+        self.cells.setHorizontalHeaderLabels(magnitude.columns)
+        self.cells.verticalHeader().hide()
+        self.cells.setMinimumHeight(84)
+        self.cells.setMaximumHeight(120)
+        self.cells.setAccessibleName(magnitude.title)
+        self.cells.setToolTip(
+            TERM_TIPS.get(magnitude.columns, f"{magnitude.title}: one row each; Delete removes the selected one")
+        )
+        self.cells.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        self.cells.cellChanged.connect(lambda *_: self._edited())
+        self.cells.removed.connect(self.remove)
+        self.setFocusProxy(self.cells)
+        add = "Add a term at the end; it is used as soon as all of its cells are filled"
+        self.add_button = button("Add row", add, self.add)
+        self.remove_button = button("Remove", "Delete the selected row (Delete)", self.remove)
+        column_of(self.cells, line(self.add_button, self.remove_button), of=self)
+
+    def show_terms(self, terms: tuple[tuple[int, int, float], ...]) -> None:
+        """Show terms, unless they are what the cells say already."""
+        try:
+            if self._read() == terms and self.cells.rowCount() >= len(terms):
+                return
+        except InputError:
+            pass
+        blocker = QSignalBlocker(self.cells)
+        self.cells.setRowCount(0)
+        for n, m, waves in terms:
+            self._append(str(n), str(m), f"{waves:.10g}")
+        blocker.unblock()
+
+    def _read(self) -> tuple[tuple[int, int, float], ...]:
+        return read_terms(self._effect, self._magnitude, self.words())
+
+    def words(self) -> list[tuple[str, str, str]]:
+        """Return what the cells say, row by row."""
+        cells = self.cells
+        items = [[cells.item(k, c) for c in range(3)] for k in range(cells.rowCount())]
+        return [(a.text() if a else "", b.text() if b else "", c.text() if c else "") for a, b, c in items]
+
+    def add(self) -> None:
+        """Add a row and begin to type in it."""
+        blocker = QSignalBlocker(self.cells)
+        self._append("", "", "")
+        blocker.unblock()
+        self.cells.setCurrentCell(self.cells.rowCount() - 1, 0)
+        self.cells.edit(self.cells.currentIndex())
+
+    def remove(self) -> None:
+        """Take the selected row away."""
+        if self.cells.currentRow() >= 0:
+            self.cells.removeRow(self.cells.currentRow())
+            self._edited()
+
+    def _append(self, *words: str) -> None:
+        row = self.cells.rowCount()
+        self.cells.insertRow(row)
+        for column, word in enumerate(words):
+            self.cells.setItem(row, column, QTableWidgetItem(word))
+
+    def _edited(self) -> None:
+        try:
+            terms = self._read()
+        except InputError as error:
+            self.changed.emit(None, str(error))
+            return
+        self.changed.emit(terms, "")
+
+
+NOT_GIVEN = ""
+"""Item data of the source of a value that was not given."""
+
+
+class MagnitudeEditor(QWidget):
+    """Value and source of one magnitude.
+
+    Signals
+    -------
+    given(field, value, mark)
+        A value that passes, and how it is known; None: given no longer.
+    """
+
+    given = Signal(str, object, str)
+
+    def __init__(self, effect: str, magnitude: Magnitude) -> None:
+        super().__init__()
+        self.effect, self.magnitude = effect, magnitude
+        self.value: QWidget
+        if magnitude.kind == "terms":
+            self.table = TermsTable(effect, magnitude)
+            self.table.changed.connect(self._terms_changed)
+            self.value = self.table
+        else:
+            self.edit = QLineEdit()
+            self.edit.setMinimumWidth(70)
+            self.edit.setEnabled(magnitude.kind != "other")
+            self.edit.textEdited.connect(lambda text: self._check(text))
+            self.edit.editingFinished.connect(self._finished)
+            self.value = self.edit
+        self.value.setAccessibleName(f"{magnitude.title} ({magnitude.unit})")
+        self.source = QComboBox()
+        self.source.setAccessibleName(f"source of {magnitude.title}")
+        self.source.activated.connect(lambda _: self._source_chosen())
+        self.error = wrapped("error")
+        self.error.hide()
+
+    # -- showing ---------------------------------------------------------------------------------------
+    def show_magnitude(self, magnitude: Magnitude) -> None:
+        """Show value and source; text that is being typed is kept."""
+        same, self.magnitude = self.magnitude == magnitude, magnitude
+        if same and not self.error.isHidden():
+            return  # the user is still correcting the refused value
+        if magnitude.kind == "terms":
+            self.table.show_terms(magnitude.counts or ())
+        elif not (self.edit.hasFocus() and self.edit.isModified()):
+            self.edit.setText(magnitude.text(magnitude.counts))
+            self.edit.setCursorPosition(0)
+            self.edit.setModified(False)
+        tip = magnitude.range_text()
+        self.value.setToolTip(f"{magnitude.title}: {tip}" if tip else magnitude.title)
+        self._show_source()
+        self._say("")
+
+    def _show_source(self) -> None:
+        blocker = QSignalBlocker(self.source)
+        self.source.clear()
+        self.source.addItem(self._default_words(), NOT_GIVEN)
+        for mark in GIVEN:
+            self.source.addItem(mark, mark)
+        mark = self.magnitude.mark if self.magnitude.source == "given" else NOT_GIVEN
+        self.source.setCurrentIndex(self.source.findData(mark))
+        self.source.setToolTip(
+            "stated or measured: given by you. camera: from the camera's description. typical: says nothing about "
+            "this camera."
+        )
+        blocker.unblock()
+
+    def _default_words(self) -> str:
+        source, mark = self.magnitude.otherwise
+        if self.magnitude.kind == "terms":
+            return "none"
+        return f"camera: {mark}" if mark else source
+
+    # -- editing ---------------------------------------------------------------------------------------
+    def _check(self, text: str) -> Any:
+        """Return what ``text`` means, or None and say why it means nothing."""
+        value, why = refused(self.effect, self.magnitude, text)
+        self._say(why)
+        return None if why else value
+
+    def _finished(self) -> None:
+        text = self.edit.text()
+        if not self.edit.isModified():
+            return
+        if not text.strip() and self.magnitude.kind != "text":
+            self.edit.setModified(False)
+            self.given.emit(self.magnitude.field, None, "")
+            return
+        value = self._check(text)
+        if value is not None:
+            self.edit.setModified(False)
+            mark = self.magnitude.mark if self.magnitude.source == "given" else "stated"
+            self.given.emit(self.magnitude.field, value, mark)
+
+    def _terms_changed(self, terms: object, why: str) -> None:
+        self._say(why)
+        if not why:
+            mark = self.magnitude.mark if self.magnitude.source == "given" else "stated"
+            self.given.emit(self.magnitude.field, terms or None, mark)
+
+    def _source_chosen(self) -> None:
+        mark = self.source.currentData()
+        if mark == NOT_GIVEN:
+            if self.magnitude.kind != "terms":
+                self.edit.setText(self.magnitude.text(self.magnitude.counts))
+                self.edit.setModified(False)
+            self._say("")
+            self.given.emit(self.magnitude.field, None, "")
+        elif self.magnitude.counts or self.magnitude.kind != "terms":
+            self.given.emit(self.magnitude.field, self.magnitude.counts, mark)
+        else:
+            self._say("add a row first")
+            self._show_source()
+
+    def _say(self, why: str) -> None:
+        self.error.setText(why)
+        self.error.setVisible(bool(why))
+        set_look(self.value, "invalid", bool(why))
+
+
+class MagnitudeForm(QWidget):
+    """The magnitudes of the effect that is selected.
+
+    Signals
+    -------
+    given(effect, field, value, mark)
+        The user gave a magnitude, or with a value of None takes it back.
+    """
+
+    given = Signal(str, str, object, str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(0, 0, 0, 0)
+        self._body: QWidget | None = None
+        self._shown: tuple[str, tuple[str, ...]] = ("", ())
+        self.editors: dict[str, MagnitudeEditor] = {}
+
+    def show_row(self, row: EffectRow) -> None:
+        """Show the magnitudes of an effect; the same effect's widgets stay, and with them what is being typed."""
+        shape = row.name, tuple(one.field for one in row.magnitudes)
+        if shape != self._shown:
+            self._build(row)
+            self._shown = shape
+        for one in row.magnitudes:
+            self.editors[one.field].show_magnitude(one)
+
+    def _build(self, row: EffectRow) -> None:
+        if self._body is not None:
+            self._column.removeWidget(self._body)
+            self._body.hide()
+            self._body.deleteLater()
+        self._body = QWidget()
+        self._column.addWidget(self._body)
+        grid = QGridLayout(self._body)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setVerticalSpacing(4)
+        self.editors = {}
+        for k, one in enumerate(row.magnitudes):
+            editor = MagnitudeEditor(row.name, one)
+            editor.setParent(self._body)
+            editor.hide()  # holds the state of the shown widgets
+            editor.given.connect(lambda field, value, mark, name=row.name: self.given.emit(name, field, value, mark))
+            label = QLabel(one.title)
+            label.setBuddy(editor.value)
+            wide = one.kind == "terms"  # a table below its name, over the whole width
+            grid.addWidget(label, 3 * k, 0)
+            grid.addWidget(editor.value, 3 * k + wide, 0 if wide else 1, 1, 4 if wide else 1)
+            grid.addWidget(QLabel(one.unit), 3 * k, 2)
+            grid.addWidget(editor.source, 3 * k, 3)
+            grid.addWidget(editor.error, 3 * k + 2, 0, 1, 4)
+            self.editors[one.field] = editor
+        grid.setColumnStretch(1, 1)
+
+    def focus_first(self) -> None:
+        """Put the keyboard into the first magnitude."""
+        for editor in self.editors.values():
+            editor.value.setFocus()
+            if isinstance(editor.value, QLineEdit):
+                editor.value.selectAll()
+            return
+
 
 TITLES = ("without", "with", "difference")
 
@@ -29,9 +354,7 @@ class InfluenceView(QWidget):
         for k, (picture, title) in enumerate(zip(self.pictures, TITLES, strict=True)):
             picture.setAccessibleName(f"pattern of a position: {title}")
             grid.addWidget(picture, k // 2, k % 2)
-        self.words = QLabel()
-        self.words.setWordWrap(True)
-        self.words.setProperty("role", "hint")
+        self.words = wrapped()
         self.influence: InfluencePictures | None = None
         grid.addWidget(self.words, 1, 1)
         for k in range(2):
@@ -65,71 +388,48 @@ class InfluenceView(QWidget):
 class EffectPanel(QWidget):
     """What is known of one effect.
 
-    Signals
-    -------
-    given(effect, field, value, mark)
-        The user gave a magnitude, or with a value of None takes it back.
-    stop_asked()
-        The user waits no longer for the pictures.
+    Parameters
+    ----------
+    stop
+        Called when the user waits no longer for the pictures.
     """
 
-    given = Signal(str, str, object, str)
-    stop_asked = Signal()
-
-    def __init__(self) -> None:
+    def __init__(self, stop: Callable[[], object]) -> None:
         super().__init__()
-        self.title = heading("Choose an effect to see its magnitudes and what it does.")
-        self.why = QLabel()
-        self.formula = QLabel()
-        for label in (self.title, self.why, self.formula):
-            label.setWordWrap(True)
-        self.formula.setProperty("role", "hint")
-        self.note = QLabel("This effect has no magnitudes. Its values are in the camera description.")
-        self.note.setProperty("role", "hint")
-        self.note.setWordWrap(True)
+        self.title = wrapped("heading", "Choose an effect to see its magnitudes and what it does.")
+        self.why, self.formula = wrapped(""), wrapped()
+        self.note = wrapped("hint", "This effect has no magnitudes. Its values are in the camera description.")
         self._typical = False
         self.form = MagnitudeForm()
-        self.form.given.connect(self.given.emit)
-        self.influence = InfluenceView()
-        self.stop_button = QPushButton("Stop")
-        self.stop_button.setToolTip("Stop computing these pictures; the effect stays on")
-        self.stop_button.clicked.connect(lambda _=False: self.stop_asked.emit())
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 6, 0, 0)
-        both = QSplitter(Qt.Orientation.Vertical)
-        both.setChildrenCollapsible(False)
-        both.setHandleWidth(8)
-        both.addWidget(self._words_area())
-        both.addWidget(self.influence)
-        both.setStretchFactor(0, 0)
-        both.setStretchFactor(1, 1)
-        both.setSizes([230, 400])
-        layout.addWidget(both)
+        self.stop_button = button("Stop", "Stop computing these pictures; the effect stays on", stop)
+        inner = QWidget()
+        parts = (self.title, self.why, self.form, self.note, self.formula, line(self.stop_button))
+        column_of(*parts, of=inner).addStretch()
+        area = scrolling(inner)
+        clear(area)
+        self._parts = split(area, sizes=(230,), vertical=True, fixed=1)
+        column_of(self._parts, of=self)
         self.show_row(None)
 
-    def _words_area(self) -> QScrollArea:
-        inner = QWidget()
-        column = QVBoxLayout(inner)
-        column.setContentsMargins(0, 0, 4, 0)
-        column.setSpacing(5)
-        for widget in (self.title, self.why, self.form, self.note, self.formula):
-            column.addWidget(widget)
-        column.addLayout(line(self.stop_button))
-        column.addStretch()
-        area = QScrollArea()
-        area.setWidgetResizable(True)
-        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        area.setWidget(inner)
-        clear(area)
-        return area
+    @cached_property
+    def influence(self) -> InfluenceView:
+        """Pictures of what the effect does; made when one is chosen."""
+        made = InfluenceView()
+        name_controls(made)
+        self._parts.addWidget(made)
+        self._parts.setStretchFactor(1, 1)
+        self._parts.setSizes([230, 400])
+        return made
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_row(self, row: EffectRow | None) -> None:
         """Show what is known of an effect; None: none is selected."""
         there = row is not None
-        for widget in (self.why, self.form, self.note, self.formula, self.influence, self.stop_button):
+        for widget in (self.why, self.form, self.note, self.formula, self.stop_button):
             widget.setVisible(there)
         self.stop_button.setEnabled(False)
+        if there or "influence" in vars(self):
+            self.influence.setVisible(there)
         if row is None:
             return
         self._typical = row.effect.deviation and not row.given and row.share > 0

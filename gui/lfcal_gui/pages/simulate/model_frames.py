@@ -1,8 +1,9 @@
-"""Sensor frames of the simulated camera: one of a chosen position, or those of a whole session. No Qt."""
+"""Sensor frames of the simulated camera, and what one effect does to one position. No Qt."""
 
 from __future__ import annotations
 
 import threading
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, centre, format_length
+from lfcal.base import InputError, centre, format_length, format_share
 from lfcal.camera import ScanPlan
-from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
+from lfcal_gui.pages.simulate.model_effects import EffectRow, EffectsVerdict
 
 if TYPE_CHECKING:
-    from lfcal.simulate import SimulatedCamera
+    from lfcal.simulate import PlaneResponse, SimulatedCamera
     from lfcal.simulate.effects import Effect
 
 
@@ -38,7 +39,8 @@ class FrameQuestion:
     def place(self) -> str:
         """Return plane and position in words."""
         z, y, x = self.position
-        return f"z = {format_length(self.plan.depths_um[z])}, position ({y}, {x})"
+        depth = self.plan.depths_um[z]
+        return f"z = {format_length(depth)}, v = {self.plan.camera.virtual_depth(depth):.2f}, position ({y}, {x})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,3 +198,175 @@ class KeptFrames:
         from lfcal.simulate.sensor import discard_unfinished
 
         discard_unfinished(self.out)
+
+
+KEPT = 32
+"""Answers that are kept, the newest."""
+
+
+@dataclass(frozen=True)
+class InfluenceQuestion:
+    """Request for the influence of one effect at one position, in addition to the others that are on.
+
+    Attributes
+    ----------
+    without, with_it
+        The position without the effect and with it; their effects are in the order of the light's way.
+    enters_h
+        Whether H shows the effect; else sensor frames alone do.
+    on
+        Whether the effect is on at the position's depth.
+    """
+
+    without: FrameQuestion
+    with_it: FrameQuestion
+    enters_h: bool
+    on: bool
+
+    @property
+    def planned(self) -> FrameQuestion:
+        """The one of both that the planner chose."""
+        return self.with_it if self.on else self.without
+
+
+@dataclass(frozen=True, eq=False)
+class InfluencePictures:
+    """Two pictures ``(rows, columns)`` of one position.
+
+    Attributes
+    ----------
+    without, with_it
+        The pictures.
+    origin
+        Coordinates (row, column) of their first pixel.
+    axes
+        What is counted along columns and rows.
+    value
+        The quantity, with its unit.
+    words
+        What was computed and how much differs.
+    """
+
+    without: NDArray[np.float32]
+    with_it: NDArray[np.float32]
+    origin: tuple[int, int]
+    axes: tuple[str, str]
+    value: str
+    words: str
+
+    @property
+    def difference(self) -> NDArray[np.float32]:
+        """With it minus without it."""
+        return self.with_it - self.without
+
+
+def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[int, int, int]) -> InfluenceQuestion:
+    """Return the request for the influence of ``row``'s effect at a position, with the effects the planner chose."""
+    from lfcal.simulate import budgeted
+    from lfcal.simulate.effects import CATALOGUE
+
+    plan, settings, order = verdict.plan, verdict.settings, list(CATALOGUE.names())
+    selection = verdict.found if row.enters_h else verdict.frames
+    chosen, share = budgeted(selection, plan, settings.tolerance).at(plan.depths_um[position[0]])
+    others = tuple(effect for effect in chosen if effect.name != row.name)
+
+    def asked(*effects: Effect) -> FrameQuestion:
+        ordered = tuple(sorted(effects, key=lambda effect: order.index(effect.name)))
+        return FrameQuestion(plan, position, ordered, settings.level, share, settings.peak, settings.seed)
+
+    return InfluenceQuestion(asked(*others), asked(*others, row.effect), row.enters_h, len(others) < len(chosen))
+
+
+class Influences:
+    """Answers, one at a time; the newest are kept, and so is the settled engine of what is planned."""
+
+    def __init__(self, bench: FrameBench) -> None:
+        self._kept: OrderedDict[InfluenceQuestion, InfluencePictures] = OrderedDict()
+        self._base: tuple[object, PlaneResponse, str] | None = None
+        self._bench = bench
+        self._lock = threading.Lock()
+
+    def known(self, question: InfluenceQuestion) -> InfluencePictures | None:
+        """Return an answer that is kept."""
+        return self._kept.get(question)
+
+    def answer(self, question: InfluenceQuestion, stopped: Callable[[], bool]) -> InfluencePictures | None:
+        """Return the two pictures; None where ``stopped()`` said so before they were there."""
+        with self._lock:
+            if (known := self.known(question)) is not None:
+                return known
+            made = (self._of_h if question.enters_h else self._of_frame)(question, stopped)
+            if made is not None:
+                self._kept[question] = made
+                while len(self._kept) > KEPT:
+                    self._kept.popitem(last=False)
+            return made
+
+    def _of_h(self, asked: InfluenceQuestion, stopped: Callable[[], bool]) -> InfluencePictures | None:
+        planned, level = self._settled(asked.planned)
+        other = _response(asked.without if asked.on else asked.with_it)
+        if other.level == level:
+            # as fine as the planned one: what differs is the effect, not the computation
+            other.adopt(planned)
+        pictures = {}
+        for response, with_it in ((planned, asked.on), (other, not asked.on)):
+            picture = _pattern(response, asked.planned, stopped)
+            if picture is None:
+                return None
+            pictures[with_it] = picture
+        changed = changed_share(pictures[False], pictures[True])
+        energy = float(pictures[True].sum() / max(float(pictures[False].sum()), 1e-30)) - 1
+        said = f"{format_share(changed)} of the light differs, energy in the cutout {100 * energy:+.2g} %"
+        if changed == 0:
+            said = f"nothing differs at level {planned.level}"
+        words = f"{asked.planned.place()}: {said}"
+        return InfluencePictures(
+            pictures[False], pictures[True], (0, 0), ("column s", "row t"), "share of the light", words
+        )
+
+    def _settled(self, asked: FrameQuestion) -> tuple[PlaneResponse, str]:
+        """Return the response of what is planned, and its level before it was settled; settled once for a plane."""
+        key = (asked.plan, asked.position[0], asked.effects, asked.level, asked.tolerance)
+        if self._base is None or self._base[0] != key:
+            response = _response(asked)
+            level = response.level
+            response.engine()
+            self._base = key, response, level
+        return self._base[1], self._base[2]
+
+    def _of_frame(self, asked: InfluenceQuestion, stopped: Callable[[], bool]) -> InfluencePictures | None:
+        pictures, origin = [], (0, 0)
+        for question in (asked.without, asked.with_it):
+            frame = self._bench.frame(question, stopped)
+            if frame is None:
+                return None
+            picture, origin = frame.cutout()
+            pictures.append(picture)
+        light = float(np.abs(pictures[True] - asked.planned.plan.camera.sensor.black_level).sum())
+        changed = float(np.abs(pictures[True] - pictures[False]).sum()) / max(light, 1e-30)
+        words = f"{asked.planned.place()}: samples differ by {format_share(changed)} of those above black"
+        axes = ("sensor column", "sensor row")
+        return InfluencePictures(pictures[False], pictures[True], origin, axes, "sample value (counts)", words)
+
+
+def _response(asked: FrameQuestion) -> PlaneResponse:
+    from lfcal.simulate import PlaneResponse
+
+    return PlaneResponse(asked.plan, asked.position[0], asked.effects, level=asked.level, tolerance=asked.tolerance)
+
+
+def _pattern(response: PlaneResponse, asked: FrameQuestion, stopped: Callable[[], bool]) -> NDArray[np.float32] | None:
+    """Return the pattern ``(nt, ns)`` of the position, None where it was stopped between samples of the light."""
+    out = np.zeros((1, 1, *asked.plan.cutout), np.float32)
+    _, y, x = asked.position
+    for _ in response.accumulate(out, np.array([y]), np.array([x]), block=1, workers=1):
+        if stopped():
+            return None
+    pattern: NDArray[np.float32] = out[0, 0]
+    return pattern
+
+
+def changed_share(without: NDArray[np.float32], with_it: NDArray[np.float32]) -> float:
+    """Return the relative L1 difference: sum(|with - without|) / sum(|with|)."""
+    total = float(np.abs(with_it).sum(dtype=np.float64))
+    return float(np.abs(with_it - without).sum(dtype=np.float64)) / max(total, 1e-30)

@@ -25,12 +25,20 @@ from lfcal_gui.pages.simulate.model import (
     kept_pass,
     matrix_task,
     pattern_of,
+    read_settings,
+    settings_text,
     used_rung,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
-from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
-from lfcal_gui.pages.simulate.model_frames import FrameBench, KeptFrames, SimulatedFrame, frame_question
-from lfcal_gui.pages.simulate.model_influence import InfluencePictures, Influences, influence_question
+from lfcal_gui.pages.simulate.model_frames import (
+    FrameBench,
+    InfluencePictures,
+    Influences,
+    KeptFrames,
+    SimulatedFrame,
+    frame_question,
+    influence_question,
+)
 from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
 
@@ -80,14 +88,17 @@ class Page(BasePage):
         panel.curve.chosen.connect(self.use)
         panel.curve.measure_asked.connect(self.measure)
         panel.place.changed.connect(self._moved)
-        panel.frames_asked.connect(lambda: self.simulate_frames())
-        panel.import_asked.connect(lambda: self.import_magnitudes())
-        panel.export_asked.connect(lambda: self.export_magnitudes())
-        panel.reset_asked.connect(self._reset)
+        deeds: dict[str, Callable[[], object]] = {
+            "frame": self.make_frame,
+            "frames": self.simulate_frames,
+            "import": self.import_magnitudes,
+            "export": self.export_magnitudes,
+            "reset": self._reset,
+            "stop": self._stop_waiting,
+        }
+        panel.asked.connect(lambda what: deeds[what]())
         panel.tabs.currentChanged.connect(lambda _: self._look())
-        panel.frame.frame_asked.connect(self.make_frame)
-        effect.given.connect(self._give)
-        effect.stop_asked.connect(self._stop_waiting)
+        effect.form.given.connect(self._give)
 
     # -- project ---------------------------------------------------------------------------------------
     @property
@@ -181,7 +192,6 @@ class Page(BasePage):
             self._show_curve()
 
     def _look(self) -> None:
-        """Compute what is looked at, and nothing else."""
         self._preview(fine=True)
         self._influence()
 
@@ -310,7 +320,6 @@ class Page(BasePage):
 
     # -- work --------------------------------------------------------------------------------------------
     def _plan(self) -> ScanPlan | None:
-        """Return the plan; where there is none, say so."""
         if self.context.state.plan is None:
             self.refuse("there is no scan plan to simulate; make or open one in Set up")
         return self.context.state.plan
@@ -394,7 +403,6 @@ class Page(BasePage):
         self._show_curve()
 
     def _measured(self, job: WindowJob) -> None:
-        """Show curves of this plan, whichever page measured them."""
         if job.number == self._measuring:
             self._measuring = 0
         if self.context.state.plan is not None:

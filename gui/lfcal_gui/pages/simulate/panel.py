@@ -4,17 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
 
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QPushButton, QScrollArea, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import QSignalBlocker, Signal
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFrame,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QSpinBox,
+    QStackedWidget,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from lfcal.accuracy import Curve
+from lfcal.base import format_length
+from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import axis_labels, points_of
+from lfcal_gui.models import Shot, axis_labels, cutout_of, points_of
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
-from lfcal_gui.pages.simulate._frame_panel import FramePanel
-from lfcal_gui.pages.simulate._place_line import PlaceLine
 from lfcal_gui.pages.simulate.model import (
     FIELDS,
     SimulateSettings,
@@ -25,11 +39,153 @@ from lfcal_gui.pages.simulate.model import (
     used_rung,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
-from lfcal_gui.widgets import INSPECTOR, CostCurve, Folded, FoldedForm, Picture, card, heading, line, scrolling, split
+from lfcal_gui.pages.simulate.model_frames import SimulatedFrame, write_frame
+from lfcal_gui.saving import ask_target, write_file
+from lfcal_gui.widgets import (
+    INSPECTOR,
+    CostCurve,
+    Folded,
+    FoldedForm,
+    Picture,
+    button,
+    card,
+    column_of,
+    heading,
+    line,
+    name_controls,
+    scrolling,
+    split,
+    wrapped,
+)
+
+
+class PlaceLine(QWidget):
+    """A list of planes, and y and x.
+
+    Signals
+    -------
+    changed()
+        Another plane or position was chosen.
+    """
+
+    changed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.plane_box = QComboBox()
+        self.plane_box.setAccessibleName("plane")
+        self.plane_box.setMinimumContentsLength(6)
+        self.plane_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.plane_box.setToolTip("Depth plane of the pictures: many effects grow away from focus")
+        self.plane_box.currentIndexChanged.connect(lambda _: self.changed.emit())
+        self.row_box, self.column_box = QSpinBox(), QSpinBox()
+        for box, axis in ((self.row_box, "y"), (self.column_box, "x")):
+            box.setAccessibleName(f"position {axis}")
+            box.setToolTip(f"Source position {axis} in the period (px)")
+            box.setKeyboardTracking(False)
+            box.setMinimumWidth(44)
+            box.valueChanged.connect(lambda _: self.changed.emit())
+        row: QHBoxLayout = line("Plane", self.plane_box, "y", self.row_box, "x", self.column_box, stretch=1)
+        row.setContentsMargins(0, 0, 0, 0)
+        self.setLayout(row)
+
+    def show_plan(self, plan: ScanPlan) -> None:
+        """Offer planes and positions of a plan; the middle ones where the plan is another."""
+        planes = [f"{z}: {format_length(depth)}" for z, depth in enumerate(plan.depths_um)]
+        ny, nx = plan.period
+        before = [self.plane_box.itemText(k) for k in range(self.plane_box.count())]
+        if before == planes and (self.row_box.maximum(), self.column_box.maximum()) == (ny - 1, nx - 1):
+            return
+        blockers = [QSignalBlocker(w) for w in (self.plane_box, self.row_box, self.column_box)]
+        self.plane_box.clear()
+        self.plane_box.addItems(planes)
+        self.plane_box.setCurrentIndex(len(planes) // 2)
+        for box, count in ((self.row_box, ny), (self.column_box, nx)):
+            box.setMaximum(count - 1)
+            box.setValue(count // 2)
+        for blocker in blockers:
+            blocker.unblock()
+
+    @property
+    def place(self) -> tuple[int, int, int]:
+        """The position (z, y, x)."""
+        return max(0, self.plane_box.currentIndex()), self.row_box.value(), self.column_box.value()
+
+
+class FramePanel(QWidget):
+    """A simulated frame with its caption, and the buttons that make and save it.
+
+    Parameters
+    ----------
+    jobs
+        Of the window.
+    make
+        Makes a frame of the position that is looked at.
+    """
+
+    def __init__(self, jobs: Jobs, make: Callable[[], object]) -> None:
+        super().__init__()
+        self.frame: SimulatedFrame | None = None
+        tip = "A sensor frame of the position below, with every effect on for frames"
+        self.make_button = button("Make a frame", tip, make)
+        self.save_button = button("Save …", "Save the samples as TIFF or PNG", self.save)
+        self.save_button.setEnabled(False)
+        self.words = wrapped("hint", "A frame has every effect that is on for frames: noise, stage errors, rounding.")
+        self._jobs, self.room = jobs, QStackedWidget()
+        column_of(line(self.make_button, self.save_button), self.room, self.words, of=self, stretch=1)
+
+    @cached_property
+    def view(self) -> Picture:
+        """The picture of the frame; made when there is one."""
+        made = Picture("counts", jobs=self._jobs)
+        name_controls(made)
+        self.room.addWidget(made)
+        return made
+
+    def show_waiting(self) -> None:
+        """Say that a frame is being made."""
+        self.words.setText("The frame is being made …")
+        self.make_button.setEnabled(False)
+
+    def show_frame(self, frame: SimulatedFrame | None, words: str = "") -> None:
+        """Show a frame and the position's cutout in it; None leaves what is there and says why."""
+        self.make_button.setEnabled(True)
+        if frame is None:
+            self.words.setText(words)
+            return
+        self.frame = frame
+        self.save_button.setEnabled(True)
+        top, left = frame.window()
+        nt, ns = frame.question.plan.cutout
+        cutout = cutout_of(top, left, (nt, ns), (top + nt // 2, left + ns // 2))
+        self.view.set_shot(Shot(frame.samples, name="frame", overlays=cutout))
+        self.words.setText(frame.words())
+
+    def show_none(self) -> None:
+        """Take away a frame of another plan, or of other choices."""
+        self.frame = None
+        self.make_button.setEnabled(True)
+        self.save_button.setEnabled(False)
+        if "view" in vars(self):
+            self.view.set_shot(None)
+        self.words.setText("Plan or choices changed since a frame was made: make another one.")
+
+    def save(self, path: str = "") -> None:
+        """Write the samples of the frame."""
+        frame = self.frame
+        if frame is None:
+            return
+        path = path or ask_target(self, "Save frame", "frame.tif", "TIFF (*.tif);;PNG (*.png)")
+        if path:
+            write_file(self, path, lambda part: write_frame(frame, Path(path), part))
+
 
 WIDTH = 304
 """Least width of the settings (px)."""
 
+IMPORT = "Take magnitudes and settings from a JSON file, as lfcal simulate --effect reads it"
+EXPORT = "Write the magnitudes and settings given here to a JSON file for lfcal simulate --effect"
+RESET = "Set every magnitude and setting to its default"
 TAB_TIPS = (
     "One pattern of H, computed with the present settings",
     "The effect chosen in the list: its magnitudes, and what it does to H",
@@ -44,21 +200,23 @@ class SimulatePanel(QWidget):
     -------
     edited(name, value)
         A field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`.
-    frames_asked(), import_asked(), export_asked(), reset_asked()
-        Write the frames of the plan; magnitudes and settings from a file, to a file, or taken back.
+    asked(what)
+        A button was pressed: ``"frame"`` of the position, ``"frames"`` of the plan, ``"import"``, ``"export"`` or
+        ``"reset"`` of magnitudes and settings, ``"stop"`` of the pictures of an effect.
     """
 
     edited = Signal(str, object)
-    frames_asked = Signal()
-    import_asked = Signal()
-    export_asked = Signal()
-    reset_asked = Signal()
+    asked = Signal(str)
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
         self.curve = CostCurve()
         self.view = Picture("share of the light")
-        self.effect, self.frame, self.place = EffectPanel(), FramePanel(jobs), PlaceLine()
+        self.effect, self.frame, self.place = (
+            EffectPanel(self._asking("stop")),
+            FramePanel(jobs, self._asking("frame")),
+            PlaceLine(),
+        )
         self.table = EffectsTable()
         self.table.edit_asked.connect(self.show_effect)
         of_frames = "Sensor frames with noise, as a camera would record them on this plan"
@@ -77,6 +235,9 @@ class SimulatePanel(QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(split(left, self._pictures(), self._inspector(), sizes=(40, 34, 28)))
 
+    def _asking(self, what: str) -> Callable[[], object]:
+        return lambda: self.asked.emit(what)
+
     # -- building --------------------------------------------------------------------------------------
     def _pictures(self) -> QFrame:
         self.tabs = QTabWidget()
@@ -91,19 +252,13 @@ class SimulatePanel(QWidget):
         return frame
 
     def _inspector(self) -> QScrollArea:
-        self.better = _hint()
-        self.unknown = _hint()
+        self.better, self.unknown = wrapped(), wrapped()
+        frames = "Write the frames of the whole plan to a folder, as a job"
+        self.forms[2].fold_line(button("Simulate frames …", frames, self._asking("frames")))
         inner = QWidget()
-        column = QVBoxLayout(inner)
-        column.setContentsMargins(4, 0, 4, 0)
-        column.setSpacing(6)
-        column.addLayout(self._numbers())
-        for widget in (self.better, self.forms[0], heading("Effects that this H needs")):
-            column.addWidget(widget)
-        column.addWidget(self.table, 1)
-        self._frames()
-        for widget in (self.unknown, *self.forms[1:], self._files()):
-            column.addWidget(widget)
+        above = (self._numbers(), self.better, self.forms[0], heading("Effects that this H needs"))
+        below = (self.unknown, *self.forms[1:], self._files())
+        column_of(*above, self.table, *below, of=inner, spacing=6, stretch=len(above)).setContentsMargins(4, 0, 4, 0)
         area = scrolling(inner)
         area.setProperty(INSPECTOR, True)
         area.setMinimumWidth(WIDTH)
@@ -111,7 +266,7 @@ class SimulatePanel(QWidget):
 
     def _numbers(self) -> QGridLayout:
         self.seconds, self.error = QLabel(), QLabel()
-        self.seconds_words, self.error_words = _hint(), _hint()
+        self.seconds_words, self.error_words = wrapped(), wrapped()
         grid = QGridLayout()
         grid.setVerticalSpacing(0)
         for k, (number, words) in enumerate(((self.seconds, self.seconds_words), (self.error, self.error_words))):
@@ -121,27 +276,14 @@ class SimulatePanel(QWidget):
             grid.setColumnStretch(k, 1)
         return grid
 
-    def _frames(self) -> None:
-        button = QPushButton("Simulate frames …")
-        button.setToolTip("Write the frames of the whole plan to a folder, as a job")
-        button.clicked.connect(lambda _=False: self.frames_asked.emit())
-        self.forms[2].fold_line(button)
-
     def _files(self) -> Folded:
         fold = Folded("Magnitudes in a file", "Magnitudes and settings of effects, for other projects and commands")
-        self.import_button, self.export_button = QPushButton("Import …"), QPushButton("Export …")
-        self.reset_button = QPushButton("Reset all")
-        tips = (
-            "Take magnitudes and settings from a JSON file, as lfcal simulate --effect reads it",
-            "Write the magnitudes and settings given here to a JSON file for lfcal simulate --effect",
-            "Set every magnitude and setting to its default",
+        self.reset_button = button("Reset all", RESET, self._asking("reset"))
+        asking = (
+            button("Import …", IMPORT, self._asking("import")),
+            button("Export …", EXPORT, self._asking("export")),
         )
-        buttons = (self.import_button, self.export_button, self.reset_button)
-        signals = (self.import_asked, self.export_asked, self.reset_asked)
-        for button, tip, signal in zip(buttons, tips, signals, strict=True):
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, signal=signal: signal.emit())
-        fold.column.addLayout(line(*buttons))
+        fold.column.addLayout(line(*asking, self.reset_button))
         return fold
 
     # -- showing ---------------------------------------------------------------------------------------
@@ -186,8 +328,11 @@ class SimulatePanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.view, self.curve, self.effect.influence, self.frame):
-            widget.apply_theme()
+        self.view.apply_theme()
+        self.curve.apply_theme()
+        for part, name in ((self.effect, "influence"), (self.frame, "view")):
+            if name in vars(part):
+                getattr(part, name).apply_theme()
 
     @property
     def pattern_shown(self) -> bool:
@@ -202,10 +347,3 @@ class SimulatePanel(QWidget):
     def show_frame_tab(self) -> None:
         """Look at the sensor frame."""
         self.tabs.setCurrentWidget(self.frame)
-
-
-def _hint() -> QLabel:
-    label = QLabel()
-    label.setProperty("role", "hint")
-    label.setWordWrap(True)
-    return label

@@ -17,6 +17,7 @@ from lfcal_gui.models.verdict import Verdict, with_verdict
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.widgets.period_map import UNKNOWN, PeriodMap
+from lfcal_gui.widgets.strip import PlaneTile, Strip
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
@@ -144,3 +145,12 @@ def test_a_map_draws_what_is_not_known_in_grey(qtbot: QtBot) -> None:
     shown.set_values(values)
     assert "#{:02x}{:02x}{:02x}".format(*shown.item.image[0, 1, :3]) == UNKNOWN
     assert len({tuple(colour) for colour in shown.item.image.reshape(4, -1).tolist()}) == 4
+
+
+def test_a_word_below_a_depth_has_room(qtbot: QtBot) -> None:
+    """The strip forgot the line of the word when it was resized, and cut the depth as well."""
+    strip = Strip(lambda z, tile, count: "", 52, worded=True)
+    qtbot.addWidget(strip)
+    strip.show_tiles([PlaneTile(-26017.3, word="recorded")])
+    strip.resize(600, 100)
+    assert strip.height() >= strip.gridSize().height()

@@ -26,9 +26,9 @@ from lfcal.simulate.effects.described import Entry, entries_json
 from lfcal.tasks import AcquireUntil
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.acquire._words import check_goal, error_curve, until_words
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
+from lfcal_gui.pages.acquire.model_recorder import check_goal, error_curve, until_words
 from lfcal_gui.pages.acquire.page import Page
 from tests.acquire.rigs import CAREFUL, rig_for
 from tests.fit.common import small_plan

@@ -16,10 +16,8 @@ from pytestqt.qtbot import QtBot
 from lfcal.camera import ScanPlan, preset
 from lfcal_gui.context import Context
 from lfcal_gui.models.words import said_in_window
-from lfcal_gui.pages.frames.import_choice import ImportChoice
-from lfcal_gui.pages.frames.list_columns import columns_text
-from lfcal_gui.pages.frames.model import FrameSettings, open_imported
-from lfcal_gui.pages.frames.model_frame import load_frame
+from lfcal_gui.pages.frames.import_choice import ImportChoice, columns_text
+from lfcal_gui.pages.frames.model import FrameSettings, load_frame, open_imported
 from lfcal_gui.pages.frames.model_import import open_choice, survey
 from tests.cli.test_colours import ANCHOR, PERIOD, SENSOR, mosaic, plan_of
 from tests.cli.test_intake import foreign_list

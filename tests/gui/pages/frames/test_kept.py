@@ -22,7 +22,7 @@ from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import Jobs, JobState
 from lfcal_gui.models.kept_run import KeptRun
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.frames._assembly import iter_assembly
+from lfcal_gui.pages.frames.model import iter_assembly
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_joining import contents

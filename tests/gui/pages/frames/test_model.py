@@ -9,9 +9,14 @@ from lfcal.base.progress import drain
 from lfcal.base.sample import sample_recording
 from lfcal.camera import preset
 from lfcal.frames.source import Position
-from lfcal_gui.pages.frames._assembly import iter_assembly
-from lfcal_gui.pages.frames.model import FrameSettings, Opened, open_imported, positions_words
-from lfcal_gui.pages.frames.model_frame import load_frame
+from lfcal_gui.pages.frames.model import (
+    FrameSettings,
+    Opened,
+    iter_assembly,
+    load_frame,
+    open_imported,
+    positions_words,
+)
 from lfcal_gui.pages.setup.model_scan import default_plan
 
 

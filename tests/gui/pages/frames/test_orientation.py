@@ -19,9 +19,7 @@ from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.psf.orientation import FoundOrientation
 from lfcal_gui.context import Context
-from lfcal_gui.pages.frames._assembly import iter_assembly
-from lfcal_gui.pages.frames.model import FrameSettings, open_imported
-from lfcal_gui.pages.frames.model_frame import load_frame
+from lfcal_gui.pages.frames.model import FrameSettings, iter_assembly, load_frame, open_imported
 from lfcal_gui.pages.frames.orientation import CHOICES, advice, refusal
 from tests.frames.test_orientation import NUMPY
 from tests.gui.waiting import GUARD_MS

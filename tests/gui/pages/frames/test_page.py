@@ -18,9 +18,7 @@ from lfcal.psf.assembly import AssemblyProgress
 from lfcal_gui.context import Context
 from lfcal_gui.models import Symbols
 from lfcal_gui.pages.frames import page as frames_page
-from lfcal_gui.pages.frames._assembly import iter_assembly
-from lfcal_gui.pages.frames.found import facts_of, understood
-from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.frames.model import FrameSettings, facts_of, iter_assembly, understood
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle
 

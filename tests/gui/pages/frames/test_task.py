@@ -18,9 +18,7 @@ from lfcal.records import rows
 from lfcal.tasks import Assemble
 from lfcal_gui.context import Context
 from lfcal_gui.models import CommandStep, ProjectState, check_of, fields_of, options_in, shown_of
-from lfcal_gui.pages.frames._assembly import iter_assembly
-from lfcal_gui.pages.frames.model import HELD, FrameSettings, open_imported, task_of
-from lfcal_gui.pages.frames.model_frame import load_frame
+from lfcal_gui.pages.frames.model import HELD, FrameSettings, iter_assembly, load_frame, open_imported, task_of
 from lfcal_gui.pages.frames.step import step
 from tests.cli import conftest
 from tests.cli.conftest import Run

@@ -15,8 +15,8 @@ from lfcal.camera import Camera, Forecast, Marks, ScanPlan, preset
 from lfcal.simulate import iter_expected_light
 from lfcal_gui.context import Context
 from lfcal_gui.models import Step, next_step
-from lfcal_gui.pages.setup import model_costs
-from lfcal_gui.pages.setup.model_costs import ScanCosts, numbers_of
+from lfcal_gui.pages.setup import model_picture
+from lfcal_gui.pages.setup.model_picture import ScanCosts, numbers_of
 from lfcal_gui.pages.setup.model_target import PlanSettings
 from lfcal_gui.window import MainWindow
 from tests.gui.conftest import OpenPage
@@ -154,7 +154,7 @@ def test_a_change_of_a_large_plan_is_cheap_and_draws_only_what_is_other(
     page = open_page("setup")
     inspector, strip = page.panel.inspector, page.panel.strip
     shown, tiles = count(monkeypatch, inspector, "show_camera"), count(monkeypatch, strip, "show_tiles")
-    costs = count(monkeypatch, model_costs.Forecast, "of")
+    costs = count(monkeypatch, model_picture.Forecast, "of")
     typed(inspector.scan, "average", "2")
     assert context.state.plan.n_positions > 300_000
     assert not shown and not tiles and len(costs) == 1

@@ -149,7 +149,7 @@ def test_check_against_a_white_image(open_page: OpenPage, context: Context, qtbo
         panel.show()
         qtbot.waitUntil(lambda: panel.table.horizontalHeader().length() <= panel.table.viewport().width())
         assert panel.table.isColumnHidden(OFF_BY) == (width == SIZE[0])
-    assert all(len(marks.points) > 100 for marks in panel.view.image.overlays)
+    assert all(len(marks.points) > 100 for marks in panel.image.overlays)
     inspector.buttons["take"].click()
     measured = context.project.state.camera
     assert measured.pitch_px == pytest.approx(16.0, abs=0.01) and measured.marks["lattice.pitch_um"] == "measured"
@@ -175,7 +175,7 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     idle(context.jobs, qtbot)
     panel, inspector = page.check, page.panel.inspector
     assert "radial" in panel.about.text() and "rms off it" in panel.about.text()
-    view = panel.view
+    view = panel
     view.choice.setCurrentIndex(view.choice.findData("distortion"))
     # the fit may give part of a barrel to pitch and origin; what bends grows outwards from the middle
     shown = view.map.values

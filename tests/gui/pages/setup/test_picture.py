@@ -14,8 +14,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.camera import PRESETS, Camera, LensletLattice, LensType, MainLens, ScanPlan, Sensor, preset
 from lfcal_gui.context import Context
 from lfcal_gui.models.frame_view import lattice_points
-from lfcal_gui.pages.setup.model_costs import ScanCosts, numbers_of
-from lfcal_gui.pages.setup.model_picture import DARK, LIT, ScanScene
+from lfcal_gui.pages.setup.model_picture import DARK, LIT, ScanCosts, ScanScene, numbers_of
 from lfcal_gui.pages.setup.model_scan import default_plan, scan_path
 from lfcal_gui.pages.setup.model_target import PlanSettings
 from tests.gui.conftest import OpenPage
@@ -95,10 +94,13 @@ def test_dragging_the_cutout_moves_the_scan_as_one_step(open_page: OpenPage, con
     assert context.state.plan == plan
 
 
-def test_the_strip_draws_the_aperture_of_a_plane_in_the_cutout(open_page: OpenPage, context: Context) -> None:
+def test_the_strip_draws_the_aperture_of_a_plane_in_the_cutout(
+    open_page: OpenPage, context: Context, qtbot: QtBot
+) -> None:
     page = open_page("setup")
     plan = default_plan(preset("bench"))
     context.project.update("made", plan=plan)
+    idle(context.jobs, qtbot)
     strip, picture = page.panel.strip, page.panel.picture
     assert strip.count() == 4 and strip.currentRow() == 3
 

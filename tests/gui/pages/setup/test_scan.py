@@ -6,7 +6,7 @@ import pytest
 
 from lfcal.camera import PRESETS, MainLens, ScanPlan, preset
 from lfcal_gui.pages.setup import model_scan as plan_form
-from lfcal_gui.pages.setup.model_costs import ScanCosts
+from lfcal_gui.pages.setup.model_picture import ScanCosts
 from lfcal_gui.pages.setup.model_target import PlanSettings
 
 

@@ -36,7 +36,7 @@ def state() -> ProjectState:
 
 
 def type_in(page: Any, key: str, text: str) -> None:
-    editor = page.target.panel.form.editor(key)
+    editor = page.target.form.editor(key)
     editor.setText(text)
     editor.textEdited.emit(text)
 
@@ -46,14 +46,14 @@ def planned(open_page: OpenPage, context: Context, qtbot: QtBot) -> Any:
     page = open_page("setup")
     type_in(page, "source", ARRAY)
     type_in(page, "most_frames", "12")
-    page.target.panel.plan_button.click()
+    page.target.plan_button.click()
     idle(context.jobs, qtbot)
     return page
 
 
 def test_a_point_is_no_target_and_the_page_says_what_to_type(open_page: OpenPage, context: Context) -> None:
     page = open_page("setup")
-    target = page.target.panel
+    target = page.target
     assert "type array" in target.message.text() and target.stack.currentIndex() == 0
     assert not (target.plan_button.isEnabled() or target.stop_button.isEnabled() or target.save_button.isEnabled())
     page.target.plan_target()
@@ -67,7 +67,7 @@ def test_a_point_is_no_target_and_the_page_says_what_to_type(open_page: OpenPage
 
 
 def test_what_is_planned_is_shown(planned: Any) -> None:
-    target = planned.target.panel
+    target = planned.target
     plan = target.found.plan
     assert target.stack.currentIndex() == 1 and target.save_button.isEnabled()
     assert len(plan.offsets_px[0]) == 12 and target.table.rowCount() == 1
@@ -82,12 +82,12 @@ def test_what_is_planned_is_shown(planned: Any) -> None:
 
 
 def test_plots_have_the_colours_of_the_theme_from_the_first(open_page: OpenPage) -> None:
-    assert open_page("setup").target.panel.graphics.backgroundBrush().color().name() == current_theme().panel
+    assert open_page("setup").target.graphics.backgroundBrush().color().name() == current_theme().panel
 
 
 @pytest.mark.long
 def test_a_plan_of_other_values_is_shown_no_longer(planned: Any, context: Context) -> None:
-    target = planned.target.panel
+    target = planned.target
     context.project.update("name", name="other")
     assert target.found is not None
     context.project.update("exposure", plan=replace(SCAN, exposure_s=0.5))
@@ -101,7 +101,7 @@ def test_holes_too_close_are_refused_in_words(open_page: OpenPage, context: Cont
     type_in(page, "source", "array:6x6@200um")
     page.target.plan_target()
     idle(context.jobs, qtbot)
-    target = page.target.panel
+    target = page.target
     assert "crosstalk of holes" in target.message.text() and target.found is None
     assert target.plan_button.isEnabled() and not target.stop_button.isEnabled()
 
@@ -116,7 +116,7 @@ def test_a_search_is_stopped(
 
     monkeypatch.setattr(dialog, "iter_target", endless)
     page = open_page("setup")
-    target = page.target.panel
+    target = page.target
     type_in(page, "source", "array")
     page.target.plan_target()
     assert target.stop_button.isEnabled() and "Looking for" in target.message.text()
@@ -135,7 +135,7 @@ def test_the_file_is_what_the_command_and_the_script_write(
     monkeypatch.chdir(tmp_path)
     planned.target.save_target("mine.json")
     saved = TargetPlan.from_json(Path("mine.json").read_text())
-    assert saved == planned.target.panel.found.plan
+    assert saved == planned.target.found.plan
     (taken,) = context.history.taken
     assert taken.step is not None
     for name, text in taken.step.files:
@@ -173,20 +173,20 @@ def test_a_proposed_pitch_is_asked_for_in_both(state: ProjectState) -> None:
 
 
 def test_a_saved_target_plan_is_opened_again(planned: Any, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    plan, path = planned.target.panel.found.plan, tmp_path / "target_plan.json"
+    plan, path = planned.target.found.plan, tmp_path / "target_plan.json"
     planned.target.save_target(str(path))
     context.project.update("other", plan=replace(SCAN, exposure_s=0.5))
-    assert planned.target.panel.found is None
+    assert planned.target.found is None
     planned.open_plan(str(path))
     idle(context.jobs, qtbot)
-    assert planned.target.panel.found.plan == plan and context.state.plan == SCAN
+    assert planned.target.found.plan == plan and context.state.plan == SCAN
     assert planned.target.isVisible()
     assert PlanSettings.of(context.state).source == ARRAY
 
 
 def test_what_cannot_be_planned_is_refused_where_it_is_typed(open_page: OpenPage, context: Context) -> None:
     page = open_page("setup")
-    form = page.target.panel.form
+    form = page.target.form
     type_in(page, "source", "array")
     for key, text, words in (
         ("pose", "rotation=400", r"rotation (degrees): expected a number ≥ -180 and ≤ 180, got 400"),
@@ -216,7 +216,7 @@ def test_regions_without_room_are_refused_before_frames_are_looked_for(
     type_in(page, "regions", "2x2")
     page.target.plan_target()
     idle(context.jobs, qtbot)
-    assert "one cell" in page.target.panel.message.text() or "regions" in page.target.panel.message.text()
+    assert "one cell" in page.target.message.text() or "regions" in page.target.message.text()
 
 
 def test_a_search_for_a_plan_that_is_no_more_is_stopped(
@@ -234,7 +234,7 @@ def test_a_search_for_a_plan_that_is_no_more_is_stopped(
     context.project.update("no plan", plan=None)
     assert not context.jobs.jobs()[0].active
     context.project.update("the plan", plan=SCAN)
-    assert page.target.panel.plan_button.isEnabled() and not page.target.panel.stop_button.isEnabled()
+    assert page.target.plan_button.isEnabled() and not page.target.stop_button.isEnabled()
 
 
 def test_a_file_that_is_no_plan_is_named(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
@@ -251,7 +251,7 @@ def test_a_file_that_is_no_plan_is_named(open_page: OpenPage, context: Context, 
 
 def test_nothing_of_the_target_is_cut_where_the_window_is_low(planned: Any, qtbot: QtBot) -> None:
     """With the jobs below the page, fields were as low as half a line, and the last costs were not seen."""
-    target = planned.target.panel
+    target = planned.target
     planned.target.show()
     planned.target.resize(1060, 440)
     QApplication.processEvents()
@@ -263,5 +263,5 @@ def test_nothing_is_planned_with_the_value_before_one_that_is_refused(open_page:
     page = open_page("setup")
     type_in(page, "source", "array")
     type_in(page, "tolerance", "0")
-    page.target.panel.plan_button.click()
-    assert "Tolerance" in page.target.panel.message.text() and not context.jobs.jobs()
+    page.target.plan_button.click()
+    assert "Tolerance" in page.target.message.text() and not context.jobs.jobs()

@@ -15,7 +15,7 @@ from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.records import rows
 from lfcal.tasks import PlanScan, PlanTarget, Task, command_of, job_of
 from lfcal_gui.models import CommandStep, ProjectState, fields_of
-from lfcal_gui.pages.setup.model_costs import ScanCosts
+from lfcal_gui.pages.setup.model_picture import ScanCosts
 from lfcal_gui.pages.setup.model_scan import (
     HELD,
     apply_change,

@@ -17,9 +17,8 @@ from lfcal.simulate.effects.described import parse_effects
 from lfcal.tasks import RunSettings
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.setup.model_scan import default_plan
-from lfcal_gui.pages.simulate.model import SimulateSettings, matrix_task, pattern_of
+from lfcal_gui.pages.simulate.model import SimulateSettings, matrix_task, pattern_of, read_settings, settings_text
 from lfcal_gui.pages.simulate.model_effects import bar_share, read_terms, refused, verdict_of
-from lfcal_gui.pages.simulate.model_files import read_settings, settings_text
 
 
 def small_plan() -> ScanPlan:
