@@ -364,7 +364,7 @@ def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[s
         return
     with suppress(OSError):  # a missing file is not the input
         if os.path.samefile(source, target):
-            raise InputError.expected("output", "another file than the input", str(target), "choose another name")
+            raise InputError.expected("output", "a file other than the input", str(target), "choose another name")
 
 
 class _Counted(io.BufferedRandom):

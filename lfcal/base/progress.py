@@ -165,7 +165,7 @@ def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> C
 
 
 def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signature: Signature | None = None) -> Any:
-    """Return ``made``, defined in another function, as a function of the module of ``function`` with its docstring.
+    """Return ``made``, which was defined in another function, as part of ``function``'s module, with its docstring.
 
     Doctest, pickle and `inspect` then treat it as defined there. ``made`` must use only its closure, no global names.
     """
@@ -198,7 +198,7 @@ def _result_of(work: Callable[..., Any]) -> Any:
 
 
 def docstring_of(generator: str, doc: str = "") -> str:
-    """Return the docstring of the function derived from a generator: the generator's, with the parts in ``doc``."""
+    """Return the docstring of the function derived from a generator: that of the generator, changed by ``doc``."""
     kept = {heading: text for heading, text in _parts_of(generator).items() if heading not in STEPS}
     merged = kept | {heading: text for heading, text in _parts_of(doc).items() if text}
     return "\n\n".join(text for text in merged.values() if text)
@@ -224,7 +224,7 @@ _NEEDED: ContextVar[Callable[[], bool] | None] = ContextVar("needed", default=No
 
 @contextmanager
 def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
-    """Make this thread's computation end early, by `WorkAbandoned`, once ``needed`` returns False.
+    """End this thread's computation early with `WorkAbandoned`, as soon as ``needed`` returns False.
 
     For functions that are not generators and whose request may be replaced before they return.
     """

@@ -44,7 +44,7 @@ OPEN_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 """Flags for opening every descriptor: binary, and not inherited by child processes."""
 
 _SEEKING = threading.Lock()
-"""Lock that joins seeking and writing, on systems whose calls cannot name a position in the file."""
+"""Lock that keeps seeking and writing together, on systems whose calls cannot state a position in the file."""
 
 
 def reserve(descriptor: int, size: int) -> None:

@@ -144,7 +144,7 @@ class _Helpers:
                 self.change.notify()
             elif self.threads < MAX_THREADS:
                 thread = threading.Thread(target=self._help, name=f"{HELPER}_{self.threads}", daemon=True)
-                with suppress(RuntimeError):  # no thread can be started
+                with suppress(RuntimeError):  # no further thread can be started
                     thread.start()
                     self.threads += 1
         return result

@@ -64,7 +64,7 @@ class Derived:
 
 
 def assumed_of(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Return those of ``paths``, which `STEP` or `DEPTH` contain, that are assumed and matter for this ``camera``."""
+    """Return the assumed values among ``paths`` (`STEP` or `DEPTH`) that matter for this ``camera``."""
     return _assumed(camera, _that_matter(camera, paths))
 
 

@@ -31,7 +31,7 @@ ADDED: dict[int, dict[str, dict[str, Any]]] = {
         "sensor": {"saturation": None, "dsnu_e": None, "linearity": None},
     }
 }
-"""Entries that each format version added, with the values of older files: by part of the camera ("": the camera)."""
+"""Entries that each version of the format added, with their values for older files, by part ("": the camera itself)."""
 
 
 MARKS = ("stated", "measured", "derived", "assumed")
@@ -187,8 +187,8 @@ class Camera:
     def step_um(self, z_um: float = 0.0) -> float:
         """Return the lateral object-space step that moves the image by one pixel at depth ``z_um`` (µm).
 
-        For a main lens, the chief ray is followed to the sensor, at ``(distance to the lens)``. The period of the
-        pattern is then exactly that of the micro-images at every depth.
+        For a main lens, the chief ray is followed from the object through the lens's centre to the sensor. The period
+        of the pattern is then exactly that of the micro-images at every depth.
         """
         if isinstance(self.optics, Microscope):
             return self.sensor.pixel_um / self.optics.magnification

@@ -107,7 +107,7 @@ class Draft:
         part, _, name = path.rpartition(".")
         if path not in PATHS or (part == "optics" and name not in {f.name for f in fields(self._kind)}):
             kind = "a main lens" if self._kind is MainLens else "a microscope"
-            raise InputError.expected("value of a camera", f"one of {kind}", path, "see lfcal camera show")
+            raise InputError.expected("value of a camera", f"a value of {kind}", path, "see lfcal camera show")
         if value is not None:
             self._values.setdefault(path, (value, mark))
 

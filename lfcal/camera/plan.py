@@ -267,7 +267,7 @@ class ScanPlan:
 
     @property
     def scan(self) -> ScanPlan:
-        """The plan itself; plans of targets and of regions have the scan that they were made for."""
+        """The plan itself. Plans of targets and of regions return the scan that they were made for."""
         return self
 
     @property
@@ -462,10 +462,10 @@ def _check_on_sensor(plan: ScanPlan) -> None:
 def moved_onto_sensor(
     plan: ScanPlan, *, cutout: tuple[int, int] | None = None, anchor: tuple[float, float] | None = None
 ) -> ScanPlan:
-    """Return the plan with another cutout or anchor, moved by as little as keeps every cutout on the sensor.
+    """Return the plan with another cutout or anchor, moved only as far as needed to keep every cutout on the sensor.
 
-    Along each axis the scan moves by whole periods of the array where there is such a place, so that a position keeps
-    its pattern. Otherwise it moves by whole pixels. Frames that are resampled have periods of broken numbers of
+    Along each axis, the scan moves by whole periods of the array if possible, so that every position keeps its
+    pattern. Otherwise it moves by whole pixels. For resampled frames, a period is not a whole number of sensor
     pixels.
 
     Parameters
@@ -572,7 +572,7 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"
     if plan.resample:
-        raise InputError.expected(what, "frames as they are", "frames to be resampled", remedy)
+        raise InputError.expected(what, "frames that are not resampled", "resampled frames", remedy)
     if ny % 2 or nx % 2:
         wanted = "a period of even numbers of pixels"
         raise InputError.expected(what, wanted, f"{ny} x {nx}: half of it is not a whole number of pixels", remedy)

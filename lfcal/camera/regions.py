@@ -114,7 +114,7 @@ class RegionPlan:
         anchors = [found[name] for name in names]
         if len(set(anchors)) < len(anchors):
             wanted = f"a sensor with room for {rows} x {columns} of {scan.cutout[0]} x {scan.cutout[1]} px"
-            raise InputError.expected("regions", wanted, scan.camera.sensor.shape, "take fewer, or a smaller cutout")
+            raise InputError.expected("regions", wanted, scan.camera.sensor.shape, "choose fewer, or a smaller cutout")
         return cls(replace(scan, anchor=anchors[0]), tuple(names), tuple(anchors))
 
     # -- JSON ------------------------------------------------------------------------------------------
@@ -204,7 +204,9 @@ def _anchor_of_phase(
     whole = np.rint(exact)
     there = ((whole >= low) & (whole <= high)).all(axis=1)
     if not there.any():
-        raise InputError.expected("region", "an anchor of the scan's phase on the sensor", "none", "take fewer regions")
+        raise InputError.expected(
+            "region", "an anchor of the scan's phase on the sensor", "none", "choose fewer regions"
+        )
     exact, whole = exact[there], whole[there]
     # residuals below the tolerance count as equal; among them choose the nearest
     residual = np.maximum(np.abs(exact - whole).max(axis=1), PHASE_TOLERANCE_PX)

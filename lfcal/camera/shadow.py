@@ -12,7 +12,7 @@ from lfcal.camera.main_lens import Microscope
 __all__ = ["cutout_for", "half_extent_px", "rms_radius_px"]
 
 AIRY_RADII = 3.0
-"""Margin in Airy radii of a lenslet: 5.7 % of a spot at the pattern's edge falls outside, far less of the whole."""
+"""Margin in Airy radii of a lenslet; 5.7 % of a spot at the pattern's edge is outside, much less of the pattern."""
 
 RAYS = 256
 

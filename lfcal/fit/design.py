@@ -162,7 +162,7 @@ FEWEST = 3
 """Smallest number of positions for any result."""
 
 POINTS = 12
-"""Points of the curve of errors."""
+"""Number of points of the curve of errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +176,7 @@ class CurvePoint:
     error
         Expected relative error (L2) of H from the positions chosen.
     spread_error
-        The same from an equal number of evenly spread positions.
+        The same for an equal number of evenly spread positions.
     hours
         Recording time (h).
     """
@@ -189,18 +189,18 @@ class CurvePoint:
 
 @dataclass(frozen=True, eq=False)
 class PositionDesign:
-    """Positions to record, with the expected error.
+    """Positions to record, with the expected error of H.
 
     Attributes
     ----------
     fitted
         Positions ``(n, 3)`` as (z, y, x) that lower the error, the most useful first.
     held_out
-        Held-out positions ``(m, 3)``, evenly spread.
+        Held-out positions ``(m, 3)``, spread evenly.
     curve
-        Expected errors against positions; the last point is all of them.
+        Expected error against number of positions; the last point is for all of them.
     pattern_error
-        Relative error (L2) of an H with all positions recorded once, which is the noise of a pattern.
+        Relative error (L2) of an H with all positions recorded once, due to the noise of each pattern.
     start_error
         Expected error before any of them is recorded; None without an earlier fit.
     sigmas
@@ -253,15 +253,15 @@ def iter_next_positions(
     count
         Number of positions; a fifth of them is evenly spread and held out.
     setup
-        The assumed camera; None: that of ``earlier``, or of the plan.
+        The assumed camera; None: the camera of ``earlier``, or of the plan.
     groups
-        Groups of unknowns; None: those of ``earlier``, or gap, rotation and offset, focal lengths and iris.
+        Groups of unknowns; None: those of ``earlier``, or else gap, rotation and offset, focal lengths and iris.
     earlier
         An earlier fit whose covariance is used as a prior; its positions are not chosen again.
     recorded
         Further positions ``(n, 3)`` that have already been recorded.
     expected
-        Expected light and stability; None: the brightest pixel at 80 % of the full well, sources exactly at their
+        Expected light and stability; None: the brightest pixel at 80 % of the full well, and sources exactly at their
         positions.
     candidates
         Number of evenly spread candidate positions; 0: all.
@@ -278,11 +278,11 @@ def iter_next_positions(
     Raises
     ------
     InputError
-        If fewer positions are left, or ``earlier`` belongs to another scan.
+        If too few positions are left, or ``earlier`` belongs to another scan.
     """
     expected = expected or Expected()
     check_number("positions to record", count, at_least=FEWEST, integer=True)
-    check_number("positions that are looked at", candidates, at_least=0, integer=True)
+    check_number("candidate positions", candidates, at_least=0, integer=True)
     setup, groups = _start(plan, setup, groups, earlier)
     there = _there(earlier, recorded)
     every = plan.in_scan_order(np.argwhere(np.ones(plan.shape[:3], np.bool_)))
@@ -290,7 +290,7 @@ def iter_next_positions(
         flat = [np.ravel_multi_index(tuple(index.T), plan.shape[:3]) for index in (every, plan.in_scan_order(there))]
         every = every[~np.isin(*flat)]
     if count > len(every):
-        raise InputError.expected("positions to record", f"at most the {len(every)} left", count, "take fewer")
+        raise InputError.expected("positions to record", f"at most the {len(every)} left", count, "choose fewer")
     looked = max(candidates or len(every), count)
     index = every[spread_out(every, looked, plan.period)] if looked < len(every) else every
     information = yield from iter_information(plan, index, setup, groups, expected, workers=workers)
@@ -366,16 +366,16 @@ def _point(
 
 
 def draw_design(design: PositionDesign, path: str | os.PathLike[str], positions: int, hours: float) -> None:
-    """Draw the expected error of H from chosen positions and from as many spread evenly.
+    """Draw the expected error of H for the chosen positions, and for the same number spread evenly.
 
     Parameters
     ----------
     design
-        What was chosen.
+        The chosen positions.
     path
-        The picture.
+        Picture file to write.
     positions, hours
-        Of the whole scan, whose patterns each have their own noise.
+        Number of positions and recording time of the whole scan, in which each pattern keeps its noise.
     """
     with figure(9.6, 4.0) as fig:
         left, right = fig.subplots(1, 2, sharey=True)
@@ -392,7 +392,7 @@ def draw_design(design: PositionDesign, path: str | os.PathLike[str], positions:
         right.set(xlabel="time on the stage (min)")
         if design.start_error is not None:
             for panel in (left, right):
-                panel.axhline(100 * design.start_error, color=LINES[2], lw=1, ls=":", label="by the earlier fit")
+                panel.axhline(100 * design.start_error, color=LINES[2], lw=1, ls=":", label="after the earlier fit")
         for panel in (left, right):
             panel.set(xscale="log", yscale="log")
             for axis in (panel.xaxis, panel.yaxis):

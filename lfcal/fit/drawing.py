@@ -1,4 +1,4 @@
-"""Pictures of a fit: patterns next to their model, residuals by place and lens type, parameters."""
+"""Draw pictures of a fit: patterns next to their model, residuals by position and lens type, parameters."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ class FitResiduals:
 
 
 def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
-    """Return what is left of the patterns ``measured`` that were fitted or kept aside; outliers are left out."""
+    """Return the residuals of patterns that were fitted or held out, without outliers."""
     index = np.array(list(fit.residuals), np.intp).reshape(-1, 3)
     rows = {tuple(at): k for k, at in enumerate(measured.index.tolist())}
     own = np.array([rows[tuple(at)] for at in index.tolist()], np.intp)
     z = index[:, 0]
-    # sources at their planned places: their displacements are not part of the camera
+    # sources at their planned positions, because displacements are not part of the camera
     light = predict(fit.setup, measured.plan, index, np.zeros((len(index), 2)), Fineness.finest)
     light *= fit.levels.factors(z)[:, None, None].astype(np.float32)
     residual = np.stack(list(fit.residuals.values()))
@@ -106,7 +106,7 @@ def draw_patterns(left: FitResiduals, path: str | os.PathLike[str]) -> None:
     chosen = order[np.unique(np.linspace(0, len(order) - 1, SHOWN).round().astype(int))]
     rows = len(chosen)
     with figure(9.6, 2.7 * rows) as fig:
-        # a layout that measures every label of a dozen panels takes as long as the fit
+        # a layout that measures every label of a dozen panels would take as long as the fit
         fig.set_layout_engine(None)
         fig.subplots_adjust(0.06, 0.17 / rows, 0.96, 1 - 0.1 / rows, wspace=0.2, hspace=0.32)
         for row, (panels, k) in enumerate(zip(fig.subplots(rows, 3, squeeze=False), chosen, strict=True)):
@@ -148,7 +148,7 @@ def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
 
 
 def draw_parameters(fit: Fit, path: str | os.PathLike[str]) -> None:
-    """Draw how far every parameter is from what was described, in its own standard deviations."""
+    """Draw the difference of every parameter from its description, in standard deviations of the parameter."""
     found = list(fit.parameters.values())
     off = [(one.value - one.start) / one.sigma if one.sigma > 0 else 0.0 for one in found]
     with figure(7.0, 1.2 + 0.24 * len(found)) as fig:

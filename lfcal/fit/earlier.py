@@ -1,4 +1,4 @@
-"""What an earlier fit found, as a start for what comes next: read from its folder, or from the fit itself."""
+"""Read the result of an earlier fit, from its folder or from the fit itself, as a start for further work."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Earlier:
 
     @classmethod
     def of(cls, fit: Fit) -> Earlier:
-        """Return what ``fit`` found."""
+        """Return the result of ``fit``."""
         found = list(fit.parameters.values())
         return cls(
             fit.setup,
@@ -78,7 +78,7 @@ class Earlier:
         )
 
     def check_plan(self, plan: ScanPlan) -> None:
-        """Raise `InputError` unless the fit is of this scan's planes and positions."""
+        """Raise `InputError` unless the fit belongs to the planes and positions of this scan."""
         if len(plan.depths_um) != len(self.depths_um) or not np.allclose(plan.depths_um, self.depths_um, rtol=1e-6):
             got = ", ".join(f"{z:g}" for z in plan.depths_um)
             wanted = ", ".join(f"{z:g}" for z in self.depths_um)
@@ -86,9 +86,9 @@ class Earlier:
         plan.in_scan_order(self.positions)
 
     def information(self, unknowns: Sequence[Unknown]) -> F8:
-        """Return the information of the fit about ``unknowns`` ``(k, k)`` in their scales.
+        """Return the information of the fit about ``unknowns`` ``(k, k)``, in their scales.
 
-        Zero for those it did not have.
+        It is zero for unknowns that were not fitted.
         """
         places = {name: k for k, name in enumerate(self.names)}
         both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]
@@ -114,7 +114,7 @@ def _in_scales(unknown: Unknown, sigma: float, value: float) -> float:
 
 
 def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
-    """Return what the fit in a folder found, as ``lfcal fit`` writes it.
+    """Return the result of the fit in a folder that ``lfcal fit`` wrote.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
     found = data["parameters"]
     correlations = np.array(data["correlations"], np.float64)
     values = np.array([one["value"] for one in found], np.float64)
-    # correlations are those with all else held
+    # correlations are those with all other parameters fixed
     sigmas = np.array([one.get("sigma_held", one["sigma"]) for one in found], np.float64)
     if correlations.shape != (len(found), len(found)) or not np.isfinite([*values, *sigmas, *correlations.flat]).all():
         wanted = f"{len(found)} parameters with their correlations"
@@ -152,7 +152,7 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
     return Earlier(
         Setup(
             camera,
-            # an effect without magnitudes is a setting alone
+            # an effect without magnitudes is only a setting
             tuple(one.effect or effect_from(one.name, {}) for one in read_entries(place / "effects.json")),
             tuple(float(v) for v in data["depth_errors_um"]),
             float(data["stage_scale"]),
@@ -163,7 +163,7 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
         values,
         sigmas,
         correlations,
-        # fits of earlier versions say nothing of pixels
+        # fits of earlier versions do not state the response of pixels
         Spread(*(float(v) for v in (spread["stage_px"], spread["lamp"], spread.get("response", 0.0)))),
         np.array(data["positions"], np.intp).reshape(-1, 3),
         tuple(float(z) for z in data["depths_um"]),

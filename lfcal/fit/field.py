@@ -1,4 +1,4 @@
-"""A camera retrieved from patterns of several regions of the field: one camera, its wavefront from place to place."""
+"""Retrieve one camera, with its wavefront over the field, from patterns of several regions of the field."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ __all__ = [
 ]
 
 APART = 2.0
-"""Smallest distance of two regions' middles (cutouts); nearer ones show the same part of the field."""
+"""Smallest distance between the middles of two regions (cutouts); closer ones show the same part of the field."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldRegion:
-    """A place of the field that was scanned.
+    """A region of the field that was scanned.
 
     Attributes
     ----------
     name
-        What it is called.
+        Name of the region.
     period, anchor
-        Positions of its scan, and where the image of the first lies on the sensor, as of a `ScanPlan`.
+        Positions of its scan, and the place of the first image on the sensor, as in `ScanPlan`.
     """
 
     name: str
@@ -54,14 +54,14 @@ class FieldRegion:
 
 @dataclass(frozen=True, eq=False)
 class Regional(Measured):
-    """Patterns of several regions; all else as of those of one, ``plan`` is that of the first.
+    """Patterns of several regions. All else is as for one region; ``plan`` is that of the first.
 
     Attributes
     ----------
     regions
-        Where each was scanned.
+        The regions, in order.
     region
-        Which region each pattern ``(n,)`` is of.
+        Index of the region of each pattern ``(n,)``.
     """
 
     regions: tuple[FieldRegion, ...] = ()
@@ -76,13 +76,13 @@ class Regional(Measured):
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Number of the light and background of each pattern ``(n,)``: those of its plane in its region."""
+        """Index of the light and background of each pattern ``(n,)``, one for each plane in each region."""
         found: NDArray[np.intp] = self.region * self.plan.shape[0] + self.index[:, 0]
         return found
 
     @property
     def levels(self) -> int:
-        """How many there are."""
+        """Number of these indices."""
         return len(self.regions) * self.plan.shape[0]
 
     @property
@@ -91,13 +91,13 @@ class Regional(Measured):
         return tuple(replace(self.plan, period=one.period, anchor=one.anchor) for one in self.regions)
 
     def parts(self) -> Iterator[tuple[ScanPlan, NDArray[np.intp], int]]:
-        """Yield the plan of each region with patterns, which patterns are of it, and its number."""
+        """Yield, for each region with patterns, its plan, which patterns belong to it, and its number."""
         plans = self.plans
         for k in np.unique(self.region).tolist():
             yield plans[k], np.flatnonzero(self.region == k), k
 
     def of(self, keep: NDArray[np.bool_]) -> Regional:
-        """Return the patterns that are kept."""
+        """Return the selected patterns."""
         return replace(self, **self._some(keep), region=self.region[keep])
 
     def of_region(self, k: int) -> Measured:
@@ -107,23 +107,24 @@ class Regional(Measured):
 
 
 def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) -> Regional:
-    """Return the patterns of several regions as one.
+    """Return the patterns of several regions in one object.
 
     Parameters
     ----------
     patterns
-        Those of each region, by its name.
+        Patterns of each region, by name.
     camera
-        The camera as described; None takes that of the first.
+        The described camera; None: that of the first region.
 
     Raises
     ------
     InputError
-        Unless there are two regions or more, apart from each other, of one camera, depths and cutout.
+        If there are fewer than two regions, they are too close to each other, or they differ in camera, depths or
+        cutout.
     """
     parts = list(patterns.values())
     if len(parts) < 2:
-        raise InputError.expected("regions of the field", "two or more", len(parts), "name an H of each region")
+        raise InputError.expected("regions of the field", "two or more", len(parts), "give an H of each region")
     first = parts[0].plan if camera is None else replace(parts[0].plan, camera=camera)
     regions: list[FieldRegion] = []
     for name, own in patterns.items():
@@ -154,18 +155,20 @@ def _check_alike(name: str, plan: ScanPlan, first: ScanPlan) -> None:
     }
     for what, (own, wanted) in have.items():
         if np.shape(own) != np.shape(wanted) or not np.allclose(own, wanted, rtol=1e-6, atol=1e-6):
-            raise InputError.expected(f"region {name!r}, {what}", wanted, own, "take regions of one camera and depths")
+            raise InputError.expected(
+                f"region {name!r}, {what}", wanted, own, "use regions with the same camera and depths"
+            )
 
 
 # -- the fit -----------------------------------------------------------------------------------------------------------
 OVER_THE_FIELD = ("pitch", "region_places")
-"""Groups that are always fitted of several regions: over the field a small error of the pitch is pixels."""
+"""Groups that are always fitted for several regions: a small error of the pitch is whole pixels over the field."""
 
 F8 = NDArray[np.float64]
 
 
 ALONE = ("geometry", "focal_lengths", "iris")
-"""Groups with which each region is fitted separately, for the start."""
+"""Groups that are first fitted in each region separately, for a start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,37 +188,37 @@ class FieldFit:
     Attributes
     ----------
     fits
-        Result for each region by name: camera, effects, parameters and chi² are shared; patterns, light and places of
-        sources are those of the region.
+        Result for each region by name. Camera, effects, parameters and chi² are shared; patterns, light and positions
+        of sources are those of the region.
     """
 
     fits: Mapping[str, Fit]
 
     @property
     def first(self) -> Fit:
-        """The first region's."""
+        """Fit in the first region."""
         return next(iter(self.fits.values()))
 
     @property
     def camera(self) -> Camera:
-        """The camera as found."""
+        """The fitted camera."""
         return self.first.camera
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects as found: simulated with them, every place of the field has its own wavefront."""
+        """The fitted effects; in a simulation with them, every place of the field has its own wavefront."""
         return self.first.effects
 
     def setup_at(self, plan: ScanPlan) -> Setup:
-        """Return the setup of a scan anywhere: sources where they were planned, planes as of the first region."""
+        """Return the setup for a scan anywhere: sources at their planned positions, planes as in the first region."""
         first = self.first.setup
         depths = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, first.depth_errors_um))
         return replace(first, depth_errors_um=tuple(map(float, depths)), aside_px=(0.0, 0.0), stage_scale=0.0)
 
     def fit_at(self, plan: ScanPlan) -> Fit:
-        """Return the fit as it is elsewhere in the field: `Fit.model` is H there, in the mean light of all regions.
+        """Return the fit elsewhere in the field: `Fit.model` is H there, with the mean light of all regions.
 
-        The camera is that of the fit, whatever the plan's.
+        The fitted camera is used, whatever the camera of the plan.
         """
         gains = np.mean([fit.levels.gains for fit in self.fits.values()], axis=0)
         light = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, gains))
@@ -225,7 +228,7 @@ class FieldFit:
         return replace(self.first, setup=setup, planned=planned, levels=levels, residuals={}, outliers=())
 
     def wavefront_at(self, field_um: tuple[float, float]) -> tuple[Term, ...]:
-        """Return the wavefront at a place (x, y) from the axis on the sensor (µm), each term with its sigma."""
+        """Return the wavefront at (x, y) from the axis on the sensor (µm), each term with its standard deviation."""
         x, y = field_um
         names = list(self.first.parameters)
         sigmas = np.array([one.sigma for one in self.first.parameters.values()])
@@ -319,7 +322,7 @@ def iter_fit_field(
 fit_field = drained(iter_fit_field)
 
 
-# -- where a fit of all regions starts -----------------------------------------------------------------------
+# -- start of a fit of all regions ---------------------------------------------------------------------------
 
 
 def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence[str], workers: int | None) -> Work[F8]:

@@ -1,4 +1,4 @@
-"""A fit of several regions of the field as files: camera and effects of all, wavefronts, a folder for each region."""
+"""Write a fit of several regions to files: common camera and effects, wavefronts, and a folder for each region."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ OF_ALL = (
     *("camera", "verdict", "complete", "chi2", "left_out_error", "parameters", "correlations", "groups"),
     *("unhelpful", "held", "unidentified", "answers", "spread", "depths_um"),
 )
-"""What of a region's numbers is that of all."""
+"""Numbers of a region that are common to all regions."""
 
 
 class WrittenField(NamedTuple):
-    """Files of a fit of regions, and what each hybrid H has beyond the model."""
+    """Files of a fit of regions, and the summary of each hybrid H."""
 
     files: list[Path]
     hybrids: dict[str, HybridSummary]
 
 
 def field_outputs(folder: Path, names: Iterable[str]) -> list[Path]:
-    """Return all files that a fit of regions in ``folder`` consists of."""
+    """Return all files of a fit of regions in ``folder``."""
     files = [folder / name for name in (CAMERA, EFFECTS, FIELD)]
     files += field_report_files(folder / REPORT)
     return [*files, *(path for name in names for path in fit_outputs(folder / name))]
 
 
 def field_dict(fit: FieldFit) -> dict[str, Any]:
-    """Return what was found of all regions as plain JSON types; lengths in µm, angles in radians."""
+    """Return the common result of all regions as plain JSON types; lengths in µm, angles in radians."""
     whole = fit_dict(fit.first)
     regions = []
     for name, own in fit.fits.items():
@@ -81,7 +81,7 @@ def iter_write_field(
     workers: int | None = None,
     run: RunChoice | None = None,
 ) -> Work[WrittenField]:
-    """Write all files of a fit of regions; ``field.json`` comes last, so that it exists only if all others do.
+    """Write all files of a fit of regions; ``field.json`` is last, so that it exists only if all others do.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def iter_write_field(
     written: list[Path] = []
     summaries: dict[str, HybridSummary] = {}
     for name, own in fit.fits.items():
-        # outliers are in no fit
+        # outliers are not part of any fit
         work = iter_write_fit(
             own,
             patterns[name],

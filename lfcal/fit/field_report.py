@@ -1,4 +1,4 @@
-"""A fit of several regions of the field as a page: how well it does in each, and the wavefront from place to place."""
+"""Report on a fit of several regions of the field: its quality in each, and the wavefront over the field."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ CAPTION = (
 )
 
 ACROSS = 5
-"""Places along the longer side at which the wavefront is drawn."""
+"""Number of places along the longer side at which the wavefront is drawn."""
 
 FINE = 15
-"""Places along each side at which its rms is computed."""
+"""Number of places along each side at which the rms is computed."""
 
 F8 = NDArray[np.float64]
 
 
 def field_report_files(folder: Path) -> list[Path]:
-    """Return what the report of a fit of regions in ``folder`` consists of, the page last."""
+    """Return the files of the report of a fit of regions in ``folder``, the page last."""
     return [folder / PICTURE, folder / PAGE]
 
 
 def iter_field_report(fit: FieldFit, folder: Path, hybrids: Mapping[str, HybridSummary]) -> Work[Path]:
-    """Write picture and page of a fit of several regions into ``folder``; return the page.
+    """Write the picture and the page of a fit of several regions into ``folder``; return the page.
 
     ``hybrids`` describes what the hybrid H of a region adds to the model. Each file is written atomically.
     """
@@ -76,7 +76,7 @@ def iter_field_report(fit: FieldFit, folder: Path, hybrids: Mapping[str, HybridS
 
 
 def wavefront_table(fit: FieldFit) -> tuple[list[str], list[list[str]]]:
-    """Return headers and rows of the wavefront at each region; no rows where the camera has no terms."""
+    """Return headers and rows of the wavefront in each region; no rows if the wavefront has no terms."""
     places = {name: field_of(own.planned) for name, own in fit.fits.items()}
     fronts = {name: {(t.n, t.m): t for t in fit.wavefront_at(at)} for name, at in places.items()}
     terms = sorted({term for front in fronts.values() for term in front})
@@ -96,7 +96,7 @@ def _page(fit: FieldFit, picture: bytes, hybrids: Mapping[str, HybridSummary]) -
     many = sum(len(own.residuals) for own in fit.fits.values())
     rest = f"{many} patterns of {len(fit.fits)} regions; each has a separate page in its folder"
     headers, rows = wavefront_table(fit)
-    terms = html_table(headers, rows, escape=True) if rows else "<p>No term of it was needed.</p>"
+    terms = html_table(headers, rows, escape=True) if rows else "<p>No term was needed.</p>"
     said = [f"{name}: {summary}" for name, summary in hybrids.items()]
     body = [
         f'<section class="verdict {merit}">{html_text(verdict)}{html_paragraphs([rest, *said])}</section>',
@@ -120,12 +120,14 @@ def _regions(fit: FieldFit) -> str:
         aside = f"{down:+.3f}, {right:+.3f}"
         rows.append((name, f"{x / 1e3:.2f}, {y / 1e3:.2f}", str(len(own.residuals)), off, chi2, aside, farther))
     headers = ("region", "x, y (mm)", "patterns", "error of the model", "χ²")
-    return html_table((*headers, "displacement of sources (px)", "planes farther (µm)"), rows, escape=True)
+    return html_table(
+        (*headers, "displacement of sources (px)", "displacement of planes in depth (µm)"), rows, escape=True
+    )
 
 
 def _outliers(fit: FieldFit) -> str:
     rows = [
-        (f"left out: {name}, ({one.z}, {one.y}, {one.x})", one.reason)
+        (f"outlier: {name}, ({one.z}, {one.y}, {one.x})", one.reason)
         for name, own in list(fit.fits.items())[1:]
         for one in own.outliers
     ]

@@ -1,4 +1,4 @@
-"""A fit as files: camera and effects as every other command reads them, numbers, H, report, and the folder of all."""
+"""Write a fit to files: camera and effects for other commands, numbers, H, report, and the folder with all of them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ VERSION = 1
 
 
 def measured_camera(fit: Fit) -> Camera:
-    """Return the camera as found; every value that is otherwise than described is marked as measured."""
+    """Return the fitted camera; values that differ from the description are marked as measured."""
     camera, described = fit.camera, fit.planned.camera
     known = {quantity.path for quantity in quantities_of(described)}
     paths = [quantity.path for quantity in quantities_of(camera)]
@@ -54,7 +54,7 @@ def measured_camera(fit: Fit) -> Camera:
 
 
 def effects_text(fit: Fit) -> str:
-    """Return the effects as the JSON file that ``lfcal simulate --effect`` reads; all of them are switched on."""
+    """Return the effects as a JSON file for ``lfcal simulate --effect``, all switched on."""
     return entries_json(
         Entry(
             effect,
@@ -67,7 +67,7 @@ def effects_text(fit: Fit) -> str:
 
 
 def fit_dict(fit: Fit) -> dict[str, Any]:
-    """Return everything that was found as plain JSON types; lengths in µm, angles in radians."""
+    """Return all results as plain JSON types; lengths in µm, angles in radians."""
     error = fit.held_out_error
     found: dict[str, Any] = plain(
         {
@@ -120,9 +120,9 @@ def iter_write_model(
 ) -> Work[Path]:
     """Write H of the fitted camera to a file, one plane in memory at a time; yields progress in rows.
 
-    Closing it leaves nothing half-written. ``provenance`` is kept with the fit's own. With ``run`` each plane is a
-    unit of long work, whose files stay with ``keep``. The fit itself is not: each of its steps takes seconds and needs
-    the one before it. After a kill it is made again, to the same values, and H is resumed.
+    Closing the generator leaves no incomplete file. ``provenance`` is stored in addition to that of the fit. With
+    ``run``, each plane is a unit, whose file stays with ``keep``. The fit itself has no units, because each of its
+    steps takes seconds and needs the step before. After a stop it is repeated with the same result, and H is resumed.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def iter_write_hybrid(
 
 
 def json_text(value: Any) -> str:
-    """Return ``value`` as the text of a JSON file."""
+    """Return ``value`` as JSON text."""
     return json.dumps(plain(value), indent=2, ensure_ascii=False) + "\n"
 
 
@@ -171,14 +171,14 @@ CAMERA, EFFECTS, MODEL, NUMBERS, REPORT = "camera.json", "effects.json", "H.h5",
 
 
 class Written(NamedTuple):
-    """Files of a fit, and what a hybrid H has beyond the model."""
+    """Files of a fit, and the summary of its hybrid H."""
 
     files: list[Path]
     hybrid: HybridSummary | None
 
 
 def write_found(fit: Fit, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
-    """Write camera, effects, and last the numbers with the time, to ``name``; return the files.
+    """Write camera, effects and finally the numbers with the time, with names from ``name``; return the files.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def write_found(fit: Fit, folder: Path, name: str, numbers: Mapping[str, Any]) -
 
 
 def fit_outputs(folder: Path) -> list[Path]:
-    """Return all files that a fit in ``folder`` consists of."""
+    """Return all files of a fit in ``folder``."""
     files = [folder / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
     return [*files, *report_files(folder / REPORT)]
 
@@ -213,7 +213,7 @@ def iter_write_fit(
     workers: int | None = None,
     run: RunChoice | None = None,
 ) -> Work[Written]:
-    """Write all files of a fit; ``fit.json`` comes last, so that it exists only if all others do.
+    """Write all files of a fit; ``fit.json`` is last, so that it exists only if all others do.
 
     Parameters
     ----------
@@ -255,6 +255,6 @@ def iter_write_fit(
     numbers = fit_dict(fit) | ({} if summary is None else hybrid_note(summary)) | dict(known)
     written += write_found(fit, folder, NUMBERS, numbers)
     if run is not None:
-        # if killed before this point, it continues from the finished planes
+        # after a stop before this point, work continues from the finished planes
         discard(parts_folder(folder / MODEL))
     return Written(written, summary)

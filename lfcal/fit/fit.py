@@ -1,4 +1,4 @@
-"""A camera retrieved from measured patterns: from the description to the model that predicts every position."""
+"""Retrieve a camera from measured patterns: from its description to a model that predicts every position."""
 
 from __future__ import annotations
 
@@ -56,22 +56,22 @@ __all__ = [
 ]
 
 DETECTION_SIGMAS = 2.0
-"""Standard deviations of the noise's squares above which something shows."""
+"""Standard deviations of the squared noise above which an excess is significant."""
 
 
 @dataclass(frozen=True, slots=True)
 class FitProgress(Progress):
-    """Start of a round of derivatives, or its end, when its work is done; the number of rounds is not fixed.
+    """Start or end of a round of derivatives; the number of rounds is not known in advance.
 
     Attributes
     ----------
     chi2
         Mean square of the fitted patterns' residuals, weighted by the light. The variance includes the error of a
-        coarse model. The value falls towards 1 from round to round, and may rise when the fit continues with finer
+        coarse model. The value approaches 1 from round to round. It may rise when the fit continues with finer
         sampling.
     held_out, below_noise
-        Error of the held-out patterns beyond model and noise, as a share of their rms (relative L2), NaN if none is
-        held out; and whether it is hidden by their noise, in which case it is a limit of two standard deviations.
+        Error of the held-out patterns beyond model and noise, as a share of their rms (relative L2), NaN without
+        held-out patterns; and whether noise hides it, so that the value is an upper limit of two standard deviations.
     """
 
     chi2: float = math.nan
@@ -80,7 +80,7 @@ class FitProgress(Progress):
 
 
 def rounds() -> Callable[[Problem, Point, str], FitProgress]:
-    """Return what makes the record of a round that ended at a point, in a stage of a fit."""
+    """Return the function that makes the record of a round, in a stage of a fit."""
     start = time.perf_counter()
 
     def record(problem: Problem, point: Point, stage: str) -> FitProgress:
@@ -91,7 +91,7 @@ def rounds() -> Callable[[Problem, Point, str], FitProgress]:
             share, sigma = unexplained(problem, point, aside)
             below_noise = share < DETECTION_SIGMAS * sigma
             left = math.sqrt(max(share, DETECTION_SIGMAS * sigma))
-            note += f", left-out patterns {'less than ' if below_noise else ''}{format_share(left)} off"
+            note += f", error of held-out patterns {'less than ' if below_noise else ''}{format_share(left)} off"
         seconds = time.perf_counter() - start
         return FitProgress(1, 1, stage, seconds, note, chi2=chi2, held_out=left, below_noise=below_noise)
 
@@ -99,25 +99,25 @@ def rounds() -> Callable[[Problem, Point, str], FitProgress]:
 
 
 def outliers_of(problem: Problem, point: Point) -> tuple[NDArray[np.bool_], tuple[Outlier, ...]]:
-    """Return which patterns ``(n,)`` are outliers, and each with its reason."""
+    """Return which patterns ``(n,)`` are outliers, and each outlier with its reason."""
     pixels = np.maximum(1, (point.seen.inverse > 0).sum(1))
-    # without the robust loss: what it forgives is what shows here
+    # without the robust loss, which would hide outliers
     chi2 = np.square(point.seen.residual, dtype=np.float64).sum(1) / pixels
     far = unlike_others(chi2, pixels)
     measured = problem.measured
     regions = measured.level // measured.plan.shape[0]
     found = [
-        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} where the others have {np.median(chi2):.3g}", int(region))
+        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} while the others have {np.median(chi2):.3g}", int(region))
         for (z, y, x), own, region in zip(measured.index[far], chi2[far], regions[far], strict=True)
     ]
     return far, tuple(found)
 
 
 ROUNDS = 4
-"""Rounds in which groups are selected."""
+"""Number of rounds in which groups are selected."""
 
 LEAST_GAIN = 0.1
-"""Share of the held-out patterns' misfit that a group must remove in the first round."""
+"""Share of the held-out residual that a group must remove in the first round."""
 
 Finished = tuple[Problem, Point, tuple[str, ...], Columns, tuple[Outlier, ...]]
 
@@ -139,13 +139,13 @@ def iter_fit_camera(
     source
         H, whose recorded positions are used, or patterns.
     camera
-        The described camera, from which the fit starts; None: that of the source.
+        The described camera, from which the fit starts; None: the camera of the source.
     unknowns
-        Groups of unknowns by name, or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
-        of all others those that lower the error of held-out patterns.
+        Groups of unknowns by name; or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
+        all other groups that lower the error of held-out patterns.
     effects
-        Effects simulated at the start; None: those in the camera's description, and for a microscope light as a vector
-        field if it matters (`starting_effects`).
+        Effects simulated at the start; None: those in the camera's description, and for a microscope the vector field
+        if it matters (`starting_effects`).
     stage
         Position error of the sources (rms, pixels); 0: none; ``"auto"``: estimated from the patterns.
     workers
@@ -175,7 +175,7 @@ def iter_fit_camera(
     >>> work.close()  # the rest is not wanted
     """
     if isinstance(source, Measured) and reading:
-        # they say how H is read, and patterns are read already
+        # these options say how H is read, but patterns have already been read
         name = next(iter(reading))
         raise InputError.expected("fit of patterns", "no options for reading H", name, "leave it out, or correct it")
     measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
@@ -221,7 +221,7 @@ def iter_summarised(
     outliers: tuple[Outlier, ...],
     candidates: Sequence[str],
 ) -> Work[tuple[Fit, ...]]:
-    """Return the fit of what `iter_retrieved` found, as it is in each region; ``candidates`` are the groups tried."""
+    """Return the fit in each region from the result of `iter_retrieved`; ``candidates`` are groups that were tried."""
     untried: Degeneracies | None = None
     if not candidates:
         untried = yield from iter_degeneracies(problem, point, columns, groups)
@@ -248,9 +248,9 @@ def iter_retrieved(
     stage
         As in `fit_camera`.
     start
-        A vector nearer than the description; None: start from the description.
+        Vector to start from; None: start from the description.
     local
-        Unknowns of single patterns from the start; None: none, until the patterns show a need for them.
+        Unknowns of single patterns from the start; None: none, until the patterns show that they are needed.
 
     Raises
     ------
@@ -264,20 +264,20 @@ def iter_retrieved(
         yield from asked(problem, core)
     point, groups = yield from _approached(problem, point, core, candidates, record_round=record_round)
     if misfit(problem, point) > PLAIN:
-        # much is left that no unknown explains: something may be otherwise than it is described
+        # a large residual that no unknown explains: the description may be wrong in other ways
         yield from asked(problem, core)
     check_explained(problem, point)
     return (yield from _finished(problem, point, groups, core, candidates, stage=stage, record_round=record_round))
 
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:
-    """Return the problem of fitting ``groups`` of unknowns about a setup."""
+    """Return the problem of fitting ``groups`` of unknowns, starting from a setup."""
     frame = ScanScales.over(measured.plans) if len(measured.plans) > 1 else ScanScales.of(measured.plan)
     return Problem(measured, Vector(setup, frame, groups), workers)
 
 
 def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the groups that are fitted, and those that are tried."""
+    """Return the groups to fit, and the groups to try."""
     if isinstance(unknowns, str):
         if unknowns != "auto":
             names = " or ".join(GROUPS.names())
@@ -286,17 +286,17 @@ def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str
         return core, tuple(group.name for group in GROUPS if not group.core)
     found = tuple(GROUPS.get(name).name for name in unknowns)
     if not found:
-        raise InputError.expected("unknowns", "one group or more", "none", f"choose of {', '.join(GROUPS.names())}")
+        raise InputError.expected("unknowns", "one group or more", "none", f"choose from {', '.join(GROUPS.names())}")
     return found, ()
 
 
 def addable(candidates: Sequence[str]) -> list[str]:
-    """Return the groups that are added where they help: not those that are held in any case."""
+    """Return the groups that are added if they help, without those that always stay fixed."""
     return [name for name in candidates if not GROUPS.get(name).held]
 
 
 def check_stage(stage: str | float) -> None:
-    """Raise `InputError` unless ``stage`` is the rms of the sources' position errors, or ``"auto"``."""
+    """Raise `InputError` unless ``stage`` is a position error of the sources (rms), or ``"auto"``."""
     if stage != "auto":
         check_number("source position error (px rms)", stage, at_least=0, at_most=5, remedy="or 'auto'")
 
@@ -346,7 +346,7 @@ def _finished(
     point, _ = yield from descend(
         problem, point, which, "fine", most=1, columns=columns, enough=1e-5, record_round=record_round
     )
-    # unknowns of single held-out patterns are not determined by steps of the others
+    # steps of the shared unknowns do not determine the unknowns of single held-out patterns
     point = nuisance_steps(problem, point, columns, problem.measured.held_out)
     far, outliers = outliers_of(problem, point)
     if far.any():
@@ -364,7 +364,7 @@ def _finished(
     point, found = yield from descend(
         problem, point, which, "finest", most=3, columns=columns, enough=1e-4, record_round=record_round
     )
-    # derivatives by what was tried are those of the round before
+    # derivatives by the groups that were tried are those of the previous round
     columns = found.with_others(columns, which)
     return problem, nuisance_steps(problem, point, columns, problem.measured.held_out), groups, columns, outliers
 

@@ -1,6 +1,6 @@
-"""Hybrid H: a model plus what was measured beyond it, with less noise than the recorded patterns.
+"""Hybrid H: a model plus measured deviations from it, with less noise than the recorded patterns.
 
-Effects of single patterns, such as the lamp's brightness and the displacement of the source, are first removed where
+Effects on single patterns, such as the lamp's brightness and the displacement of the source, are first removed if
 they matter, because H contains neither. Where residuals are only noise, the hybrid equals the model.
 """
 
@@ -39,7 +39,7 @@ __all__ = [
 
 
 class FittedPlace(Protocol):
-    """A position."""
+    """A position of a pattern."""
 
     @property
     def z(self) -> int:
@@ -58,16 +58,16 @@ class FittedPlace(Protocol):
 
 
 class Fitted(Protocol):
-    """What of `lfcal.fit.Fit` a hybrid H is made of; attributes are as there."""
+    """The parts of `lfcal.fit.Fit` that a hybrid H needs; attributes are the same."""
 
     @property
     def planned(self) -> ScanPlan:
-        """The scan."""
+        """The plan of the scan."""
         ...
 
     @property
     def ideal_places(self) -> Setup:
-        """The setup with sources where H has them."""
+        """The setup with sources at the positions of H."""
         ...
 
     @property
@@ -77,12 +77,12 @@ class Fitted(Protocol):
 
     @property
     def spread(self) -> Spread:
-        """How far sources were from their places, and how steady the lamp was."""
+        """Scatter of the sources' positions, and stability of the lamp."""
         ...
 
     @property
     def outliers(self) -> Sequence[FittedPlace]:
-        """Patterns that were left out."""
+        """Patterns that were excluded from the fit."""
         ...
 
     @property
@@ -91,7 +91,7 @@ class Fitted(Protocol):
         ...
 
     def planes(self) -> ModelPlanes:
-        """Return what computes the planes of the model."""
+        """Return the source of the model's planes."""
         ...
 
 
@@ -99,24 +99,24 @@ class Fitted(Protocol):
 F4 = NDArray[np.float32]
 
 PATTERNS_SAMPLED = 20
-"""Number of patterns that determine how much a displacement changes one."""
+"""Number of patterns with which the effect of a displacement is measured."""
 
 NUISANCE_SHARE = 0.5
-"""Share of the model's error that lamp or displacements must make for them to be taken out."""
+"""Share of the model's error that lamp or displacements must cause to be removed."""
 
 STEP_PX = 0.05
 """Step of a source's displacement (pixels)."""
 
 NEIGHBOURS = 6
-"""Nearest recorded positions that a position is compared with."""
+"""Number of nearest recorded positions with which a position is compared."""
 
 
 def model_uncertainty(model: F4, share: float) -> F4:
-    """Return the standard deviation of each entry of a model ``(ny, nx, nt, ns)`` whose relative L2 error is ``share``.
+    """Return the standard deviation of each entry of a model ``(ny, nx, nt, ns)`` with relative L2 error ``share``.
 
-    It is as the light about each pixel, for what is wrong displaces and blurs.
+    It is proportional to the light around each pixel, because errors displace and blur light.
     """
-    from scipy.ndimage import gaussian_filter  # slow to load
+    from scipy.ndimage import gaussian_filter  # slow to import
 
     near = np.sqrt(gaussian_filter(np.square(model), (0, 0, 0.6, 0.6)).clip(min=0))
     power = float(np.square(near).sum(dtype=np.float64))
@@ -127,7 +127,7 @@ def model_uncertainty(model: F4, share: float) -> F4:
 
 @dataclass(frozen=True, eq=False)
 class RecordedPatterns:
-    """The recorded patterns of a scan, read as they are asked for."""
+    """The recorded patterns of a scan, read when they are needed."""
 
     counts: NDArray[np.uint16]
     noise: NDArray[np.float64]
@@ -135,7 +135,7 @@ class RecordedPatterns:
 
     @classmethod
     def of(cls, source: PSFMatrix | Measured, planned: ScanPlan, given: tuple[float, float] | None) -> RecordedPatterns:
-        """Return those of an H or of patterns; raises `InputError` where they are of another scan."""
+        """Return the patterns of an H, or given patterns; raises `InputError` if they belong to another scan."""
         shape = planned.shape
         if isinstance(source, Measured):
             _check_scan(planned, source.plan.shape, source.plan.depths_um, source.plan.anchor)
@@ -179,7 +179,7 @@ def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, an
 def iter_plane_data(
     fit: Fitted, recorded: RecordedPatterns, z: int, model: F4, workers: int | None
 ) -> Work[tuple[PlaneResiduals, Facts]]:
-    """Return model and residuals of plane ``z``, and of which positions they are; outliers count as not recorded.
+    """Return the model and residuals of plane ``z``, and which positions have them; outliers count as not recorded.
 
     Yields progress in patterns.
     """
@@ -279,7 +279,7 @@ def _significant_nuisance(fit: Fitted, data: PlaneResiduals, places: NDArray[np.
 
 
 SHARED_POSITIONS = 3.0
-"""Positions over which what is shared is alike."""
+"""Number of positions over which shared deviations are similar."""
 
 
 def _nuisance_of(
@@ -322,7 +322,7 @@ def _outliers(data: PlaneResiduals) -> NDArray[np.bool_]:
 
 
 INFORMED_SHARE = 0.95
-"""Share of the variance that must be left at most for a position to follow its neighbours."""
+"""Largest share of the variance that may remain for a position to be interpolated from its neighbours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,7 +334,7 @@ class HybridSummary:
     hybrid, model, outliers
         Number of positions of each `Origin`.
     between
-        Number of positions among ``hybrid`` that were not recorded and come from their neighbours.
+        Number of positions among ``hybrid`` that were not recorded but interpolated from their neighbours.
     change, largest
         Difference of the changed positions from the model (relative L2): rms and largest.
     """
@@ -349,15 +349,15 @@ class HybridSummary:
     def __str__(self) -> str:
         """Return the summary as one line."""
         if not self.hybrid:
-            return "hybrid H: no position shows more than noise beyond the model, which it is"
+            return "hybrid H: no position deviates from the model by more than noise, so it equals the model"
         said = f"{self.hybrid} positions changed by {100 * self.change:.2g} % (at most {100 * self.largest:.2g} %)"
         between = f", {self.between} of them between recorded ones" if self.between else ""
-        outliers = f", {self.outliers} outliers left to it" if self.outliers else ""
-        return f"hybrid H: {said}{between}; {self.model} are the model alone{outliers}"
+        outliers = f", {self.outliers} outliers use the model" if self.outliers else ""
+        return f"hybrid H: {said}{between}; {self.model} are only the model{outliers}"
 
     @classmethod
     def of(cls, planes: Sequence[tuple[Facts, NDArray[np.float64]]]) -> HybridSummary:
-        """Return the summary of the facts and changes of all planes."""
+        """Return the summary of all planes, from their facts and changes."""
         origin = np.stack([facts.origin for facts, _ in planes if facts.origin is not None])
         recorded = np.stack([facts.recorded for facts, _ in planes if facts.recorded is not None])
         changed = np.stack([change for _, change in planes])[origin == Origin.HYBRID]
@@ -375,7 +375,7 @@ class HybridPlanes(PlaneSource):
     header
         Description of H, besides its values.
     fit
-        The fit that provides the model.
+        The fit that contains the model.
     source
         Recorded patterns of the same scan, including those that were not fitted.
     noise
@@ -404,12 +404,12 @@ class HybridPlanes(PlaneSource):
         return plane
 
     def reopening(self, z: int, stored: Stored) -> None:
-        """Return nothing: every plane is made here, for the summary is of all."""
+        """Return None: every plane is made in this process, because the summary covers all of them."""
         return
 
     @property
     def summary(self) -> HybridSummary:
-        """What the planes that were made consist of."""
+        """Composition of the planes made so far."""
         return HybridSummary.of([self._made[z] for z in sorted(self._made)])
 
     def late_provenance(self) -> dict[str, Any]:
@@ -436,7 +436,7 @@ def _joined(
     value = np.where(changed[:, :, None, None], left.value, np.float32(0.0))
     power = np.square(data.model).sum((2, 3), dtype=np.float64)
     size = np.sqrt(np.square(value).sum((2, 3), dtype=np.float64) / np.maximum(power, 1e-30))
-    # where no recorded pattern is near, what is estimated is nothing
+    # without a recorded pattern nearby, the estimate is 0
     informed = left.variance.sum((2, 3), dtype=np.float64) < INFORMED_SHARE * left.prior.sum((2, 3), dtype=np.float64)
     changed &= own | informed
     origin = np.where(changed & (facts.origin != Origin.OUTLIER), Origin.HYBRID, facts.origin)

@@ -1,4 +1,4 @@
-"""Expected information of patterns about the unknowns, and the effect of errors of the unknowns on H."""
+"""Expected information of patterns about the unknowns, and the effect of errors in the unknowns on H."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ __all__ = ["Expected", "Information", "iter_information"]
 F8 = NDArray[np.float64]
 
 AT_ONCE = 200e6
-"""Bytes of derivatives that are held at a time."""
+"""Bytes of derivatives that are kept in memory at a time."""
 
 PRIOR_SIGMA = 10.0
-"""Standard deviation in scales that every unknown has beforehand: before the first patterns nothing is infinite."""
+"""Prior standard deviation of every unknown, in scales, so that nothing is infinite without patterns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +41,9 @@ class Expected:
     stage_px
         Source position error (rms along an axis, pixels); 0: none.
     lamp
-        Relative rms fluctuation of the lamp; 0: it is stable.
+        Relative rms fluctuation of the lamp; 0: stable.
     response
-        Relative rms of the response of pixels; 0: they are all equal.
+        Relative rms of the response of pixels; 0: all are equal.
     """
 
     full: float = 0.8
@@ -61,7 +61,7 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information of single patterns, and the target quantity.
+    """Information of single patterns, and the quantity to minimize.
 
     Attributes
     ----------
@@ -70,10 +70,10 @@ class Information:
     unknowns
         The unknowns to fit; all matrices are in their scales.
     patterns
-        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern by the unknowns, then gain and background of its plane, with
-        unknowns of the single pattern eliminated.
+        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern for the unknowns, then gain and background of its plane,
+        with the unknowns of the single pattern eliminated.
     wanted
-        ``(k, k)``: with the covariance C of the unknowns trace(C wanted) is the squared relative error (L2) of H.
+        ``(k, k)``: for the covariance C of the unknowns, trace(C wanted) is the squared relative error (L2) of H.
     prior
         ``(k, k)``: prior information about the unknowns.
     pattern_error
@@ -97,7 +97,7 @@ def iter_information(
     *,
     workers: int | None = None,
 ) -> Work[Information]:
-    """Compute the information of the patterns of positions; yields progress in patterns.
+    """Compute the information of the patterns at the given positions; yields progress in patterns.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def iter_information(
 
     Notes
     -----
-    Each plane of H is compared up to its brightness, as everywhere: D^T D - D^T m m^T D / m^T m, with the model m of a
-    plane and its derivatives D.
+    Each plane of H is compared apart from its brightness, as everywhere: D^T D - D^T m m^T D / m^T m, with the model
+    m of a plane and its derivatives D.
     """
     vector = _problem(plan, index[:0], np.zeros((0, *plan.cutout)), setup, groups, workers).vector
     k, m = len(vector), int(np.prod(plan.cutout))
@@ -134,7 +134,7 @@ def iter_information(
         response = Response(expected.response**2)
         local = Local(np.zeros((len(own), 2)), expected.stage_px, expected.lamp, response)
         point = problem.point(np.zeros(k), local, Fineness.coarse)
-        # a part is quick: what is counted is patterns
+        # parts are fast, so progress counts patterns
         columns = drain(problem.columns(point, range(k), "", displaced=expected.stage_px > 0, both=True))
         for p, at in enumerate(own.tolist()):
             matrices[at] = _pattern_information(problem, point, columns, p)
@@ -177,7 +177,7 @@ class _Sums:
 
     @property
     def wanted(self) -> F8:
-        """As of `Information`."""
+        """As in `Information`."""
         power = np.where(self._power > 0, self._power, 1.0)
         scaled = self._cross[:, :, None] * self._cross[:, None, :] / power[:, None, None]
         found: F8 = (self._inner - scaled).sum(0) / self._power.sum()
@@ -185,7 +185,7 @@ class _Sums:
 
     @property
     def pattern_error(self) -> float:
-        """As of `Information`."""
+        """As in `Information`."""
         return float(np.sqrt(self._noise / self._power.sum()))
 
 

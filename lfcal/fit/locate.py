@@ -1,4 +1,4 @@
-"""Where the source of a new frame is: the position of H whose pattern is most like the frame's light there."""
+"""Locate the source of a new frame: the position of H whose pattern resembles the frame's light most."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ __all__ = ["LocatedPattern", "NewFrame", "find_source", "window_of"]
 F4 = NDArray[np.float32]
 
 NEAR = 2
-"""Pixels about a known place in which the source is looked for: stages are not better than that."""
+"""Distance from a known place within which the source is searched for (pixels), as stages are not more accurate."""
 
 INSIDE = 0.5
-"""Share of a cutout that must lie on the frame, and carry a measurement."""
+"""Share of a cutout that must be on the frame and valid."""
 
 ABOVE = 4.0
-"""Standard deviations of dark pixels above which there is light."""
+"""Standard deviations of dark pixels above which a pixel is lit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class NewFrame:
 
 @dataclass(frozen=True, slots=True)
 class LocatedPattern:
-    """A position of H, where its cutout lies, and how alike the patterns are.
+    """A position of H, the place of its cutout, and the similarity of the patterns.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class LocatedPattern:
     row, column
         Sensor pixel at the middle of the cutout.
     correlation
-        Of the frame's samples with H's values, 1 for the same pattern.
+        Correlation of the frame's samples with the values of H; 1 for equal patterns.
     """
 
     z: int
@@ -107,9 +107,9 @@ def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -
 def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     """Return the position of H that best fits a frame's light.
 
-    The array must not have moved: H has one pattern for each pixel, that of its place in the period. If the frame's
-    place is known, only the surrounding pixels are tried, otherwise a period about the middle of the light; the same
-    holds for planes.
+    The array must not have moved, because H has one pattern for each pixel, by its place in the period. If the
+    source's place in the frame is known, only the surrounding pixels are tried; otherwise, one period around the
+    middle of the light. Likewise for planes.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
             f"{frame.label}, light",
             "on the frame, at a recorded position of H",
             "none",
-            "take it elsewhere",
+            "record it elsewhere",
         )
     return best
 
@@ -149,7 +149,7 @@ def _best_plane(
     for z in planes:
         own = np.asarray(matrix[z, y, x], np.float32)
         good = valid & matrix.valid(z, y, x) & np.isfinite(own)
-        # missing, masked, or of one value: there is nothing to be like
+        # missing, masked or constant samples have no correlation
         if matrix.recorded[z, y, x] == 0 or good.mean() < INSIDE or np.ptp(own[good]) == 0:
             continue
         likeness = _correlation(values[good], own[good])
@@ -172,17 +172,17 @@ def _middle_of_light(frame: NewFrame, cutout: tuple[int, int]) -> tuple[int, int
     if frame.valid is not None:
         values[~frame.valid] = 0.0
     values -= np.median(values)
-    # what is positive of the noise of all dark pixels would outweigh dim light, and draw the middle aside
+    # the positive noise of all dark pixels would outweigh dim light and shift the middle
     noise = float(np.median(np.abs(values))) / 0.6745
     bright = np.maximum(values - ABOVE * noise, 0.0)
     values = bright if bright.any() else np.maximum(values, 0.0)
     mean = uniform_filter(values, cutout, mode="constant")
-    # the middle of all light in the brightest window: the window itself is flat about its best place
+    # the middle of all light in the brightest window, whose own maximum is flat
     row, column = np.unravel_index(int(mean.argmax()), mean.shape)
     top, left = max(0, int(row) - cutout[0] // 2), max(0, int(column) - cutout[1] // 2)
     part = values[top : int(row) + cutout[0] // 2 + 1, left : int(column) + cutout[1] // 2 + 1]
     total = float(part.sum())
     if total <= 0:
-        raise InputError.expected(f"{frame.label}, light", "some", "none", "check shutter and lamp")
+        raise InputError.expected(f"{frame.label}, light", "some", "none", "check the shutter and the lamp")
     rows, columns = (float((part.sum(1 - axis) * np.arange(part.shape[axis])).sum()) / total for axis in (0, 1))
     return round(top + rows) + frame.origin[0], round(left + columns) + frame.origin[1]

@@ -1,4 +1,4 @@
-"""What is fitted: patterns with their places, their noise, and which of them are kept aside."""
+"""Measured patterns with their positions and noise, and which of them are held out."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["QUICK_PATTERN", "Measured", "check_optics", "kept_aside", "measured_
 QUICK_PATTERN = "recorded with the simulator's quick pattern, which has no lenslets"
 
 HELD_OUT = 0.2
-"""Share of the patterns that is kept aside for validation."""
+"""Share of the patterns that is held out for validation."""
 
 
 MOST_FEW = 3
@@ -28,7 +28,7 @@ MOST_FEW = 3
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Patterns at known places, with a model of their noise.
+    """Patterns at known positions, with a model of their noise.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Measured:
     index
         Positions ``(n, 3)`` as (z, y, x).
     patterns
-        Values ``(n, nt, ns)``, background subtracted or not.
+        Values ``(n, nt, ns)``, with or without the background.
     noise
         ``(n, 2)``: the variance of a sample of true value v is ``noise[0] + noise[1] * max(v, 0)``.
     places_px
@@ -47,9 +47,9 @@ class Measured:
     held_out
         Held-out patterns ``(n,)``, which measure the quality of the fit.
     extra_light
-        Light ``(n, nt, ns)`` at unit gain that each pattern has in addition to the prediction of its plan's optics,
-        kept constant while the unknowns change, because computing it for every derivative would take too long. None:
-        none.
+        Light ``(n, nt, ns)`` at unit gain that each pattern has in addition to the prediction of its plan's optics.
+        It stays constant while the unknowns change, because computing it for every derivative would take too long.
+        None: no additional light.
     blur
         Light ``(n, nt, ns)`` at unit gain that each pattern gains per µm² of the squared diameter of a target's holes
         (`lfcal.fit.setup.Setup.hole_um`). None: the size is not fitted.
@@ -96,7 +96,7 @@ class Measured:
                 )
         if self.plan.resample:
             raise InputError.expected(
-                "patterns", "on the sensor's own pixels", "on resampled ones", "assemble them without resampling"
+                "patterns", "on the sensor's own pixels", "on resampled pixels", "assemble them without resampling"
             )
         for plan, own, _ in self.parts():
             _check_inside(self.index[own], plan.shape[:3])
@@ -115,26 +115,26 @@ class Measured:
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Number of the light and background of each pattern ``(n,)``: those of its plane."""
+        """Index of the light and background of each pattern ``(n,)``, which is its plane."""
         found: NDArray[np.intp] = self.index[:, 0]
         return found
 
     @property
     def levels(self) -> int:
-        """How many there are."""
+        """Number of these indices."""
         return self.plan.shape[0]
 
     @property
     def plans(self) -> tuple[ScanPlan, ...]:
-        """The plan of each region of the field: here of one."""
+        """The plan of each region of the field; here only one."""
         return (self.plan,)
 
     def parts(self) -> Iterator[tuple[ScanPlan, NDArray[np.intp], int]]:
-        """Yield the plan of each region of the field, which patterns are of it, and its number: here one of all."""
+        """Yield, for each region, its plan, which patterns belong to it, and its number; here one region with all."""
         yield self.plan, np.arange(len(self.index)), 0
 
     def of(self, keep: NDArray[np.bool_]) -> Measured:
-        """Return the patterns that are kept."""
+        """Return the selected patterns."""
         return replace(self, **self._some(keep))
 
     def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
@@ -144,7 +144,7 @@ class Measured:
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
-        """Return the additional light ``(n, nt, ns)`` of holes with such a diameter (µm); None: none."""
+        """Return the additional light ``(n, nt, ns)`` of holes with this diameter (µm); None: no additional light."""
         if self.extra_light is None or self.blur is None or hole_um is None:
             return self.extra_light
         return self.extra_light + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
@@ -218,14 +218,14 @@ def of_quick_pattern(matrix: PSFMatrix) -> bool:
 
 
 def check_optics(matrix: PSFMatrix) -> None:
-    """Raise `InputError` where H was recorded with the simulator's quick pattern."""
+    """Raise `InputError` if H was recorded with the simulator's quick pattern."""
     if of_quick_pattern(matrix):
         remedy = "record with the simulator's default optics, without --option optics=pattern"
         raise InputError.expected("measured patterns", "those of a plenoptic camera", QUICK_PATTERN, remedy)
 
 
 def kept_aside(matrix: PSFMatrix) -> list[list[int]]:
-    """Return the positions (z, y, x) that are not to be fitted, as the provenance of H says; by default none."""
+    """Return the positions (z, y, x) that must not be fitted, according to the provenance of H; usually none."""
     said = matrix.provenance.get("kept_aside")
     shape = (matrix.shape[0], *matrix.period)
     # provenance comes from a file that anyone may have written
@@ -245,7 +245,7 @@ def _aside(chosen: NDArray[np.intp], held_out: float | Sequence[Sequence[int]], 
         if named.any() and not named.all():
             return named
         held_out = HELD_OUT
-    check_number("share of patterns left out", held_out, at_least=0, below=0.9)
+    check_number("share of held-out patterns", held_out, at_least=0, below=0.9)
     aside = np.zeros(len(chosen), np.bool_)
     aside[held_out_rows(chosen, round(held_out * len(chosen)), plan)] = True
     return aside
@@ -267,10 +267,10 @@ def _check_inside(index: NDArray[np.intp], shape: tuple[int, int, int]) -> None:
 def _plan_of(matrix: PSFMatrix, camera: Camera | None) -> ScanPlan:
     owner = camera or matrix.camera
     if owner is None:
-        raise InputError.expected("camera", "a description", "none in H", "name the camera")
+        raise InputError.expected("camera", "a description", "none in H", "give the camera")
     if matrix.pixel_scale != (1.0, 1.0):
         raise InputError.expected(
-            "patterns", "on the sensor's own pixels", "on resampled ones", "assemble them without resampling"
+            "patterns", "on the sensor's own pixels", "on resampled pixels", "assemble them without resampling"
         )
     if not matrix.knows_depths:
         raise InputError.expected("patterns", "an H that states its depths", "one without", "give PSFMatrix its depths")
@@ -283,7 +283,7 @@ def _middle(have: tuple[int, int], want: int | tuple[int, int] | None) -> tuple[
     for size, most in zip(wanted, have, strict=True):
         check_number("cutout (pixels)", size, at_least=3, at_most=most, integer=True)
         if size % 2 == 0:
-            raise InputError.expected("cutout (pixels)", "an odd number", size, "take one more or less")
+            raise InputError.expected("cutout (pixels)", "an odd number", size, "choose one pixel more or less")
     first, second = (slice((n - w) // 2, (n + w) // 2) for n, w in zip(have, wanted, strict=True))
     return first, second
 

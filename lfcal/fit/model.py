@@ -1,4 +1,4 @@
-"""What a setup predicts for patterns anywhere in the period, their sources displaced each by its own."""
+"""Predict patterns of a setup anywhere in the period, with a displacement of each source."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from lfcal.simulate.engines import Displaceable, PlaneEngine, engine_for
 __all__ = ["LEVEL", "Fineness", "ModelPlanes", "PlaneModel", "predict"]
 
 LEVEL = "grid"
-"""Level at which patterns are computed: all lenslets coherent, exact angles, and smooth in every unknown."""
+"""Level at which patterns are computed: all lenslets coherent, with exact angles, and smooth in every unknown."""
 
 REACH_PX = 1.0
-"""Displacement of sources up to which tables remain valid (pixels)."""
+"""Displacement of sources up to which tables stay valid (pixels)."""
 
 
 class Fineness:
-    """How finely patterns are computed at the steps of a fit, as samples per pixel of the grid.
+    """Samplings used at the stages of a fit, as samples per pixel of the grid.
 
-    On the bench camera 4 samples are 0.4 % off the coherent reference (relative L2), 6 are 0.1 %, 8 are 0.06 %.
+    For the bench camera, 4 samples differ from the coherent reference by 0.4 % (relative L2), 6 by 0.1 %, 8 by 0.06 %.
     """
 
     coarse = Sampling(4.0)
@@ -39,7 +39,7 @@ class Fineness:
 
 
 LIGHT_OUTSIDE = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 0.003}
-"""Share of the light that may lie outside a grid's margin; coarse patterns of a main lens keep the usual one."""
+"""Share of the light that may be outside a grid's margin; coarse patterns of a main lens use the default."""
 
 
 class PlaneModel:
@@ -48,9 +48,9 @@ class PlaneModel:
     Parameters
     ----------
     setup, planned, z
-        What is computed, the scan as planned, and the number of the plane.
+        The setup to compute, the scan as planned, and the number of the plane.
     sampling
-        How finely, one of `Fineness`; another is taken as it is.
+        Sampling, usually one of `Fineness`; any other is used as it is.
     """
 
     def __init__(self, setup: Setup, planned: ScanPlan, z: int, sampling: Sampling) -> None:
@@ -58,7 +58,7 @@ class PlaneModel:
         further = setup.depth_errors_um[z]
         response = PlaneResponse(plan, z, setup.effects, level=LEVEL, sampling=sampling, depth_error_um=further)
         self._samples, self._kernel = response.samples, response.kernel
-        # the same margin with a filter and without: another grid would be another computation, by its own error
+        # the same margin with and without a filter, because another grid would have another error
         self._halo = max(response.halo, 1)
         rows, columns = plan.cutout
         scene = replace(response.scene, cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
@@ -75,7 +75,7 @@ class PlaneModel:
         self._scene = replace(scene, offsets_um=self._planned + self._reach)
 
     def patterns(self, places: NDArray[np.intp], offsets_px: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the patterns ``(n, nt, ns)`` of positions ``(n, 2)`` as (y, x), their sources displaced by ``(n, 2)``.
+        """Return the patterns ``(n, nt, ns)`` of positions ``(n, 2)`` (y, x) with sources displaced by ``(n, 2)``.
 
         Displacements are pixels on the sensor, in addition to those of the setup's stage.
         """
@@ -183,12 +183,12 @@ class ModelPlanes(PlaneSource):
         return Reopening(f"{__name__}:{open_model.__name__}", values)
 
     def named(self, out: Path) -> str:
-        """Return whose H it is."""
+        """Return a description of the H that is made."""
         return f"H of the fitted camera, {out.name}"
 
 
 def open_model(values: Mapping[str, Any], workers: int) -> ModelPlanes:
-    """Return the planes of a model, of the values that `ModelPlanes.reopening` gives."""
+    """Return the planes of a model, from the values of `ModelPlanes.reopening`."""
     planned = ScanPlan.from_dict(values["plan"])
     rows, columns = values["aside_px"]
     setup = Setup(

@@ -1,4 +1,4 @@
-"""How good a fit is: chi² against its own spread, the error of the model from patterns that were never fitted."""
+"""Quality of a fit: chi² relative to its spread, and the error of the model from patterns that were not fitted."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from lfcal.fit.solver import shared_of, with_prior
 __all__ = ["INCOMPLETE", "ChiSquare", "ModelError", "chi_square", "covariance", "eliminated", "held_out_error"]
 
 INCOMPLETE = 5.0
-"""Standard deviations by which chi² lies above 1 where the model does not suffice."""
+"""Standard deviations by which chi² exceeds 1 if the model is incomplete."""
 
 SHOWN = 3.0
-"""Standard deviations by which what left-out patterns scatter must lie above their noise to be a value."""
+"""Standard deviations by which the scatter of held-out patterns must exceed their noise to be significant."""
 
 NUISANCE_SHARE = 0.5
-"""Share of what left-out patterns scatter (rms) below which what each has to itself may be a part of it."""
+"""Share of the scatter (rms) of held-out patterns below which effects on single patterns may be part of it."""
 
 F8 = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class ChiSquare:
 
     @property
     def excess(self) -> float:
-        """By how many standard deviations ``lit`` lies above 1."""
+        """Number of standard deviations by which ``lit`` exceeds 1."""
         return (self.lit - 1.0) / self.sigma
 
     @property
@@ -57,7 +57,7 @@ class ChiSquare:
         return self.excess < INCOMPLETE
 
     def to_dict(self) -> dict[str, float]:
-        """Return it as plain values."""
+        """Return the values as plain JSON types."""
         return {"lit": self.lit, "sigma": self.sigma, "excess": self.excess, "all_pixels": self.all_pixels}
 
 
@@ -90,14 +90,14 @@ class ModelError:
 
     @property
     def known(self) -> bool:
-        """Whether there is a value, and not a limit only: no more than noise is as rare as `SHOWN` of a Gaussian's."""
-        # Cornish and Fisher's quantile
+        """Whether the error is a value and not only a limit: noise alone would exceed `SHOWN` too rarely."""
+        # the quantile of Cornish and Fisher
         rare = SHOWN + self.skew / 6 * (SHOWN**2 - 1)
         return self.squared > rare * self.squared_sigma
 
     @property
     def value(self) -> float:
-        """The error; where it is not `known` what the unknowns' errors make alone."""
+        """The error; if it is not `known`, the contribution of the unknowns' errors."""
         return math.sqrt(self.squared) if self.known else self.statistical
 
     @property
@@ -107,12 +107,12 @@ class ModelError:
 
     @property
     def limit(self) -> float:
-        """What the error is below, by two standard deviations."""
+        """Upper limit of the error, at two standard deviations."""
         spread = math.hypot(self.squared_sigma, self.among) if self.known else self.squared_sigma
         return max(self.statistical, math.sqrt(max(0.0, self.squared) + 2.0 * spread))
 
     def to_dict(self) -> dict[str, float | bool]:
-        """Return it as plain values."""
+        """Return the values as plain JSON types."""
         return {"known": self.known, "value": self.value, "sigma": self.sigma, "limit": self.limit}
 
     def __str__(self) -> str:
@@ -123,11 +123,11 @@ class ModelError:
 
 
 def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
-    """Return chi² of the patterns ``keep``, of which ``unknowns`` were found."""
+    """Return chi² of the patterns ``keep``, from which ``unknowns`` were fitted."""
     seen = point.seen.of(keep)
     good = (seen.inverse > 0) & ~seen.outlying
     size = np.abs(seen.residual[good], dtype=np.float64)
-    # as the loss has it: single outlying pixels are no model error
+    # as in the loss: single outlying pixels are not errors of the model
     loss = np.where(size <= 4.0, size * size, 4.0 * (2 * size - 4.0))
     weight = seen.bright[good].astype(np.float64)
     total = float(weight.sum())
@@ -141,7 +141,7 @@ def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquar
 def covariance(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp]) -> tuple[F8, F8]:
     """Return the covariance of the unknowns ``which``, then gains and backgrounds, and the matrix of the data alone.
 
-    In scales, for noise as stated; of the matrix gains and backgrounds are eliminated.
+    Both are in scales, for the stated noise. In the matrix, gains and backgrounds are eliminated.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, _ = with_prior(problem, normal, point.u)
@@ -177,9 +177,9 @@ def held_out_error(
 
     ``among`` selects patterns, by default all. If none of them was held out, all count. They also count if the model
     is not ``complete``. The residuals of fitted patterns are then not noise, are hardly smaller than those of others,
-    and are four times as many. The squares of their residuals contain the variance of the noise in addition to the
-    error: E[(d - m)² - v] = error². Effects of single patterns, such as lamp and displaced source, are not errors of
-    the model. If they are less than half of the residual, however, they may be a part of the error, and count.
+    and are four times as many. Squared residuals contain the variance of the noise in addition to the error: E[(d -
+    m)² - v] = error². Effects on single patterns, such as lamp and displaced source, are not errors of the model. If
+    they are less than half of the residual, however, they may be part of the error, and count.
     """
     measured = problem.measured
     some = np.ones(len(measured), np.bool_) if among is None else among

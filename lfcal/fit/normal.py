@@ -1,4 +1,4 @@
-"""Normal equations of all patterns: unknowns that all share, and those of each pattern eliminated (Schur)."""
+"""Normal equations of all patterns for the shared unknowns; those of each pattern are eliminated (Schur)."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Derivatives of the patterns of unit gain.
+    """Derivatives of the patterns at unit gain.
 
     Attributes
     ----------
     shared
-        By each unknown, ``(k, n, m)``.
+        Derivatives by each unknown ``(k, n, m)``.
     displacements
-        By displacements (dy, dx) of each source, ``(2, n, m)``; None where sources are where they should be.
+        Derivatives by the displacement (dy, dx) of each source ``(2, n, m)``; None if sources are not displaced.
     """
 
     shared: F4
     displacements: F4 | None = None
 
     def with_others(self, others: Columns, which: Sequence[int]) -> Columns:
-        """Return these derivatives by the unknowns ``which``, and by all other unknowns those of ``others``."""
+        """Return these derivatives by the unknowns ``which``, and those of ``others`` by all other unknowns."""
         shared = others.shared.copy()
         shared[list(which)] = self.shared[list(which)]
         return Columns(shared, self.displacements)
@@ -40,7 +40,7 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """Unknowns of single patterns: their present values, and their priors.
+    """Unknowns of single patterns: present values and priors.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Local:
 
     @property
     def count(self) -> int:
-        """Unknowns of each pattern."""
+        """Number of unknowns of each pattern."""
         return 2 * (self.stage_px > 0) + (self.lamp > 0)
 
     def precision(self) -> F8:
@@ -81,7 +81,7 @@ class Normal:
     chi2
         Sum of squares with the shared unknowns unchanged and those of single patterns at their best values.
     solved
-        C^-1 B^T and C^-1 h of each pattern, which give the steps of its unknowns from those of the shared ones.
+        C^-1 B^T and C^-1 h of each pattern, from which steps of its unknowns follow from those of the shared ones.
     """
 
     matrix: F8
@@ -90,7 +90,7 @@ class Normal:
     solved: tuple[tuple[F8, F8], ...]
 
     def change(self, step: F8, which: NDArray[np.intp] | slice = slice(None)) -> float:
-        """Return by how much the sum of squares falls for a step of the shared unknowns ``which``."""
+        """Return the decrease of the sum of squares for a step of the shared unknowns ``which``."""
         inner = self.matrix[which][:, which] if isinstance(which, slice) else self.matrix[np.ix_(which, which)]
         return float(2 * self.gradient[which] @ step - step @ inner @ step)
 
@@ -103,9 +103,9 @@ def normal_equations(
     planes: NDArray[np.intp],
     local: Local,
 ) -> Normal:
-    """Return the normal equations of patterns; ``planes`` are theirs, ``model`` ``(n, m)`` has unit gain.
+    """Return the normal equations of patterns in the given ``planes``; ``model`` ``(n, m)`` has unit gain.
 
-    The priors of each pattern's own unknowns are in them, those of the shared ones are not.
+    They include the priors of each pattern's unknowns, but not those of the shared ones.
     """
     k, nz = len(columns.shared), len(levels.gains)
     size = k + 2 * nz

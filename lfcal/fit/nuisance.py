@@ -1,4 +1,4 @@
-"""What belongs to single patterns and pixels: displaced sources, an unsteady lamp, pixels that respond unevenly."""
+"""Nuisance parameters of single patterns and pixels: displaced sources, an unstable lamp, uneven pixel response."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
 F8 = NDArray[np.float64]
 
 UNKNOWN = 1e9
-"""Variance of what a pattern does not show."""
+"""Variance of a parameter on which a pattern has no information."""
 
 SIGNIFICANCE = 4.0
 """Significance, in standard errors, above which a variance counts as more than noise."""
@@ -48,7 +48,7 @@ class Spread:
 
 
 def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
-    """Return the spread that the patterns show beyond their noise, by the moments of each one's own best values.
+    """Return the spread that the patterns show beyond their noise, from the moments of each pattern's best values.
 
     Displacements o with errors v have E[o² - v] = sigma².
     """
@@ -58,7 +58,7 @@ def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
     own = np.array([ch for _, ch in normal.solved])
     now = np.c_[point.local.offsets_px, point.levels.lamps][problem.fitted]
     errors = _errors(problem, free, only)
-    # gains and displacements that all share are not theirs
+    # gains and displacements common to all patterns are not included
     values = own + now
     values = values - _plane_means(values, errors, problem.planes[problem.fitted])
     stage = _excess(values[:, :2], errors[:, :2])
@@ -75,7 +75,7 @@ def _errors(problem: Problem, point: Point, columns: Columns) -> F8:
         rows = [*(columns.displacements[:, p] * (factors[p] * weight)), point.model[p] * (gain * weight)]
         y = np.stack(rows).astype(np.float64)
         found.append(np.diag(np.linalg.pinv(y @ y.T)))
-    # what does not show at all is not known at all
+    # without any information, the spread is unknown
     errors = np.array(found)
     return np.where(errors > 0, errors, UNKNOWN)
 
@@ -95,7 +95,7 @@ def _excess(values: F8, errors: F8) -> float:
     Weights are 1/(v + sigma²)², of the sigma of the round before: by 1/v² the best patterns alone would count.
     """
     weight = 1.0 / errors**2
-    # of squares of noise alone: their variance is 2 v²
+    # for squares of pure noise: their variance is 2 v²
     found, sigma = _moment(values, errors, weight), float(np.sqrt((weight**2 * 2 * errors**2).sum()) / weight.sum())
     if found <= SIGNIFICANCE * sigma:
         return 0.0
@@ -109,7 +109,7 @@ def _moment(values: F8, errors: F8, weight: F8) -> float:
 
 
 def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> Point:
-    """Return the point with the patterns ``keep`` at the own values that fit them best, what is shared held."""
+    """Return the point with the best-fit nuisance parameters of the patterns ``keep``, shared unknowns fixed."""
     local, lamps = point.local, point.levels.lamps.copy()
     if local.count == 0:
         return point
@@ -141,7 +141,7 @@ def response_of(problem: Problem, point: Point) -> Response:
     back = point.levels.backgrounds[problem.planes, None]
     noise = variance(measured, light.astype(np.float32), doubtful=False, error=0.0).astype(np.float64)
     good = valid & ~point.seen.outlying
-    # the best gain of a pixel by one pattern is r / m, of weight m² / v
+    # the best gain of a pixel from one pattern is r / m, with weight m² / v
     lacking = np.where(good, (data - light - back) * light / noise, 0.0)
     weight = np.where(good, np.square(light) / noise, 0.0)
     at, pixels = _pixels(problem)
@@ -169,7 +169,7 @@ def _pixels(problem: Problem) -> tuple[NDArray[np.intp], int]:
     corners = np.zeros((len(measured), 2), np.intp)
     for plan, own, _ in measured.parts():
         where = np.asarray(plan.anchor) + measured.index[own, 1:]
-        # as the cutout has it: halves go down
+        # as in the cutout: halves are rounded down
         corners[own] = np.ceil(where - 0.5).astype(np.intp)
     corners -= corners.min(0)
     width = int(corners[:, 1].max()) + ns

@@ -1,4 +1,4 @@
-"""The unknowns of a fit: numbers with a unit, a start and a scale, in groups that are found by registry."""
+"""The unknowns of a fit, each with a unit, a start and a scale, in groups that are found by registry."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 GROUP = "lfcal.unknowns"
-"""Entry point group of groups of unknowns of other distributions."""
+"""Entry point group for groups of unknowns of other distributions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +54,12 @@ class ScanScales:
 
     @classmethod
     def of(cls, plan: ScanPlan) -> ScanScales:
-        """Return what of ``plan`` unknowns need."""
+        """Return the properties of ``plan`` that unknowns need."""
         return cls(plan.shape[0], max(plan.cutout) / 2, field_of(plan))
 
     @classmethod
     def over(cls, plans: Sequence[ScanPlan]) -> ScanScales:
-        """Return what of the plans of several regions unknowns need: the lever is half the way between them."""
+        """Return the properties of the plans of several regions; the lever arm is half the distance between them."""
         fields = np.array([field_of(plan) for plan in plans])
         middle = fields.mean(0)
         far = float(np.hypot(*(fields - middle).T).max()) / plans[0].camera.sensor.pixel_um
@@ -83,15 +83,15 @@ class Unknown:
     name, group, unit
         Name, group and unit.
     start
-        Value from which the fit starts, as described.
+        Start value, as described.
     scale
-        A noticeable change, the unit of steps for derivatives and damping.
+        A noticeable change, used as the unit of steps for derivatives and damping.
     sigma
         Prior standard deviation of the start; None: no prior.
     low, high
         Smallest and largest valid value.
     squared
-        Whether its square is fitted, because patterns change with the square, as for widths that add in quadrature.
+        Whether its square is fitted, because patterns depend on the square, as for widths that add in quadrature.
     gauge
         What must be fixed for this unknown to be defined, in words; may be empty.
 
@@ -125,18 +125,18 @@ class Unknown:
             raise InputError.expected(f"{self.name}: start", wanted, f"{self.start:g}", "correct the description")
 
     def value(self, u: float) -> float:
-        """Return the value at ``u`` scales from the start, within its bounds."""
+        """Return the value at ``u`` scales from the start, limited to its bounds."""
         if self.squared:
             square = self.start**2 + u * self.scale**2
             return min(self.high, max(self.low, math.sqrt(max(0.0, square))))
         return min(self.high, max(self.low, self.start + u * self.scale))
 
     def sigma_of(self, u: float, sigma: float) -> float:
-        """Return the standard deviation of the value where that of ``u`` is ``sigma``."""
+        """Return the standard deviation of the value if that of ``u`` is ``sigma``."""
         if not self.squared:
             return sigma * self.scale
         value = self.value(u)
-        # a square that is not above its own error has no first-order error of the root
+        # the root of a square that is smaller than its error has no first-order error
         return (
             min(sigma * self.scale**2 / (2 * value), math.sqrt(sigma) * self.scale)
             if value > 0
@@ -144,7 +144,7 @@ class Unknown:
         )
 
     def clipped(self, u: float) -> float:
-        """Return ``u`` or the nearest that is within the bounds."""
+        """Return ``u``, limited to the bounds."""
         if self.squared:
             low, high = (self.low**2 if self.low > 0 else 0.0), self.high**2
             bounds = ((low - self.start**2) / self.scale**2, (high - self.start**2) / self.scale**2)
@@ -165,31 +165,31 @@ class Group(ABC):
     """
 
     name: str
-    """What options, files and commands call it."""
+    """Name in options, files and commands."""
     title: str
     """For people."""
     rank: int = 50
     """Order in lists."""
     late: bool = False
-    """Whether it is tried only where others have been found: each pattern takes many runs of the engine."""
+    """Whether it is tried only after other groups were found, because each pattern needs many runs of the engine."""
     held: bool = False
-    """Whether ``unknowns="auto"`` never adds it, but says what of the others it would make less sure."""
+    """Whether ``unknowns="auto"`` never adds it, but reports the degeneracies that it would cause."""
     assumed: bool = False
-    """Whether a held group always counts in the standard deviations of the others, however little it changes them."""
+    """Whether it always contributes to the standard deviations of the others when it is fixed, however little."""
     along: tuple[str, ...] = ()
-    """Groups that ``unknowns="auto"`` also tries together with it: alone, none of them may help."""
+    """Groups that ``unknowns="auto"`` also tries together with it, because none of them may help alone."""
     core: bool = False
-    """Whether ``unknowns="auto"`` starts with it; others are added where they lower the error of left-out patterns."""
+    """Whether ``unknowns="auto"`` starts with it; others are added if they lower the error of held-out patterns."""
     needs: str = "a camera that has them"
-    """What a camera, or a scan, must have for there to be any of its unknowns, for people."""
+    """What a camera or a scan must have for this group to have unknowns, in words."""
 
     @abstractmethod
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns about a setup; none where the camera has no such thing."""
+        """Return the unknowns for a setup; none if the camera does not have them."""
 
     @abstractmethod
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup, from which the fit started, with the unknowns' ``values`` by name."""
+        """Return the setup from which the fit started, with the unknowns' ``values`` by name."""
 
 
 def check_group(group: Group) -> None:
@@ -201,14 +201,14 @@ def check_group(group: Group) -> None:
 
 
 def find_groups() -> Registry[Group]:
-    """Return every group of unknowns by name, by rank; those of other distributions included."""
+    """Return every group of unknowns by name, ordered by rank, including those of other distributions."""
     return Registry(
         "unknowns", "lfcal.fit.groups", "GROUPS", GROUP, order=lambda g: (g.rank, g.name), check=check_group
     )
 
 
 GROUPS = find_groups()
-"""Every group of unknowns."""
+"""All groups of unknowns."""
 
 
 class Vector:
@@ -217,9 +217,9 @@ class Vector:
     Parameters
     ----------
     setup, frame
-        Where the fit starts.
+        Setup and scan from which the fit starts.
     groups
-        Names of groups; those that the camera has no unknowns of are left out.
+        Names of groups; groups without unknowns for this camera are left out.
 
     Raises
     ------
@@ -250,12 +250,12 @@ class Vector:
         return {one.name: one.value(float(v)) - one.start for one, v in zip(self.unknowns, u, strict=True)}
 
     def at(self, changes: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the vector with the unknowns displaced by ``changes`` from their start; others are at their start."""
+        """Return the vector with unknowns displaced by ``changes`` from their start; others are at their start."""
         u = np.array([changes.get(one.name, 0.0) / one.scale for one in self.unknowns])
         return self.clipped(np.where([one.squared for one in self.unknowns], 0.0, u))
 
     def clipped(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the vector within the unknowns' bounds."""
+        """Return the vector limited to the unknowns' bounds."""
         return np.array([one.clipped(float(v)) for one, v in zip(self.unknowns, u, strict=True)])
 
     def setup_at(self, u: NDArray[np.float64]) -> Setup:
@@ -264,7 +264,7 @@ class Vector:
         Raises
         ------
         InputError
-            Where it describes no camera.
+            If the vector does not describe a possible camera.
         """
         values, setup = self.values(u), self.setup
         for group in self.groups:
@@ -273,17 +273,17 @@ class Vector:
         return setup
 
     def prior(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the vectors of prior precision (1/sigma²) and of its centre, in scales; precision 0: nothing known."""
+        """Return the prior precision (1/sigma²) and its centre as vectors, in scales; precision 0: no prior."""
         precision = [0.0 if one.sigma is None else (one.scale / one.sigma) ** 2 for one in self.unknowns]
         return np.array(precision), np.zeros(len(precision))
 
     def of_groups(self, names: Sequence[str]) -> NDArray[np.intp]:
-        """Return the places of the unknowns of these groups."""
+        """Return the indices of the unknowns of these groups."""
         return np.array([k for k, one in enumerate(self.unknowns) if one.group in names], np.intp)
 
 
 def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
-    """Return the groups without an unknown, by name, and what camera or scan would need for them, in words.
+    """Return the groups without unknowns by name, and what camera or scan would need for them, in words.
 
     ``frame`` is that of several regions; None: that of the plan.
     """
@@ -292,7 +292,7 @@ def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> di
 
 
 def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: ScanScales | None = None) -> None:
-    """Raise `InputError` where a group that was asked for by name has no unknowns: it would be left out silently."""
+    """Raise `InputError` if a requested group has no unknowns, instead of leaving it out silently."""
     if not names:
         return
     without = lacking(setup, plan, frame)
@@ -303,5 +303,5 @@ def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: Scan
             "unknowns",
             f"groups that {plan.camera.name} has",
             f"{wrong[0]}, which needs {without[wrong[0]]}",
-            f"choose of {there}",
+            f"choose from {there}",
         )

@@ -1,4 +1,4 @@
-"""The patterns and the unknowns of one fit: predictions at a vector, their derivatives, how well they meet the data."""
+"""The patterns and unknowns of one fit: predictions for a vector, derivatives, and agreement with the data."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STEP_PX = 0.05
 """Step of a source's displacement (pixels)."""
 
 ERRORS = {Fineness.coarse: 4e-3, Fineness.fine: 1e-3, Fineness.finest: 6e-4}
-"""What the computation errs by at each sampling, as a share of the light (relative L2, of the bench camera)."""
+"""Error of the computation at each sampling, as a share of the light (relative L2, for the bench camera)."""
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Point:
     local
         Unknowns of single patterns.
     model
-        Predictions of unit gain ``(n, m)``.
+        Predictions at unit gain ``(n, m)``.
     levels, seen
         Gains and backgrounds; residuals.
     sampling, doubtful
@@ -61,16 +61,16 @@ class Point:
 
 
 class Problem:
-    """What is fitted to what.
+    """Patterns and unknowns of a fit.
 
     Parameters
     ----------
     measured
-        The patterns, those left out among them.
+        The patterns, including those held out.
     vector
         All unknowns that may be used.
     workers
-        Threads over derivatives; None takes every processor.
+        Number of threads over derivatives; None: all processors.
     """
 
     def __init__(self, measured: Measured, vector: Vector, workers: int | None = None) -> None:
@@ -85,12 +85,12 @@ class Problem:
 
     # -- predictions -------------------------------------------------------------------------------------
     def model(self, u: F8, offsets_px: F8, sampling: Sampling) -> F4:
-        """Return the predictions ``(n, m)`` of unit gain at a vector.
+        """Return the predictions ``(n, m)`` at unit gain for a vector.
 
         Raises
         ------
         InputError, EnergyError
-            Where the vector describes no camera, or one that cannot be computed so.
+            If the vector describes no possible camera, or one that cannot be computed at this sampling.
         """
         measured = self.measured
         offsets = offsets_px + measured.places_px
@@ -106,14 +106,14 @@ class Problem:
     def point(
         self, u: F8, local: Local, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
     ) -> Point:
-        """Return what is computed at a vector."""
+        """Return all results for a vector."""
         model = self.model(u, local.offsets_px, sampling)
         return self.weigh(u, local, model, sampling, lamps=lamps, doubtful=doubtful)
 
     def weigh(
         self, u: F8, local: Local, model: F4, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
     ) -> Point:
-        """Return the point of a prediction that is known already."""
+        """Return the point for a prediction that is already known."""
         own = np.zeros(len(self.measured)) if lamps is None else lamps
         error = _error(sampling, local)
         levels = levels_of(self.measured, model, own, doubtful=doubtful, error=error)
@@ -121,7 +121,7 @@ class Problem:
         return Point(u, local, model, levels, seen, sampling, doubtful)
 
     def cost(self, point: Point, by: Point | None = None) -> float:
-        """Return the loss of the fitted patterns and the priors; noise as at ``by``, its own by default."""
+        """Return the loss of fitted patterns and priors; the noise is that at ``by``, by default at the point."""
         seen = point.seen
         if by is not None and by is not point:
             seen = weighed(
@@ -203,7 +203,7 @@ class Problem:
         return found[0] if len(found) == 1 else (found[0] + found[1]) / np.float32(2)
 
     def normal(self, columns: Columns, point: Point, keep: NDArray[np.bool_]) -> Normal:
-        """Return the normal equations of the patterns ``keep``, without the shared unknowns' priors."""
+        """Return the normal equations of the patterns ``keep``, without the priors of shared unknowns."""
         part = Columns(
             columns.shared[:, keep], None if columns.displacements is None else columns.displacements[:, keep]
         )

@@ -1,4 +1,4 @@
-"""Discrete questions, answered by name: order of lens types, mirrored axes, sign of depth, another camera."""
+"""Discrete questions about the description: order of lens types, mirrored axes, sign of depth, wrong camera."""
 
 from __future__ import annotations
 
@@ -34,39 +34,39 @@ __all__ = [
 ]
 
 PLAIN = 0.12
-"""Share of the light (relative L2) that a described camera may leave unexplained before questions are asked."""
+"""Residual of the described camera (relative L2) above which questions are asked."""
 
 STRANGE = 0.8
-"""The same before any aberration is looked for: patterns of other axes or depths have nothing in common."""
+"""The same before aberrations are fitted, because patterns of wrong axes or depths have nothing in common."""
 
 UNEXPLAINED = 0.5
-"""Residual beyond noise, as a share of the light, above which the patterns do not fit such a camera."""
+"""Residual beyond noise (relative L2) above which the patterns do not belong to such a camera."""
 
 LIGHT = 10.0
-"""Standard deviations of the noise's own squares by which patterns with light lie above it."""
+"""Standard deviations of the squared noise that patterns with light must exceed."""
 
 BETTER = 0.6
-"""How much less another answer must leave unexplained than the description."""
+"""Ratio of residuals below which another answer is better than the description."""
 
 WIDE = 20.0
-"""Cutouts over which light may spread by the description, and the patterns be of such a camera."""
+"""Largest described spread of light, in cutouts, for patterns to belong to such a camera."""
 
 FEW = 8
-"""Patterns that questions are answered from."""
+"""Number of patterns with which questions are answered."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One way in which a recording may differ from its description.
+    """One possible difference between a recording and its description.
 
     Attributes
     ----------
     question, name
-        What is asked, and the answer.
+        The question, and this answer.
     change
-        Returns the patterns and their plan as they are by this answer.
+        Function that returns the patterns and their plan according to this answer.
     remedy
-        What to do about it.
+        What to do if this answer is right.
     """
 
     question: str
@@ -76,7 +76,7 @@ class Answer:
 
 
 def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the residual of the patterns ``keep`` beyond model and noise (share of their squares), and its sigma."""
+    """Return the residual of the patterns ``keep`` beyond model and noise (share of their squares), and its error."""
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
     off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
@@ -96,12 +96,12 @@ def misfit(problem: Problem, point: Point) -> float:
 
 
 def check_light(measured: Measured) -> None:
-    """Raise `InputError` where the patterns show no light beyond their noise."""
+    """Raise `InputError` if the patterns show no light beyond their noise."""
     keep = measured.of(~measured.held_out)
     data, valid = flat(keep)
     if not valid.any():
         raise InputError.expected("patterns", "pixels that carry a measurement", "none", "expose shorter")
-    # a constant background carries no information
+    # a constant background contains no information
     middle = np.array([np.median(one[good]) if good.any() else 0.0 for one, good in zip(data, valid, strict=True)])
     off = np.where(valid, data - middle[:, None], 0.0)
     noise = keep.noise[:, :1] + keep.noise[:, 1:] * np.maximum(np.where(valid, data, 0.0), 0)
@@ -112,9 +112,9 @@ def check_light(measured: Measured) -> None:
 
 
 def check_described(measured: Measured) -> None:
-    """Raise `InputError` where light of the camera as described would hardly meet the patterns' pixels.
+    """Raise `InputError` if light of the described camera would hardly reach the patterns' pixels.
 
-    A microscope at the distances of a main lens would take hours to say the same.
+    Otherwise a microscope at the distances of a main lens would be reported only after hours.
     """
     plan = measured.plan
     side = cutout_for(plan.camera, plan.depths_um)
@@ -128,9 +128,9 @@ def check_described(measured: Measured) -> None:
 
 
 def check_explained(problem: Problem, point: Point) -> None:
-    """Raise `InputError` where the patterns are not of such a camera."""
+    """Raise `InputError` if the patterns do not belong to such a camera."""
     if (point.levels.gains[np.unique(problem.planes)] <= 0).any():
-        remedy = "check what was subtracted from what"
+        remedy = "check what was subtracted from the frames"
         raise InputError.expected("light of the patterns", "brighter than the background", "darker", remedy)
     left = misfit(problem, point)
     if left > UNEXPLAINED:
@@ -152,7 +152,7 @@ def as_described(
     local: Local | None = None,
     note: str = "as described",
 ) -> Work[Point]:
-    """Return the fit of the unknowns ``core`` about the description; ``start`` is a vector that is nearer.
+    """Return the fit of the unknowns ``core``, starting from the description or from the vector ``start``.
 
     ``local`` are the unknowns of single patterns; by default there are none.
     """
@@ -160,12 +160,12 @@ def as_described(
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
-    """Ask whether something is otherwise than described, by fits of a few patterns; yields progress in derivatives.
+    """Check whether the description is wrong in other ways, by fits of a few patterns; yields progress in derivatives.
 
     Raises
     ------
     InputError
-        With the answer and what to do, where one leaves much less unexplained than the description.
+        With the answer and what to do, if one answer explains the patterns much better than the description.
     """
     few = _few(problem)
     plain = yield from _tried(few, core, "as described", most=3)
@@ -175,7 +175,7 @@ def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
         try:
             changed = few.with_measured(answer.change(few.measured))
             trial = yield from _tried(changed, core, f"{answer.question}: {answer.name}", most=3)
-        except (InputError, EnergyError):  # there is no such plane before the lens, or none that is computed
+        except (InputError, EnergyError):  # there is no such plane in front of the lens, or it cannot be computed
             continue
         share = misfit(changed, trial)
         if share < limit:
@@ -185,9 +185,9 @@ def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
 
 
 def order_of_types(described: Camera, found: Camera) -> str:
-    """Return in which order the description has the lens types that were found, or nothing where it is theirs.
+    """Return the order of the described lens types that matches the fitted ones; empty if it is the described order.
 
-    Focal lengths are free: those of a wrong order are found all the same, and belong to other types.
+    Focal lengths are fitted: with a wrong order they are found too, but belong to other types.
     """
     was, now = (np.log([kind.focal_length_um for kind in c.lattice.types]) for c in (described, found))
     far = {order: float(np.abs(now - was[list(order)]).sum()) for order in itertools.permutations(range(len(was)))}
@@ -223,15 +223,15 @@ def _few(problem: Problem) -> Problem:
     return problem.with_measured(measured.of(keep))
 
 
-# -- what may be otherwise than described --------------------------------------------------------------------
+# -- possible errors of the description ----------------------------------------------------------------------
 
 
 def _answers() -> list[Answer]:
     found = []
-    turn = "mirror the frames, or turn the stage's axis round in the plan, and assemble again"
+    turn = "mirror the frames, or reverse the stage's axis in the plan, and assemble again"
     for name, axes in (("mirrored rows", (1,)), ("mirrored columns", (2,)), ("turned by 180°", (1, 2))):
         found.append(Answer("axes of the patterns", name, _mirrored(axes), turn))
-    found.append(Answer("sign of depth", "nearer where it says farther", _nearer, "turn the sign of the depths round"))
+    found.append(Answer("sign of depth", "nearer where it says farther", _nearer, "change the sign of the depths"))
     return found
 
 

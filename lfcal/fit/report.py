@@ -1,4 +1,4 @@
-"""HTML page of a fit: verdict, parameters, residuals, and what the scan does not determine."""
+"""HTML report of a fit: verdict, parameters, residuals, and degeneracies."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from lfcal.fit.result import Fit
 __all__ = ["PAGE", "add_picture", "iter_fit_report", "limits", "parameters", "report_files"]
 
 PAGE = "index.html"
-"""The page for people, in a fit's folder."""
+"""The page of the report in a fit's folder."""
 
 PICTURES = ("patterns.png", "leftover.png", "parameters.png")
 CAPTIONS = (
@@ -46,9 +46,9 @@ def iter_fit_report(
 ) -> Work[Path]:
     """Write the pictures and the page of a fit of ``measured`` into ``folder``; return the page.
 
-    ``notes`` are lines that stand below the verdict.
+    ``notes`` are lines below the verdict.
 
-    Everything is drawn before the first file is written; each file appears whole or not at all, the page last.
+    Everything is drawn before the first file is written. Each file is complete when it appears, and the page is last.
     """
     clock = Clock("drawing the report", 1 + len(PICTURES))
     yield clock.at(0)
@@ -73,7 +73,7 @@ def iter_fit_report(
 
 
 def add_picture(folder: Path, title: str, words: str, picture: Path, caption: str) -> None:
-    """Add a section with a picture, and ``words`` above it, to the end of the report in ``folder``."""
+    """Append a section with a picture, and ``words`` above it, to the report in ``folder``."""
     add_html_section(
         folder / PAGE, html_section(title, html_paragraphs([words]) + html_figure(picture.read_bytes(), caption))
     )
@@ -90,8 +90,8 @@ def _page(fit: Fit, left: FitResiduals, drawn: dict[str, bytes], source: str, no
         f'<section class="verdict {merit}">{html_text(_sentence(fit))}<p>{html_text(_rest(fit))}</p>{more}</section>',
         html_section("Parameters", parameters(fit) + drawing),
         html_section("Patterns", patterns),
-        html_section("What is left over", _chi2(left) + leftover),
-        html_section("Fixed parameters, and what this scan does not determine", limits(fit)),
+        html_section("Residuals", _chi2(left) + leftover),
+        html_section("Fixed parameters and degeneracies of this scan", limits(fit)),
     ]
     return html_page(title, title, fit.camera.name, body, "fit of the optics")
 
@@ -103,17 +103,17 @@ def _sentence(fit: Fit) -> str:
 def _rest(fit: Fit) -> str:
     chi2 = fit.chi_square
     said = (
-        f"χ² lies {chi2.excess:.1f} of its standard deviations ({chi2.sigma:.2g}) above 1; over all pixels, most of "
+        f"χ² exceeds 1 by {chi2.excess:.1f} of its standard deviations ({chi2.sigma:.2g}); over all pixels, most of "
         f"them dark, it is {chi2.all_pixels:.3f}. {fit.held_out_error.patterns} patterns were never fitted."
     )
     if fit.spread.response > 0:
         uneven = format_share(fit.spread.response)
-        said += f" Pixels respond unevenly by {uneven} (rms): that is in the noise, and no error of the model."
+        said += f" Pixels respond unevenly by {uneven} (rms): this counts as noise, not as an error of the model."
     return said
 
 
 def parameters(fit: Fit) -> str:
-    """Return the table of what was found."""
+    """Return the table of fitted parameters."""
     rows = [
         (one.name, f"{one.value:.6g} ± {one.sigma:.2g}", f"{one.start:.6g}", one.unit, one.group)
         for one in fit.parameters.values()
@@ -134,5 +134,5 @@ def limits(fit: Fit) -> str:
     rows += [("tried, did not help", one) for one in fit.unhelpful]
     rows += [(name, answer) for name, answer in fit.answers.items()]
     rows += [("not measured", fit.unseen_words)] if fit.unseen else []
-    rows += [(f"left out: ({one.z}, {one.y}, {one.x})", one.reason) for one in fit.outliers]
+    rows += [(f"outlier: ({one.z}, {one.y}, {one.x})", one.reason) for one in fit.outliers]
     return html_table(("", ""), rows, escape=True) if rows else "<p>Nothing.</p>"

@@ -34,12 +34,12 @@ class Parameter:
     name, group, unit
         As in the unknown.
     value, sigma
-        Fitted value, and its standard deviation, which includes degenerate parameters that were tried and are fixed at
+        Fitted value and its standard deviation, which includes degenerate parameters that were tried but stay at
         their description.
     start
-        Value of the description.
+        Described value.
     sigma_held
-        Standard deviation with all other parameters fixed, which is the difference between fits of the same groups.
+        Standard deviation with all other parameters fixed, for comparing fits of the same groups.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pattern that was left out of the fit because it is not like the others; ``region`` is its number.
+    """A pattern that was excluded from the fit because it differs from the others; ``region`` is its number.
 
     Examples
     --------
@@ -98,20 +98,20 @@ class Fit:
     parameters
         Fitted parameters, by name.
     groups, unhelpful
-        Groups of fitted unknowns; those tried that did not lower the error of held-out patterns.
+        Fitted groups; and groups that were tried but did not lower the error of held-out patterns.
     chi_square
         Chi-square of the fitted patterns.
     held_out_error
-        Error of the model's patterns, from held-out patterns; for an incomplete model, from all.
+        Error of the model's patterns, from held-out patterns; if the model is incomplete, from all patterns.
     correlations
         Correlations of the parameters, in their order ``(k, k)``.
     held
-        Fixed quantities that define the parameters.
+        Quantities that were fixed to define the parameters.
     unidentified
-        Combinations of parameters that this scan does not distinguish, and degeneracies with parameters that were
-        tried and are fixed: fitting them too would greatly increase the uncertainty.
+        Combinations of parameters that this scan does not determine, and degeneracies with parameters that were tried
+        and stay fixed: fitting them too would greatly increase the uncertainty.
     outliers
-        Patterns that were left out, with the reason.
+        Patterns that were excluded, with the reason.
     answers
         Answers to discrete questions that differ from the description.
     spread
@@ -121,7 +121,7 @@ class Fit:
     levels
         Gain and background of each plane; for planes without a pattern, the gain is interpolated.
     here
-        For a fit of several regions of the field, its error in this one.
+        For a fit of several regions of the field, the quality in this one.
     """
 
     setup: Setup
@@ -143,22 +143,22 @@ class Fit:
 
     @property
     def camera(self) -> Camera:
-        """The camera as found."""
+        """The fitted camera."""
         return self.setup.camera
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects of the model as found."""
+        """The fitted effects."""
         return self.setup.effects
 
     @property
     def chi2(self) -> float:
-        """Mean square of the residuals over their variance, weighted by the light; 1 for a true model."""
+        """Mean square of the residuals over their variance, weighted by the light; 1 for a correct model."""
         return self.chi_square.lit
 
     @property
     def complete(self) -> bool:
-        """Whether the model suffices: chi² lies within five of its standard deviations of 1."""
+        """Whether the model is complete: chi² is within five of its standard deviations of 1."""
         return self.chi_square.complete
 
     @property
@@ -166,7 +166,7 @@ class Fit:
         """Reliability of the fit, as one line."""
         error = f"error of the model {self.held_out_error}"
         if not math.isfinite(self.chi_square.sigma):
-            return f"chi² not known: no more samples than unknowns; {error}"
+            return f"chi² unknown: not more samples than unknowns; {error}"
         if self.chi_square.excess < -INCOMPLETE:
             less = f"{-self.chi_square.excess:.0f} sigma below 1: there is less noise than stated"
             return f"chi² {self.chi2:.3f}, {less}; {error}"
@@ -190,12 +190,12 @@ class Fit:
 
     @property
     def header(self) -> Header:
-        """What H of the fitted camera is, besides its values."""
+        """Description of H of the fitted camera, besides its values."""
         plan = self.planned
         return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
     def planes(self, header: Header | None = None) -> ModelPlanes:
-        """Return the source of the planes of H of the fitted camera; ``header`` replaces its own."""
+        """Return the source of the planes of H of the fitted camera; ``header`` replaces its default header."""
         return ModelPlanes(header or self.header, self.ideal_places, self.planned, self.levels.gains.tolist())
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
@@ -212,22 +212,26 @@ class Fit:
 
     @property
     def unseen(self) -> tuple[int, ...]:
-        """Planes without a recorded pattern: nothing of them was measured, their gain least of all."""
+        """Planes without a recorded pattern: nothing was measured in them, not even their gain."""
         return tuple(sorted(set(range(self.planned.shape[0])) - {z for z, _, _ in self.residuals}))
 
     @property
     def unseen_words(self) -> str:
-        """Basis of H in planes without patterns, as one line; empty if there are none."""
+        """How H was found in planes without patterns, as one line; empty if there are none."""
         if not self.unseen:
             return ""
         planes = ", ".join(map(str, self.unseen))
         if len(self.unseen) == 1:
-            return f"plane {planes}: no pattern was recorded, H is the model's, with a gain from the planes next to it"
-        return f"planes {planes}: no pattern was recorded, H is the model's, with gains from the planes next to them"
+            return (
+                f"plane {planes}: no pattern was recorded, H comes from the model, with the gain of neighbouring planes"
+            )
+        return (
+            f"planes {planes}: no pattern was recorded, H comes from the model, with the gains of neighbouring planes"
+        )
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What H of the fitted camera says of where it comes from, as plain JSON types."""
+        """Provenance of H of the fitted camera, as plain JSON types."""
         fit = {"chi2": self.chi2, "error": self.held_out_error.value, "groups": list(self.groups)}
         fit |= {"depth_errors_um": list(self.setup.depth_errors_um), "patterns": len(self.residuals)}
         fit |= {"aside_px": list(self.setup.aside_px)} if any(self.setup.aside_px) else {}
@@ -245,7 +249,7 @@ class Fit:
 
     @property
     def ideal_places(self) -> Setup:
-        """The setup with sources where H has them: depths stay as found, steps of the stage are the planned ones."""
+        """The setup with sources at the positions of H: fitted depths, but the planned steps of the stage."""
         return replace(self.setup, stage_scale=0.0)
 
     def iter_hybrid(
@@ -255,7 +259,7 @@ class Fit:
         noise: tuple[float, float] | None = None,
         workers: int | None = None,
     ) -> Work[PSFMatrix]:
-        """Return H of the fitted camera plus what recorded patterns show beyond it, with uncertainties of all entries.
+        """Return H of the fitted camera plus measured deviations from it, with uncertainties of all entries.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Selection of groups of unknowns: those that lower the error of held-out patterns."""
+"""Select groups of unknowns: those that lower the error of held-out patterns."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ __all__ = ["GroupSelection", "choose", "gain_of", "prune"]
 F8 = NDArray[np.float64]
 
 LINEAR = 0.5
-"""Largest distance of an unknown from its start, in scales, over which derivatives predict what leaving it costs."""
+"""Largest distance of an unknown from its start, in scales, over which derivatives predict the effect of fixing it."""
 
 STEPS = 6
-"""Steps by which the others take the place of a group that is left."""
+"""Number of steps in which the others compensate for a group that is removed."""
 
 
 class GroupSelection:
@@ -41,13 +41,13 @@ class GroupSelection:
         self.samples = float((point.seen.inverse[aside] > 0).sum())
 
     def left(self, groups: Sequence[str]) -> float:
-        """Return the sum of squares of left-out patterns after the best step of the groups' unknowns."""
+        """Return the sum of squares of held-out patterns after the best step of the groups' unknowns."""
         used = shared_of(self.problem, self.problem.vector.of_groups(groups))
         step = solve(self._matrix[np.ix_(used, used)], self._gradient[used])
         return self._aside.chi2 - self._aside.change(step, used)
 
     def threshold(self, groups: Sequence[str], left: float) -> float:
-        """Return by how much a group must lower the sum to be distinguished from one without effect.
+        """Return the decrease of the sum that distinguishes a group from one without effect.
 
         q unknowns that fit noise change it by about 0 +- sqrt(q): their errors times the held-out noise.
         """
@@ -56,7 +56,7 @@ class GroupSelection:
 
 
 def gain_of(selection: GroupSelection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
-    """Return by how much groups ``added`` to ``chosen`` lower the sum of left-out squares, and what is enough."""
+    """Return the decrease of the held-out sum by the groups ``added`` to ``chosen``, and the required decrease."""
     others = [one for one in chosen if one not in added]
     without, with_it = selection.left(others), selection.left([*others, *added])
     return without - with_it, selection.threshold(added, with_it)
@@ -78,10 +78,10 @@ def choose(
     *,
     least: float = 0.0,
 ) -> tuple[str, ...]:
-    """Return ``chosen`` plus those of ``candidates`` that help in addition, the most helpful first.
+    """Return ``chosen`` plus the ``candidates`` that help in addition, the most helpful first.
 
-    Each is tried by the linear fit about ``point``, with the derivatives ``columns`` by all of them. It must remove at
-    least the share ``least`` of the residual, because all groups help a little far from the best point.
+    Each is tried by a linear fit about ``point``, with the derivatives ``columns`` by all of them. It must remove at
+    least the share ``least`` of the residual, because every group helps a little far from the best point.
     """
     selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
@@ -101,7 +101,7 @@ def prune(
     """Return ``chosen`` without the groups that do not help in addition to the others; those of ``core`` stay."""
     found, kept = list(chosen), set(core)
     while more := [name for name in found if name not in kept]:
-        # what a group gains about its own start: its unknowns go back to it
+        # benefit of a group relative to its start, to which its unknowns return
         costs = {name: _cost_of_leaving(problem, point, columns, found, name) for name in more}
         worst = min(more, key=lambda name: costs[name][0] / costs[name][1])
         if costs[worst][0] > costs[worst][1]:
@@ -157,6 +157,6 @@ def _cost_of_leaving(
     start = problem.weigh(
         u, point.local, (point.model + back).astype(np.float32), point.sampling, lamps=point.levels.lamps
     )
-    # the noise stays that of the better model
+    # the noise is that of the better model
     before = GroupSelection(problem, start, columns)
     return before.left(others) - now, selection.threshold([name], now)

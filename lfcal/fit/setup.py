@@ -1,4 +1,4 @@
-"""What a fit describes: the camera, its effects, and where the source truly was."""
+"""Inputs of a fit's model: the camera, its effects, and the actual positions of the source."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class RegionPlace:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """All parameters that determine a pattern's light, except the scan's positions.
+    """All parameters that determine the light of a pattern, apart from the scan's positions.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Setup:
     stage_scale
         Relative error of the stage's step length.
     aside_px
-        Displacement (rows, columns) of all sources on the sensor from where they were planned (pixels).
+        Displacement (rows, columns) of all sources on the sensor from their planned positions (pixels).
     regions
         Additional displacement of each of several regions of the field; see `of_region`.
     hole_um
@@ -94,7 +94,7 @@ class Setup:
         check_number("stage scale", self.stage_scale, above=-0.5, below=0.5)
 
     def of_region(self, k: int) -> Setup:
-        """Return the setup of one region alone."""
+        """Return the setup of a single region."""
         if k >= len(self.regions):
             return self
         own = self.regions[k]
@@ -103,7 +103,7 @@ class Setup:
         return replace(self, depth_errors_um=depths, aside_px=aside, regions=())
 
     def plan(self, planned: ScanPlan) -> ScanPlan:
-        """Return the plan with this camera; positions stay where they were planned on the sensor."""
+        """Return the plan with this camera; positions on the sensor stay as planned."""
         return replace(planned, camera=self.camera)
 
     def effect(self, kind: type[E]) -> E | None:
@@ -111,7 +111,7 @@ class Setup:
         return next((effect for effect in self.effects if type(effect) is kind), None)
 
     def with_effect(self, effect: Effect) -> Setup:
-        """Return the setup with an effect added, or replacing the one of its kind."""
+        """Return the setup with an effect added, or replacing the effect of the same kind."""
         others = tuple(one for one in self.effects if type(one) is not type(effect))
         return replace(self, effects=(*others, effect))
 
@@ -123,14 +123,14 @@ class Setup:
 def described_effects(camera: Camera) -> tuple[Effect, ...]:
     """Return the effects in a camera's description, whatever their size, from which a fit starts."""
     found: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape())
-    # a microscope's Debye integral has exact angles, and its pupil lies at infinity
+    # a microscope's Debye integral has exact angles, and its pupil is at infinity
     if not camera.optics.telecentric:
         found = (*found, Telecentricity(), ExactAngles())
     return (*found, PixelFill()) if camera.sensor.fill_factor < 1 else found
 
 
 def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
-    """Return the initial effects of a fit: the described ones, and light as a vector field if this matters."""
+    """Return the initial effects of a fit: the described ones, and the vector field if it matters."""
     vectorial = VectorialPupil()
     shown = any(vectorial.estimate(outlook_of(plan, z)).error > SHOWN for z in range(plan.shape[0]))
     effects = described_effects(plan.camera)
@@ -138,12 +138,12 @@ def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
 
 
 def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return effects with others in their places, as words or files give them (`lfcal.simulate.effects.described`).
+    """Return ``effects`` with some replaced, as given by words or files (`lfcal.simulate.effects.described`).
 
     Raises
     ------
     InputError
-        For an effect that is none of a response of light.
+        For an effect that does not act on the light of a response.
     """
     found = {effect.name: effect for effect in effects}
     found |= {effect.name: effect for effect in given}
@@ -156,6 +156,6 @@ def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Se
     wrong = [e.name for e in found.values() if isinstance(e, FrameEffect | MotionEffect)]
     if wrong:
         raise InputError.expected(
-            "effects of a fit", "those of the light of a point", wrong[0], "leave it out: frames are corrected"
+            "effects of a fit", "those of the light of a point", wrong[0], "leave it out, because frames are corrected"
         )
     return tuple(found.values())

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on weighted patterns: which step to take, and when to stop."""
+"""Levenberg-Marquardt for weighted patterns: choice of steps, and when to stop."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ LONGEST = 5.0
 """Longest step of an unknown, in its scales."""
 
 STEPS = 4
-"""Steps that are taken by the same derivatives."""
+"""Number of steps with the same derivatives."""
 
 TRIES = 5
-"""Dampings that are tried before a step is given up."""
+"""Number of dampings that are tried before a step is abandoned."""
 
 F8 = NDArray[np.float64]
 
@@ -31,12 +31,12 @@ RoundRecorder = Callable[[Problem, Point, str], Progress]
 
 
 def solve(matrix: F8, gradient: F8) -> F8:
-    """Return the solution of N d = g for a positive semidefinite N whose unknowns differ in size."""
+    """Return the solution of N d = g for a positive semidefinite N whose unknowns have different sizes."""
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     known = size > 0
     out = np.zeros_like(gradient)
     scaled = matrix[np.ix_(known, known)] / np.outer(size[known], size[known])
-    # eigenvectors that no pattern shows are left alone
+    # eigenvectors on which no pattern has information are not changed
     values, vectors = np.linalg.eigh(scaled)
     good = values > 1e-12 * values.max(initial=0.0)
     part = vectors[:, good].T @ (gradient[known] / size[known])
@@ -45,14 +45,14 @@ def solve(matrix: F8, gradient: F8) -> F8:
 
 
 def shared_of(problem: Problem, which: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the places in the normal equations of unknowns ``which`` and of all gains and backgrounds."""
+    """Return the indices, in the normal equations, of the unknowns ``which`` and of all gains and backgrounds."""
     k = len(problem.vector)
     levels = np.arange(k, k + 2 * problem.measured.levels)
     return np.concatenate([np.asarray(which, np.intp), levels])
 
 
 def with_prior(problem: Problem, normal: Normal, u: F8) -> tuple[F8, F8]:
-    """Return matrix and gradient with what is known of the unknowns beforehand."""
+    """Return the matrix and gradient including the priors of the unknowns."""
     precision, _ = problem.vector.prior()
     matrix, gradient = normal.matrix.copy(), normal.gradient.copy()
     k = len(precision)
@@ -85,7 +85,7 @@ def stepped(
 
 
 def moved(problem: Problem, point: Point, normal: Normal, used: NDArray[np.intp], step: F8, count: int) -> Point | None:
-    """Return the point a step away, or None where there is no camera; each pattern's own unknowns follow."""
+    """Return the point after a step, or None if there is no such camera; unknowns of single patterns are updated."""
     longest = float(np.abs(step[:count]).max(initial=0.0))
     step = step * min(1.0, LONGEST / longest) if longest > 0 else step
     u = point.u.copy()
@@ -130,7 +130,7 @@ def descend(
             displaced = point.local.stage_px > 0
             known = yield from problem.columns(point, which, f"{note}, round {turn + 1}", displaced=displaced)
         before, better = problem.cost(point), 0.0
-        # derivatives stay good for some smaller steps
+        # derivatives stay valid for a few smaller steps
         for _ in range(STEPS):
             point, damping, gained = stepped(problem, point, known, which, damping)
             better += gained

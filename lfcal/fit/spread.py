@@ -1,4 +1,4 @@
-"""Positions spread evenly over period and planes."""
+"""Spread positions evenly over period and planes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ __all__ = ["held_out_rows", "spread_out"]
 def held_out_rows(
     index: NDArray[np.intp], count: int, plan: ScanPlan, earlier: NDArray[np.intp] | None = None
 ) -> NDArray[np.intp]:
-    """Return which ``count`` of a plan's positions ``(n, 3)`` represent all others, to be held out.
+    """Return the ``count`` positions of a plan, among ``(n, 3)``, that represent all others, to be held out.
 
-    Few positions that are far apart in the period may be a whole number of lenslets apart. Their patterns are then
-    equal, and test a model at only one place behind a lenslet. The chosen positions are therefore also far apart
-    relative to the lenslets.
+    A few positions far apart in the period may be a whole number of lenslets apart. Their patterns are then equal,
+    and test a model at only one place behind a lenslet. The chosen positions are therefore also far apart relative to
+    the lenslets.
     """
     cell = plan.camera.lattice.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um
     return spread_out(index, count, plan.period, earlier, cell)
@@ -30,11 +30,11 @@ def spread_out(
     earlier: NDArray[np.intp] | None = None,
     cell: NDArray[np.float64] | None = None,
 ) -> NDArray[np.intp]:
-    """Return which ``count`` of positions ``(n, 3)`` as (z, y, x) lie farthest from each other; planes in turn.
+    """Return the ``count`` positions among ``(n, 3)`` (z, y, x) that are farthest from each other; planes in turn.
 
-    Each next one is the farthest from all that were taken, around the period's edges; planes have equal shares.
-    Positions ``earlier`` ``(m, 3)`` count as taken, without being among those returned. With the vectors ``(2, 2)`` as
-    (rows, columns) of the array's ``cell`` (pixels) they lie far apart in the period and behind their lenslets.
+    Each next one is the farthest from all that were taken, across the period's edges; planes have equal shares.
+    Positions ``earlier`` ``(m, 3)`` count as taken but are not returned. With the vectors ``(2, 2)`` of the array's
+    ``cell``, as (rows, columns) in pixels, they are far apart both in the period and behind their lenslets.
     """
     there = np.zeros((0, 3), np.intp) if earlier is None else earlier
     planes: dict[int, _Plane] = {}
@@ -68,11 +68,11 @@ class _Plane:
 
     @property
     def full(self) -> bool:
-        """Whether all of them are taken."""
+        """Whether all positions have been taken."""
         return len(self.taken) == len(self.members)
 
     def take(self, turn: int) -> None:
-        """Take the place that is farthest from those taken; at first one near the middle, elsewhere in each plane."""
+        """Take the position that is farthest from those taken; first one near the middle, different in each plane."""
         if np.isinf(self._nearest).all():
             aim = self._size * (0.5 + 0.23 * (turn % 3 - 1))
             k = int(np.argmin(((self._places - aim) ** 2).sum(1)))
@@ -83,7 +83,7 @@ class _Plane:
         self._nearest[k] = -1.0
 
     def away_from(self, place: NDArray[np.intp]) -> None:
-        """Let others lie far from ``place``, around the period's edges and behind their lenslets."""
+        """Update the distances from ``place``, across the period's edges and behind the lenslets."""
         between = self._places - place
         apart = np.minimum(np.abs(between), self._size - np.abs(between))
         squares = (apart**2).sum(1) / self._size.prod()

@@ -1,4 +1,4 @@
-"""A fit read back from its folder: what fills the positions that a scan never recorded."""
+"""Read a fit from its folder, to fill positions that a scan never recorded."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ POSITIONS_COMPARED = 8
 """Number of recorded positions of a plane at which a fit is compared with the data."""
 
 LARGEST_DISTANCE = 0.25
-"""Relative distance (L2, beyond noise) above which recorded patterns do not belong to the fit."""
+"""Relative error (L2, beyond noise) above which recorded patterns do not belong to the fit."""
 
 OTHER_LIGHT = 0.05
-"""Difference of the light above which patterns do not have the units of the fit."""
+"""Relative difference of the light above which patterns do not have the units of the fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class StoredFit:
     error
         Stated relative error (L2) of the model.
     positions
-        Positions (z, y, x) that were fitted, held out, or left out with a reason.
+        Positions (z, y, x) that were fitted, held out, or excluded with a reason.
     fitted_planes
         Planes with fitted patterns.
     stage_scale
@@ -89,7 +89,7 @@ class StoredFit:
 
     @classmethod
     def of(cls, fit: Fit) -> StoredFit:
-        """Return what the folder of a fit would hold."""
+        """Return the contents that the folder of a fit would have."""
         plan = fit.planned
         return cls(
             folder=Path(),
@@ -107,16 +107,16 @@ class StoredFit:
 
     @property
     def whole_setup(self) -> Setup:
-        """The setup with sources where the stage had them."""
+        """The setup with sources at the stage's actual positions."""
         return replace(self.setup, stage_scale=self.stage_scale)
 
     def is_of(self, plan: ScanPlan) -> bool:
-        """Return whether a plan's positions are those of the scan that was fitted."""
+        """Return whether a plan has the positions of the scan that was fitted."""
         own, theirs = (self.anchor, self.period, self.depths_um), (plan.anchor, plan.period, plan.depths_um)
         return own == theirs
 
     def check(self, plan: ScanPlan) -> None:
-        """Raise `InputError` where a plan's scan is not the one that was fitted; its cutout may be another."""
+        """Raise `InputError` if a plan is not of the scan that was fitted; its cutout may differ."""
         have: dict[str, tuple[Any, Any]] = {
             "period": (self.period, plan.period),
             "depths (µm)": (self.depths_um, plan.depths_um),
@@ -130,12 +130,12 @@ class StoredFit:
                 )
         if plan.resample:
             raise InputError.expected(
-                f"{self.folder}, scan", "on the sensor's own pixels", "a resampled one", "leave --fill out"
+                f"{self.folder}, scan", "on the sensor's own pixels", "resampled pixels", "leave --fill out"
             )
 
 
 def numbers_file(folder: Path) -> Path | None:
-    """Return the file with the numbers of a fit, which is written last; None: there is none."""
+    """Return the file with the numbers of a fit, which is written last; None if there is none."""
     return next((folder / name for name in (FIELD, NUMBERS) if (folder / name).is_file()), None)
 
 
@@ -145,7 +145,7 @@ def read_fits(folder: Path) -> dict[str, StoredFit]:
     Raises
     ------
     StorageError, FileFormatError, InputError
-        If a file is not there, or is no such file.
+        If a file is missing, or has other contents.
     """
     path = numbers_file(folder)
     if path is None or path.name != FIELD:
@@ -154,19 +154,19 @@ def read_fits(folder: Path) -> dict[str, StoredFit]:
     regions = found.get("regions") if isinstance(found, dict) else None
     listed = regions if isinstance(regions, list) else []
     names = [str(one["name"]) for one in listed if isinstance(one, dict) and "name" in one]
-    # a file from elsewhere must not lead out of its folder
+    # a file from elsewhere must not refer to places outside of its folder
     if not names or not all(Path(name).name == name for name in names):
         raise FileFormatError.expected(str(path), "a fit of regions", "another file", "run lfcal fit again")
     return {name: read_fit(folder / name) for name in names}
 
 
 def read_fit(folder: Path) -> StoredFit:
-    """Read the folder that ``lfcal fit`` wrote.
+    """Read a folder that ``lfcal fit`` wrote.
 
     Raises
     ------
     StorageError, FileFormatError, InputError
-        If a file is not there, or is no such file.
+        If a file is missing, or has other contents.
     """
     path = folder / "fit.json"
     again = "run lfcal fit again"
@@ -176,7 +176,7 @@ def read_fit(folder: Path) -> StoredFit:
     if "scan" not in found:
         raise FileFormatError.expected(str(path), "the scan that was fitted", "a fit of an older lfcal", again)
     camera = Camera.from_json(read_text(folder / "camera.json"))
-    # those without magnitudes are in the file as switched on
+    # effects without magnitudes are stored as switched on
     given = tuple(entry.effect or effect_from(entry.name, {}) for entry in read_entries(folder / "effects.json"))
     try:
         rows, columns = (float(v) for v in found.get("aside_px", (0.0, 0.0)))
@@ -228,7 +228,7 @@ class Filler:
     plan
         The scan as it is assembled.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
     """
 
     def __init__(self, fit: StoredFit, plan: ScanPlan, workers: int | None = None) -> None:
@@ -237,7 +237,7 @@ class Filler:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What H says of what fills it."""
+        """Facts about the source of filled positions, for the provenance of H."""
         return {"fit": self._fit.folder.name, "error": self._fit.error, "camera": self._fit.setup.camera.to_dict()}
 
     def __call__(self, z: int, values: F4, facts: Facts) -> Work[Filled]:
@@ -293,7 +293,7 @@ class Filler:
         ]
         light = self._fit.gains[z] * model.patterns(some, np.zeros((len(some), 2))).astype(np.float64)
         data = values[some[:, 0], some[:, 1]].astype(np.float64)
-        # a background is no light of the point
+        # a background is not light of the point
         light0, data0 = (one - one.mean((1, 2), keepdims=True) for one in (light, data))
         scale = float((light0 * data0).sum() / np.square(light0).sum())
         left = float(np.square(data0 - scale * light0).sum())

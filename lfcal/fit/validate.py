@@ -1,4 +1,4 @@
-"""Recorded points that no fit saw, predicted: error of each, and whether it grows towards the field's edges."""
+"""Predict recorded points that were not fitted: error of each, and whether it grows towards the field's edges."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ __all__ = [
 F8 = NDArray[np.float64]
 
 PART = 1 / 3
-"""Share of the points that are the middle, and share that are the edges."""
+"""Share of the points that counts as the middle, and share that counts as the edges."""
 
 WORSE = 1.5
-"""How much larger the error at the edges must be."""
+"""Factor by which the error at the edges must be larger."""
 
 SIGNIFICANCE = 3.0
-"""Standard deviations by which it must be."""
+"""Standard deviations by which it must be larger."""
 
 WIDE = 0.2
 """Share of the field that points must cover to distinguish its edges from its middle."""
@@ -52,21 +52,21 @@ CAPTION = "Error of each point that was not fitted: over the sensor, and from th
 
 @dataclass(frozen=True, eq=False)
 class PointError:
-    """One withheld point.
+    """A point that was not fitted.
 
     Attributes
     ----------
     z, y, x
-        Position in the point's own scan.
+        Position in the scan of the point.
     place_px
         Sensor (row, column) of the source's image.
     field
         Distance from the sensor's middle: 0 there, 1 at the edge.
     model
-        Comparison of the fitted camera at this place with the pattern.
+        Error of the fitted camera's prediction at this place.
     periodic
-        The same for the prediction of H, which assumes that all periods are equal. None: the point is in the region of
-        H.
+        The same for the prediction of H, which assumes that all periods are equal. None: the point is in the region
+        of H.
     """
 
     z: int
@@ -78,7 +78,7 @@ class PointError:
     periodic: Compared | None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return the values as plain JSON types."""
         return {
             "position": [self.z, self.y, self.x],
             "pixel": self.place_px,
@@ -93,18 +93,18 @@ class PointError:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """All withheld points.
+    """All points that were not fitted.
 
     Attributes
     ----------
     points
-        From the middle of the field to its edges.
+        The points, from the middle of the field to its edges.
     """
 
     points: tuple[PointError, ...]
 
     def error(self, points: tuple[PointError, ...] | None = None, *, periodic: bool = False) -> ModelError:
-        """Return the error over some points, all by default: of the camera, or of a ``periodic`` H."""
+        """Return the error over some points (by default all): of the camera, or of a ``periodic`` H."""
         some = self.points if points is None else points
         beside = [(one.periodic or one.model) if periodic else one.model for one in some]
         powers = np.array([float(np.square(one.light[one.weight > 0]).sum()) for one in beside])
@@ -115,17 +115,17 @@ class Validation:
 
     @property
     def middle(self) -> tuple[PointError, ...]:
-        """The third of the points nearest to the field's middle."""
+        """The third of the points that is nearest to the field's middle."""
         return self.points[: max(1, round(PART * len(self.points)))]
 
     @property
     def edges(self) -> tuple[PointError, ...]:
-        """The third farthest from it."""
+        """The third of the points that is farthest from the field's middle."""
         return self.points[-max(1, round(PART * len(self.points))) :]
 
     @property
     def wide(self) -> bool:
-        """Whether the points distinguish edges from the middle."""
+        """Whether the points cover enough of the field to distinguish its edges from its middle."""
         return self.points[-1].field - self.points[0].field > WIDE
 
     def worse(self, *, periodic: bool) -> bool:
@@ -144,14 +144,14 @@ class Validation:
             return f"{said}; all are in one part of the field, so its edges were not tested"
         edges = f"middle {self.error(self.middle)}, edges {self.error(self.edges)}"
         if self.worse(periodic=False):
-            return f"{said}; the camera does not hold at the field's edges: {edges}"
+            return f"{said}; the camera is not valid at the field's edges: {edges}"
         if self.worse(periodic=True):
             lost = f"middle {self.error(self.middle, periodic=True)}, edges {self.error(self.edges, periodic=True)}"
-            return f"{said}; but H is not periodic over the field: taken as it is, {lost}"
+            return f"{said}; but H is not periodic over the field: with one H everywhere, {lost}"
         return f"{said}; {edges}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values: errors of the fitted camera, and of H taken as periodic."""
+        """Return the errors of the fitted camera, and of H assumed periodic, as plain JSON types."""
         parts = {"all": self.points, "middle": self.middle, "edges": self.edges}
         errors = {
             how: {name: self.error(part, periodic=how == "periodic").to_dict() for name, part in parts.items()}
@@ -175,22 +175,22 @@ class _ByModel:
     def __init__(self, model: PlaneModel, y: int, x: int, cutout: tuple[int, int], response: float) -> None:
         self._model, self._place = model, np.array([[y, x]], np.intp)
         self.valid = np.ones(cutout, np.bool_)
-        # uneven pixels are no error of the model
+        # uneven pixel response is not an error of the model
         self.noise: F8 = np.square(response * self.at(np.zeros(2)))
         self.reach = (0.75, 0.75)
 
     def at(self, offset: F8) -> F8:
-        """Return the pattern of unit gain of a source displaced by ``offset`` pixels."""
+        """Return the pattern at unit gain of a source displaced by ``offset`` pixels."""
         found: F8 = self._model.patterns(self._place, offset[None, :])[0].astype(np.float64)
         return found
 
     def doubt(self, offset: F8) -> float:
-        """Return 0: the model is what is judged."""
+        """Return 0, because the model itself is tested."""
         return 0.0
 
 
 def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
-    """Return how well a fit predicts patterns that it never saw.
+    """Return how well a fit predicts patterns that were not fitted.
 
     Gain, background and place of the source are fitted for each pattern; the residual beyond its noise is the error.
 
@@ -201,7 +201,7 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     withheld
         Patterns of the same scan that were not fitted, or of another scan, at other places of the field.
     another
-        Whether they come from another recording, so that those at fitted positions were not fitted either.
+        Whether they come from another recording, so that patterns at fitted positions were not fitted either.
 
     Yields
     ------
@@ -211,17 +211,17 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     Raises
     ------
     InputError
-        If all of them were fitted, or they belong to another sensor.
+        If all of them were fitted, or they come from another sensor.
     """
     known_of = fit if isinstance(fit, StoredFit) else StoredFit.of(fit)
     same = known_of.is_of(withheld.plan)
     seen = known_of.positions if same and not another else frozenset()
     known = [k for k, at in enumerate(withheld.index.tolist()) if tuple(at) not in seen]
     if not known:
-        raise InputError.expected("withheld points", "some that were not fitted", "none", "record more positions")
+        raise InputError.expected("withheld points", "points that were not fitted", "none", "record more positions")
     if withheld.plan.camera.sensor.shape != known_of.setup.camera.sensor.shape:
         shapes = known_of.setup.camera.sensor.shape, withheld.plan.camera.sensor.shape
-        raise InputError.expected("withheld points", f"a sensor of {shapes[0]} pixels", shapes[1], "name its session")
+        raise InputError.expected("withheld points", f"a sensor of {shapes[0]} pixels", shapes[1], "give its session")
     clock = Clock("predict withheld points", len(known))
     yield clock.at(0)
     points = []
@@ -243,7 +243,7 @@ class _Image:
     def __init__(self, light: F8, margin: tuple[int, int]) -> None:
         self._light = light
         self.valid = np.zeros(light.shape, np.bool_)
-        # light from beyond the volume enters the borders
+        # light from beyond the volume reaches the borders
         rows, columns = margin
         self.valid[rows : light.shape[0] - rows, columns : light.shape[1] - columns] = True
         self.noise: F8 = np.zeros(light.shape)
@@ -254,7 +254,7 @@ class _Image:
         return self._light
 
     def doubt(self, offset: F8) -> float:
-        """Return 0: the frame is what is judged."""
+        """Return 0, because the frame itself is tested."""
         return 0.0
 
 
@@ -278,7 +278,9 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
         If the frame has another size, or no light.
     """
     if frame.values.shape != light.shape:
-        raise InputError.expected(f"{frame.label}, pixels", light.shape, frame.values.shape, "take one of this sensor")
+        raise InputError.expected(
+            f"{frame.label}, pixels", light.shape, frame.values.shape, "use a frame of this sensor"
+        )
     rows, columns = light.shape
     at = LocatedPattern(0, 0, 0, frame.origin[0] + (rows - 1) // 2, frame.origin[1] + (columns - 1) // 2, 1.0)
     margin = (min(cutout[0] // 2, rows // 3), min(cutout[1] // 2, columns // 3))
@@ -325,14 +327,14 @@ def _point(fit: StoredFit, withheld: Measured, k: int, model: PlaneModel, near: 
 
 
 def validation_outputs(folder: Path) -> tuple[Path, Path]:
-    """Return what `iter_write_validation` writes into the folder of a fit: numbers and picture."""
+    """Return the files that `iter_write_validation` writes into the folder of a fit: numbers and picture."""
     return folder / "validation.json", folder / REPORT / "validation.png"
 
 
 def iter_write_validation(
     fit: StoredFit, withheld: Measured, folder: Path, source: str, *, another: bool = False
 ) -> Work[Validation]:
-    """Return how well a fit predicts patterns as `iter_validate`, and write it into the folder of the fit.
+    """Return the same as `iter_validate`, and write it into the folder of the fit.
 
     Numbers and picture are separate files, and the report gets a section with the picture. ``source`` names the
     recording.
@@ -361,7 +363,7 @@ def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:
         line.plot(field, 100 * errors, "o", color=LINES[0], markersize=4, label="fitted camera")
         if any(one.periodic is not None for one in found.points):
             periodic = [_shown((one.periodic or one.model).error) for one in found.points]
-            line.plot(field, 100 * np.array(periodic), "s", color=LINES[1], markersize=4, label="H, taken as periodic")
+            line.plot(field, 100 * np.array(periodic), "s", color=LINES[1], markersize=4, label="H, assumed periodic")
             line.legend()
         line.set(title="from the sensor's middle to its edge", xlabel="place in the field", ylabel="error (%)")
         line.set_ylim(bottom=0)

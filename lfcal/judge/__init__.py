@@ -1,21 +1,21 @@
-"""Quality of data: findings, the verdict, the report, trends, and comparisons of two H.
+"""Judge the quality of data: findings, the verdict, the report, trends, and comparisons of two H.
 
-Every check reports problems as `lfcal.base.Finding`; findings have a subject, and
-`lfcal.base.verdict_of` writes the verdict.
+Every check reports problems as `lfcal.base.Finding`. Each finding has a subject, and `lfcal.base.verdict_of` writes
+the verdict from all of them.
 
 - ``quality``: metrics that need no camera
 - ``inspection``: these metrics together with the comparison with a camera
 - ``evidence``: patterns compared with their camera, each with its light, source and depth
-- ``fault``: definition of a fault; ``faults``: one family per module; ``search``: detection of one fault after the
+- ``fault``: definition of a fault; ``faults``: one family per module; ``search``: detection of faults, one after the
 other
-- ``_cost``: effect of each on the error of a reconstruction, on a patch of H
+- ``_cost``: effect of each fault on the error of a reconstruction, measured on a patch of H
 - ``explained``: disagreement between the stated camera and H
 - ``report``: the report as a page, for printing, and for programs
-- ``comparison``, ``pairing``, ``region_loss``: two H, and the regions of one
+- ``comparison``, ``pairing``, ``region_loss``: comparison of two H, and of the regions of one
 - ``checking``, ``expected``, ``new_frames``: check of an old H with new frames
 - ``known_object``: prediction of the frame of a known object
 - ``trend``, ``dated``: fits and inspections over months
-- ``results``: recordings, H, fits, reports, exports and volumes in a folder
+- ``results``: list of recordings, H, fits, reports, exports and volumes in a folder
 """
 
 from typing import TYPE_CHECKING

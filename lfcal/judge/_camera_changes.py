@@ -1,6 +1,6 @@
-"""What has changed since H was made: changes of the camera that explain what new frames show beyond H.
+"""Find changes of the camera since H was recorded that explain how new frames differ from H.
 
-Derivatives hold for small changes alone; the best explanations are refined by further steps.
+Derivatives are valid only for small changes, so the best explanations are refined by further steps.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ APART = {
 """Unknowns of the array's group, which may change independently."""
 
 OF_THE_SCAN = ("depths", "stage_scale", "stage_zero")
-"""Groups of unknowns that say nothing of one frame which others do not say."""
+"""Groups of unknowns whose effect on a single frame is the same as that of others."""
 
 SHOWS = 4.0
 """Significance, in standard deviations of noise, above which a suspect is reported."""
@@ -67,18 +67,18 @@ class Suspect:
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes of patterns of unit gain by each suspect.
+    """Changes of patterns at unit gain caused by each suspect.
 
     Attributes
     ----------
     names
         Name of the suspect for each column.
     unknowns, scales, units
-        Unknown of each column, size of a step of 1, and its unit.
+        Unknown of each column, the change for a step of 1, and its unit.
     columns
         Derivatives ``(k, n, nt, ns)``.
     start
-        The patterns ``(n, nt, ns)``.
+        Unchanged patterns ``(n, nt, ns)``.
     vector, which
         All unknowns, and the index of the unknown of each column.
     """
@@ -93,13 +93,13 @@ class Changes:
     which: tuple[int, ...]
 
     def in_units_of(self, light: F8) -> Changes:
-        """Return the same for patterns ``(n, nt, ns)`` of another gain each."""
+        """Return the same changes for patterns ``(n, nt, ns)`` with other gains."""
         gains = (light * self.start).sum((1, 2)) / np.square(self.start).sum((1, 2))
         return replace(self, columns=self.columns * gains[:, None, None], start=light)
 
 
 def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Changes:
-    """Return the derivatives of patterns by everything that a fit can find, by steps of each unknown."""
+    """Return the derivatives of patterns by all unknowns of a fit, in steps of each unknown."""
     plan = camera.plan
     groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not (group.late or group.held)]
     vector = Vector(camera.setup, ScanScales.of(plan), groups)
@@ -146,7 +146,7 @@ class FrameResiduals:
     noise, weight
         Variance, and 1/sigma of each sample (0: no measurement).
     nuisance
-        Derivatives of each frame by nuisance parameters ``(n, j, m)``: gain, background, place of the source.
+        Derivatives of each frame by nuisance parameters ``(n, j, m)``: gain, background, position of the source.
     """
 
     residual: F8
@@ -156,7 +156,7 @@ class FrameResiduals:
     nuisance: F8
 
     def without_nuisance(self, columns: F8) -> F8:
-        """Return columns ``(k, n, m)`` in sigmas ``(k, n m)``, less what the nuisances make up for."""
+        """Return columns ``(k, n, m)`` in sigmas ``(k, n m)``, without the part that nuisance parameters explain."""
         out = np.empty(columns.shape)
         for k in range(len(self.residual)):
             q, _ = np.linalg.qr((self.nuisance[k] * self.weight[k]).T)
@@ -166,7 +166,7 @@ class FrameResiduals:
 
 
 def explained_by(changes: Changes, left: FrameResiduals) -> tuple[Suspect, ...]:
-    """Return all suspects, the one that explains the frames best first; ``changes`` in the units of the frames."""
+    """Return all suspects, best explanation first; ``changes`` are in the units of the frames."""
     columns = left.without_nuisance(changes.columns.reshape(len(changes.names), len(left.residual), -1))
     residual = left.without_nuisance(left.residual[None])[0]
     found = []
@@ -201,13 +201,13 @@ def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: FrameResid
     power = float(np.square(left.light.ravel()[good]).sum())
     step, inverse = _best_step(x, residual)
     gained = float(step @ (x @ residual))
-    # the change itself in samples, and its standard deviation due to noise
+    # the change itself, in samples, and its standard deviation due to noise
     sigmas = np.where(good, 1.0 / np.where(good, left.weight.ravel(), 1.0), 0.0)
     parts = x * sigmas
     change = step @ parts
     made = float(np.trace(inverse @ (parts @ parts.T)))
     squares = float((np.square(residual * sigmas - change) - np.where(good, left.noise.ravel(), 0.0)).sum())
-    # where much is left, a step is as much less sure
+    # a large residual makes a step less certain by the same factor
     grown = max(1.0, (float(residual @ residual) - gained) / max(1, int(good.sum())))
     sigma = np.sqrt(np.maximum(np.diag(inverse), 0.0) * grown)
     values = tuple(
@@ -227,23 +227,23 @@ def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: FrameResid
 
 # -- beyond the first step ---------------------------------------------------------------------------------
 FOLLOWED = 4
-"""Suspects that are followed: those that explain the frames best."""
+"""Number of suspects that are refined: those that explain the frames best."""
 
 RIVAL = 0.3
-"""Share of what the best suspect gains that others must, for a further step could make them the best."""
+"""Share of the best suspect's gain above which others are refined too, as they might become the best."""
 
 TURNS = 3
-"""Steps that are taken beyond the first."""
+"""Number of further steps."""
 
 ENOUGH = 1e-3
-"""Share of the sum of squares that a step must gain for another."""
+"""Share of the sum of squares that a step must gain for another step."""
 
 LONGEST = 5.0
 """Longest step of an unknown, in its scales."""
 
 
 FARTHEST_PX = 0.4
-"""By how much a source is displaced in one step at most."""
+"""Largest displacement of a source in one step (pixels)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +288,7 @@ class _Frames:
         return found.reshape(len(self.index), -1).astype(np.float64)
 
     def light(self, u: F8, offsets: F8) -> F8:
-        """Return H's light ``(n, m)`` with the change, and its sources displaced."""
+        """Return the light ``(n, m)`` of H with the change, and with sources displaced."""
         found: F8 = self.start.light + self.gains[:, None] * (self._unit(u, offsets) - self.base)
         return found
 
@@ -334,9 +334,9 @@ def refined(
     Parameters
     ----------
     suspects
-        Suspects from one step from the camera of H.
+        Suspects after the first step from the camera of H.
     camera, index
-        Camera of H, and the positions of the frames in it ``(n, 3)``.
+        Camera of H, and the positions of the frames in H ``(n, 3)``.
     offsets_px
         Displacements of the frames' sources from these positions ``(n, 2)``.
     changes
@@ -423,7 +423,7 @@ def _told(
     sigma = np.sqrt(np.maximum(np.diag(inverse), 0.0) * grown)
     parts = x * sigmas
     before, residual = (one.left.without_nuisance(one.left.residual[None])[0] * sigmas for one in (begun, best))
-    # residuals relative to H that the change removes, each with the best places of the sources
+    # residuals relative to H that the change removes, each with the best positions of the sources
     made = before - residual
     squares = float((np.square(residual) - np.where(good, left.noise.ravel(), 0.0)).sum())
     gained = (begun.squares - best.squares) / grown

@@ -1,4 +1,4 @@
-"""What faults cost: a fixed scene reconstructed with patterns that have a fault, and with those that have none."""
+"""Measure the cost of faults: a fixed scene is reconstructed with patterns that have a fault, and without it."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 SIDE_PX = 48
-"""Pixels that the image has along each axis at least; light of points farther apart hardly meets."""
+"""Smallest side of the image (pixels), so that light of distant points hardly overlaps."""
 
 LARGE_PX = 96
-"""The same of a whole trial: voxels that go astray do so each in its own way."""
+"""Smallest side of the image of a trial on a whole plane, because effects vary from voxel to voxel."""
 
 PLANES = 3
-"""Planes that are reconstructed at most."""
+"""Largest number of planes that are reconstructed."""
 
 FEWEST, MOST = 64, 2600
-"""Positions of H that a patch has at least, and at most."""
+"""Smallest and largest number of positions of H in a patch."""
 
 CUTOUT_PX = 191
-"""Largest number of rows and columns of cutouts, because the dark outside also takes time."""
+"""Largest number of rows and columns of cutouts, because dark surroundings also take time."""
 
 CUTOUT = (CUTOUT_PX, CUTOUT_PX)
 
 MOST_SAMPLES = 24_000_000
-"""Of a patch at most: each is held several times."""
+"""Largest number of samples of a patch, of which several copies are in memory."""
 
 SAMPLE = 64
 """Number of compared patterns that determine how much of a fault a patch shows."""
 
 MOST_OF_REST = 3.0
-"""Times its own estimate that a fault costs at most where H as it is costs more than its faults."""
+"""Largest ratio of a fault's cost to its estimate, if H costs more than its known faults."""
 
 SHOWN = 0.3
 """Share of its typical strength that a fault must have in a patch; otherwise it gets a separate patch."""
@@ -60,11 +60,11 @@ class Costs:
     clean
         Error of a reconstruction due to the noise of H alone, relative to one with noise-free patterns.
     as_it_is
-        The same for the actual H.
+        The same for the H itself, with its faults.
     costs
-        Additional error of each finding; errors add in squares. None: not measured.
+        Additional error due to each finding; errors add in squares. None: not measured.
     whole
-        Whether these errors are for all of H, not for a part.
+        Whether these errors are for the whole H, not for a part.
     """
 
     clean: float | None
@@ -88,7 +88,8 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
     faults
         The faults found.
     many
-        Number of positions of a smaller patch, whose image is smaller too; None: as many as allowed. It never depends
+        Number of positions of a smaller patch, whose image is smaller too; None: the largest allowed number. It never
+        depends
         on time, so that costs are the same on every machine.
     """
     clock = Clock("measuring what faults cost", len(faults) + 2)
@@ -112,7 +113,7 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
                 own = _own_trial(evidence, faults[k], many)
                 factor = own.factor(faults[k])
             costs[k] = own.cost(faults[k], factor)
-    except (InputError, EnergyError):  # a camera that is computed for the patterns but not for a patch
+    except (InputError, EnergyError):  # the camera can be computed for the patterns, but not for a patch
         return Costs(None, None, (None,) * len(faults))
     if trial.sample is None:
         costs = _consistent(costs, faults, _beyond(as_it_is, trial.clean))
@@ -177,11 +178,11 @@ class _Trial:
     def at(
         cls, evidence: Evidence, faults: Sequence[FoundFault], planes: list[int], many: int | None, wider: float = 1.0
     ) -> _Trial:
-        """Return the trial about the first of the faults."""
+        """Return the trial on a patch around the first of the faults."""
         side = LARGE_PX if many is None else SIDE_PX
         place, period = _place(evidence, faults[0]), evidence.plan.period
         many = min(MOST if many is None else many, max(FEWEST, MOST_SAMPLES // _samples(evidence, wider)))
-        # all of the period of fewer planes: a part of it is less like the whole
+        # the whole period of fewer planes, because a part of the period differs more from the whole
         while len(planes) > 1 and many < len(planes) * period[0] * period[1]:
             planes = planes[:-1]
         planes = sorted(planes)
@@ -203,11 +204,11 @@ class _Trial:
         return replace(bare, clean=bare.error(patch.light))
 
     def error(self, light: F4) -> float:
-        """Return the error of a reconstruction with patterns of this light and H's noise."""
+        """Return the error of a reconstruction with these patterns and the noise of H."""
         return self.scene.error((light + self.patch.noise).reshape(*self.shape, *light.shape[1:]))
 
     def factor(self, finding: FoundFault) -> float:
-        """Return how much stronger a fault is all over H than in this patch, as a ratio of powers."""
+        """Return the ratio of the fault's power in the whole H to that in this patch."""
         if finding.put_in is None:
             return 1.0
         if finding.extent is not None:
@@ -258,7 +259,7 @@ def _place(evidence: Evidence, finding: FoundFault) -> tuple[int, int]:
         y, x = finding.positions[len(finding.positions) // 2, 1:].tolist()
         return y, x
     if len(finding.pixels):
-        # cutouts about a pixel hold it in their middle
+        # cutouts around a pixel have it in their middle
         row, column = np.median(finding.pixels, axis=0) - (np.array(evidence.plan.cutout) - 1) / 2
         return int(np.clip(row, 0, ny - 1)), int(np.clip(column, 0, nx - 1))
     return ny // 2, nx // 2

@@ -1,4 +1,4 @@
-"""What metrics without a model cost on this H: measured where it is known what their faults do to patterns."""
+"""Measure the costs of model-free metrics on this H, for faults whose effect on patterns is known."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from lfcal.judge.quality import Metric, QualityReport
 __all__ = ["FRAMES", "as_faults", "with_costs"]
 
 FRAMES = ("missing", "duplicates", "suspect", "misplaced")
-"""Keys of metrics that name single frames: what is wrong with these is in H."""
+"""Keys of metrics that report single frames, whose errors are in H itself."""
 
 NOISY = ("snr", "noise")
-"""Keys of metrics of the noise: they cost what H's noise costs."""
+"""Keys of metrics of noise, whose cost is that of the noise of H."""
 
 IN_PATTERNS = frozenset(
     {
@@ -39,13 +39,13 @@ IN_PATTERNS = frozenset(
         "step",
     }
 )
-"""Keys of metrics whose faults make patterns unlike the camera's: they cost no more than these do as they are."""
+"""Keys of metrics of any difference from the camera's patterns; they cost at most what these differences cost."""
 
 CAPPED = 64
-"""Saturated patterns from which the top of the sensor's range is estimated."""
+"""Number of saturated patterns from which the top of the sensor's range is estimated."""
 
 WIDER = 1.5
-"""Enlargement of cutouts that shows what is cut off."""
+"""Enlargement of cutouts that shows the light that is cut off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,13 @@ class _Told(Fault):
     key: str
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield nothing: it has been found."""
+        """Yield nothing, because the fault has already been found."""
         del evidence
         return ()
 
 
 def as_faults(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[str, FoundFault]]:
-    """Yield keys of metrics, and what puts their faults into patterns without one, where that is known."""
+    """Yield keys of metrics, each with a function that adds its fault to clean patterns, if this is known."""
     for one in metrics:
         found = FoundFault(_Told(one.key), "", 0.0, 0.0)
         if one.key in FRAMES and len(one.positions):
@@ -72,7 +72,7 @@ def as_faults(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[s
             yield one.key, replace(found, put_in=_capped(one.positions, evidence))
         elif one.key == "clipped":
             yield one.key, replace(found, put_in=_clipped)
-        elif one.key == "truncation" and one.merit == "bad":  # patterns of larger cutouts take long
+        elif one.key == "truncation" and one.merit == "bad":  # patterns of larger cutouts take a long time
             yield one.key, replace(found, put_in=_cut_to(evidence.plan.cutout), wider=WIDER)
         elif one.key in NOISY or one.key in IN_PATTERNS:
             yield one.key, found
@@ -87,7 +87,7 @@ def _capped(positions: NDArray[np.intp], evidence: Evidence) -> PutIn:
 
 
 def _clipped(patch: Patch) -> NDArray[np.float32]:
-    # with the noise of H added again, nothing is negative
+    # when the noise of H is added again, there must be no negative values
     found: NDArray[np.float32] = np.maximum(patch.light + patch.noise, np.float32(0)) - patch.noise
     return found
 
@@ -108,7 +108,7 @@ def _cut_to(cutout: tuple[int, int]) -> PutIn:
 def with_costs(
     quality: QualityReport, told: Sequence[str], costs: Costs, faults: Sequence[float | None]
 ) -> QualityReport:
-    """Return the metrics with the measured costs.
+    """Return the metrics with measured costs.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Patterns as their camera should give them, computed where sources, cutouts and planes look to be."""
+"""Patterns that the camera should give, computed for the apparent sources, cutouts and planes."""
 
 from __future__ import annotations
 
@@ -34,39 +34,39 @@ F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SOME = 5
-"""Patterns of a plane, spread over it, by which its depth is looked for."""
+"""Number of patterns, spread over a plane, with which its depth is searched for."""
 
 STEP_PX = 0.2
-"""Displacement of the source of which its derivative is made (pixels)."""
+"""Displacement of the source for its derivative (pixels)."""
 
 STEP_DEPTH = 0.01
-"""Change of the virtual depth of which its derivative is made."""
+"""Change of the virtual depth for its derivative."""
 
 FAR_PX, FAR_DEPTH = 0.2, 0.005
 """Displacement (pixels) and change of depth (share) above which derivatives are computed again."""
 
 REACH_PX = 0.95
-"""Displacement of sources that models follow (pixels)."""
+"""Largest displacement of sources that models follow (pixels)."""
 
 POOR, CLEARLY = 0.9, 0.05
-"""Correlation below which another depth or place is looked for, and how much better it must be there."""
+"""Correlation below which another depth or place is searched for, and the improvement that it must bring."""
 
 DEPTHS = (0.75, 0.8, 0.85, 0.9, 0.94, 0.97, 1.03, 1.06, 1.1, 1.15, 1.2, 1.3, 1.4)
-"""Virtual depths that are tried, over the stated one."""
+"""Virtual depths that are tried, relative to the stated one."""
 
 NEAR_ARRAY = 0.1
 """Virtual depth below which changes are absolute instead of relative."""
 
 MOST_OF = 0.3
-"""Share of a plane's patterns that must show a displacement for the others to follow."""
+"""Share of a plane's patterns that must show a displacement for all patterns to be moved."""
 
 WINDOW_PX = 6
-"""Displacement of cutouts that is looked for (pixels)."""
+"""Largest displacement of cutouts that is searched for (pixels)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Where models are computed: displacements of sources and cutouts ``(n, 2)`` (px), depths of planes ``(nz,)``."""
+    """Parameters of the models: displacements of sources and cutouts ``(n, 2)`` (px), depths of planes ``(nz,)``."""
 
     source: F8
     window: F8
@@ -74,15 +74,15 @@ class Starts:
 
     @classmethod
     def none(cls, count: int, planes: int) -> Starts:
-        """Return those of the plan."""
+        """Return the parameters of the plan."""
         return cls(np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(planes))
 
     def of(self, part: NDArray[np.intp]) -> Starts:
-        """Return those of some of the patterns."""
+        """Return the parameters of a subset of the patterns."""
         return Starts(self.source[part], self.window[part], self.depth)
 
     def column(self, name: str, planes: NDArray[np.intp]) -> F8:
-        """Return one of `COLUMNS` ``(n,)``; 0 of those that have no start."""
+        """Return one of `COLUMNS` ``(n,)``; 0 for columns without a start."""
         if name == "depth":
             found: F8 = self.depth[planes]
             return found
@@ -93,7 +93,7 @@ class Starts:
         return both[:, "yx".index(axis)]
 
     def nearer(self, values: F8, planes: NDArray[np.intp]) -> Starts:
-        """Return the starts moved to what was fitted ``(n, 7)``: sources and cutouts each, depths by the plane."""
+        """Return the starts moved to the fitted values ``(n, 7)``: sources and cutouts each, depths by plane."""
         source = np.clip(self.source + np.clip(values[:, 2:4], -1, 1), -REACH_PX, REACH_PX)
         window = self.window + np.clip(values[:, 4:6], -1, 1)
         depth = self.depth.copy()
@@ -102,9 +102,9 @@ class Starts:
         return Starts(source, window, depth)
 
     def only(self, moved: Starts, again: Flags) -> Starts:
-        """Return these, with those of ``moved`` for the patterns ``again`` and the planes that lie far off.
+        """Return these starts, with those of ``moved`` for the patterns ``again`` and for planes that are far off.
 
-        Of all others the model stays, and with it where it was computed.
+        All other patterns keep their model, and the parameters with which it was computed.
         """
         far = np.abs(moved.depth - self.depth) > FAR_DEPTH
         return Starts(
@@ -114,14 +114,14 @@ class Starts:
         )
 
     def apart_from(self, other: Starts, planes: NDArray[np.intp]) -> Flags:
-        """Return which patterns ``(n,)`` are so distant from others that the model is computed again."""
+        """Return which patterns ``(n,)`` are so far from their model that it must be computed again."""
         moved = np.maximum(np.abs(self.source - other.source), np.abs(self.window - other.window)).max(1)
         found: Flags = (moved > FAR_PX) | (np.abs(self.depth - other.depth)[planes] > FAR_DEPTH)
         return found
 
 
 def parts(index: NDArray[np.intp], which: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Return ``which`` patterns plane by plane, some at a time."""
+    """Yield the patterns ``which`` plane by plane, in batches."""
     found = []
     for z in np.unique(index[which, 0]).tolist():
         own = which[index[which, 0] == z]
@@ -130,7 +130,7 @@ def parts(index: NDArray[np.intp], which: NDArray[np.intp]) -> list[NDArray[np.i
 
 
 def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = None) -> tuple[F4, F4]:
-    """Return patterns of positions of one or more planes ``(n, nt, ns)`` and their derivatives ``(n, 5, nt, ns)``."""
+    """Return patterns of positions in one or more planes ``(n, nt, ns)``, and their derivatives ``(n, 5, nt, ns)``."""
     starts = starts or Starts.none(len(index), known.plan.shape[0])
     model = np.empty((len(index), *known.plan.cutout), np.float32)
     columns = np.zeros((len(index), 5, *known.plan.cutout), np.float32)
@@ -147,7 +147,7 @@ def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = Non
             aside = np.zeros((len(own), 2))
             aside[:, k] = STEP_PX
             columns[own, k] = (seen(source + aside) - seen(source - aside)) / (2 * STEP_PX)
-            # a cutout that lies too far down shows the light too far up
+            # in a cutout that is too far down, the light appears too far up
             columns[own, 2 + k] = np.gradient(model[own], axis=1 + k)
         try:
             further = plane_of(known, z, float(starts.depth[z]) + STEP_DEPTH)
@@ -158,7 +158,7 @@ def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = Non
 
 
 def plane_of(known: Behind, z: int, share: float) -> PlaneModel:
-    """Return the model of a plane whose virtual depth is larger by a share of it; near 0 by a share of 1."""
+    """Return the model of a plane whose virtual depth is larger by a share of itself; near 0, by a share of 1."""
     if share == 0.0:
         return PlaneModel(known.setup, known.plan, z, Fineness.coarse)
     camera, planned = known.plan.camera, float(known.plan.depths_um[z])
@@ -170,7 +170,7 @@ def plane_of(known: Behind, z: int, share: float) -> PlaneModel:
 
 
 def cut(patterns: F4, windows: F8) -> F4:
-    """Return patterns as cutouts show them that lie displaced by ``(n, 2)`` pixels down and across."""
+    """Return patterns as they appear in cutouts displaced by ``(n, 2)`` pixels down and across."""
     if not windows.any():
         return patterns
     return np.stack(
@@ -179,7 +179,7 @@ def cut(patterns: F4, windows: F8) -> F4:
 
 
 def correlation(a: F4, b: F4) -> F8:
-    """Return the correlation of patterns ``(n, nt, ns)`` one by one ``(n,)``."""
+    """Return the correlation of each pair of patterns ``(n, nt, ns)``, in the shape ``(n,)``."""
     both = (a * b).sum((1, 2), dtype=np.float64)
     sizes = np.square(a).sum((1, 2), dtype=np.float64) * np.square(b).sum((1, 2), dtype=np.float64)
     found: F8 = both / np.sqrt(np.maximum(sizes, 1e-300))
@@ -187,7 +187,7 @@ def correlation(a: F4, b: F4) -> F8:
 
 
 def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
-    """Return by what share of the virtual depth planes look to be elsewhere than stated; as a rule 0."""
+    """Return the apparent errors of the planes' virtual depths, as shares of these; usually 0."""
     found = np.zeros(known.plan.shape[0])
     for z in np.unique(index[:, 0]).tolist():
         own = np.flatnonzero(index[:, 0] == z)
@@ -217,12 +217,12 @@ def _of_other_planes(known: Behind, z: int) -> list[float]:
 
 
 def best_alike(data: F4, models: F4) -> float:
-    """Return the median correlation of patterns, their cutouts displaced as is best: depth and place look alike."""
+    """Return the median correlation of patterns at the best displacement of their cutouts."""
     return float(np.median([_displaced(a, b).max() for a, b in zip(data, models, strict=True)]))
 
 
 def windows_seen(index: NDArray[np.intp], data: F4, model: F4) -> F8:
-    """Return by how many whole pixels cutouts look to be displaced ``(n, 2)``; as a rule 0."""
+    """Return the apparent displacements of cutouts in whole pixels ``(n, 2)``; usually 0."""
     found = np.zeros((len(data), 2))
     poor = np.flatnonzero(correlation(data, model) < POOR)
     tops = {k: _displaced(data[k], model[k]) for k in poor.tolist()}
@@ -230,7 +230,7 @@ def windows_seen(index: NDArray[np.intp], data: F4, model: F4) -> F8:
         at = np.unravel_index(int(np.argmax(top)), top.shape)
         if top[at] - top[WINDOW_PX, WINDOW_PX] > CLEARLY:
             found[k] = np.array(at) - WINDOW_PX
-    # a displaced plane moves as a whole: patterns with little information follow the others
+    # a displaced plane moves as a whole, and patterns with little information follow the others
     for z in np.unique(index[poor, 0]).tolist():
         own = np.flatnonzero(index[:, 0] == z)
         moves, counts = np.unique(found[own], axis=0, return_counts=True)

@@ -1,4 +1,4 @@
-"""A patch of positions as the camera should show them, that faults are put into to see what they cost."""
+"""A patch of positions computed for the camera, to which faults are added to measure their cost."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 STEPS = 8
-"""Depths of one plane that are computed at most."""
+"""Largest number of depths of one plane that are computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Patch:
     evidence
         The compared patterns of H.
     known
-        The camera of H, with cutouts as large as those of the patch.
+        The camera of H, with cutouts of the size of the patch.
     gains
-        Counts of H per share of the light of the iris, by plane ``(nz,)``.
+        Counts of H per share of the light through the iris, by plane ``(nz,)``.
     index
         Positions ``(n, 3)`` as (z, y, x).
     light, noise
@@ -49,22 +49,22 @@ class Patch:
 
     @property
     def corners(self) -> NDArray[np.intp]:
-        """Return the sensor's pixel (row, column) of each first sample ``(n, 2)``, from H's first cutout."""
+        """Return the sensor pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
         return self.index[:, 1:] + self.inset
 
     @property
     def inset(self) -> NDArray[np.intp]:
-        """Rows and columns that H's cutouts are larger by on each side ``(2,)``."""
+        """Rows and columns by which H's cutouts are larger on each side ``(2,)``."""
         found: NDArray[np.intp] = (np.array(self.evidence.plan.cutout) - np.array(self.light.shape[1:])) // 2
         return found
 
     def seen(self, image: F8) -> F4:
-        """Return what each cutout shows of an image of the sensor, counted from H's first cutout ``(n, nt, ns)``."""
+        """Return the part of a sensor image, which begins at H's first cutout, in each cutout ``(n, nt, ns)``."""
         nt, ns = self.light.shape[1:]
         return np.stack([image[r : r + nt, c : c + ns] for r, c in self.corners.tolist()]).astype(np.float32)
 
     def moved(self, source: F8 | None = None, window: F8 | None = None, depth: F8 | None = None) -> F4:
-        """Return the light with sources or cutouts displaced ``(n, 2)`` (px), or depths off by a share ``(n,)``."""
+        """Return the light with sources or cutouts displaced ``(n, 2)`` (px), or depths changed by shares ``(n,)``."""
         n = len(self.index)
         source = np.zeros((n, 2)) if source is None else source
         window = np.zeros((n, 2)) if window is None else window
@@ -83,7 +83,7 @@ class Patch:
 
     @cached_property
     def recorded(self) -> F4:
-        """What H holds at these positions, less the patch's noise: with it added, it is H as it is."""
+        """Values of H at these positions minus the patch's noise; adding this noise gives H itself."""
         matrix, (t, s), (nt, ns) = self.evidence.matrix, self.inset.tolist(), self.light.shape[1:]
         out = self.light.copy()
         for k, (z, y, x) in enumerate(self.index.tolist()):
@@ -97,9 +97,9 @@ class Patch:
 def patch_of(
     evidence: Evidence, index: NDArray[np.intp], cutout: tuple[int, int], seed: int = 0, *, wider: float = 1.0
 ) -> Patch:
-    """Return the patch of positions ``(n, 3)``, its cutouts no larger than ``cutout``, nor than so many times H's."""
+    """Return the patch of positions ``(n, 3)``; ``cutout`` and a ratio to H's cutout limit its cutouts."""
     plan = evidence.plan
-    # as many more on both sides
+    # the same number on both sides
     rows, columns = (min(n + 2 * round((wider - 1) * n / 2), m) for n, m in zip(plan.cutout, cutout, strict=True))
     smaller = replace(plan, cutout=(rows, columns))
     known = replace(evidence.camera, plan=smaller)

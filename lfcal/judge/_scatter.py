@@ -1,4 +1,4 @@
-"""How much samples of patterns scatter, and what of them a camera leaves unexplained."""
+"""Scatter of the samples of patterns, and the part that a camera does not explain."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FEW = 12
-"""Number of samples in a bin that determine its noise."""
+"""Number of samples in a bin needed to determine its noise."""
 
 BINS = 24
 """Number of brightness bins for measuring the noise."""
 
 LOOKED_AT = 200_000
-"""Largest number of values for deciding whether they come in steps."""
+"""Largest number of values used to decide whether values are in steps."""
 
 DARK = 3e-3
-"""Share of the brightest light below which samples show noise alone."""
+"""Share of the brightest light below which samples contain only noise."""
 
 SAME = 0.2
 """Share of dark samples with the same value above which noise counts as clipped."""
 
 EACH = 8
-"""Values of each level, on average, that make steps of them."""
+"""Mean number of values at each level above which values are in steps."""
 
 ENOUGH = 50
-"""Samples of a bin that limit the noise."""
+"""Number of samples of a bin that limit the noise."""
 
 
 def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[float, float]:
-    """Return constant and slope of the variance by noise: as H states them, else by what is left of patterns."""
+    """Return constant and slope of the noise variance, as H states them, or else from the residuals of patterns."""
     known = matrix.facts.noise
     if known is not None and np.isfinite(known).all(-1).any():
         constant, slope = np.median(np.asarray(known, np.float64)[np.isfinite(known).all(-1)], axis=0)
@@ -49,7 +49,7 @@ def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[f
 
 
 def noise_of(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: float, slope: float) -> F4:
-    """Return the variance of samples by noise ``(n, nt, ns)``: as H states it, else ``constant + slope * light``."""
+    """Return the noise variance of samples ``(n, nt, ns)``, as H states it, or else ``constant + slope * light``."""
     known = matrix.facts.noise
     own = None if known is None else np.asarray(known, np.float32)[tuple(index.T)]
     if own is None or not np.isfinite(own).all():
@@ -62,16 +62,16 @@ def misfit(left: F4, light: F4, valid: Flags, noise: F4) -> float:
     """Return the residual of the median pattern beyond noise, as a share of the light (relative L2)."""
     beside = np.where(valid, np.square(left) - noise, 0.0).sum((1, 2), dtype=np.float64)
     power = np.where(valid, np.square(light), 0.0).sum((1, 2), dtype=np.float64)
-    seen = valid.any((1, 2))  # completely masked pixels carry no information
+    seen = valid.any((1, 2))  # completely masked patterns contain no information
     if not seen.any():
         return 0.0
-    # of a pattern that should have no light nothing is explained
+    # in a pattern that should have no light, nothing is explained
     share = np.divide(beside, power, out=np.ones_like(beside), where=power > 0)[seen]
     return math.sqrt(max(0.0, float(np.median(share))))
 
 
 def start_of(data: F4, valid: Flags) -> F4:
-    """Return a constant variance, by neighbours' differences where there is little light."""
+    """Return a constant variance, from differences between neighbours where there is little light."""
     steps = (data[:, :, 1:] - data[:, :, :-1])[valid[:, :, 1:] & valid[:, :, :-1]]
     spread = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2) if steps.size else 1.0
     least = 1e-6 * max(float(np.abs(data).max()), 1e-30)
@@ -79,9 +79,9 @@ def start_of(data: F4, valid: Flags) -> F4:
 
 
 def rounding_of(data: F4, model: F4, valid: Flags) -> float:
-    """Return a lower limit of the variance if many values are equal, in steps or clipped at zero; else 0.
+    """Return a lower limit of the variance if many values are equal, because of steps or clipping at zero; else 0.
 
-    The medians of residuals do not show their noise in this case.
+    In this case, the medians of residuals do not show the noise.
     """
     some = data[valid]
     some = some[:: max(1, some.size // LOOKED_AT)]
@@ -96,7 +96,7 @@ def rounding_of(data: F4, model: F4, valid: Flags) -> float:
 
 
 def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float, float]:
-    """Return constant + slope v + (share v)² of each sample of brightness v, and the noise: constant and slope.
+    """Return the variance constant + slope v + (share v)² for samples of brightness v, and constant and slope of noise.
 
     Terms are those of the medians over bins of brightness. Errors of the model grow with brightness as well, so the
     slope of the noise is the smallest of any bin.
@@ -133,7 +133,7 @@ def _terms(bins: F8, top: float, residual: F4) -> tuple[float, float, float]:
     if not mean.size:
         return max(float(np.var(residual, dtype=np.float64)) if residual.size else 1.0, 1e-30), 0.0, 0.0
     a, y = np.stack([np.ones_like(mean), mean, squares], 1), np.maximum(variance, 1e-30 * top**2)
-    # bins count alike whatever their size: relative errors
+    # all bins have the same weight, because errors are relative
     scale = np.where(a.max(0) > 0, a.max(0), 1.0)
     found, _ = nnls(a / scale / y[:, None], np.ones(len(y)))
     constant, slope, square = found / scale

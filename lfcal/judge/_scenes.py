@@ -1,4 +1,4 @@
-"""Fixed scenes for measuring costs: they are reconstructed with patterns that differ from the true ones."""
+"""Fixed scenes for measuring costs; they are reconstructed with patterns that differ from the true ones."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 Scene = Callable[[tuple[int, int, int]], F8]
-"""Makes a scene ``(nz, Y, X)`` of a shape."""
+"""Makes a scene ``(nz, Y, X)`` of a given shape."""
 
 ITERATIONS = 25
-"""Of Richardson-Lucy: past that, noise of H grows in the volume whatever else is wrong."""
+"""Number of iterations of Richardson-Lucy; with more, the noise of H dominates the volume."""
 
 POINTS = 120
-"""Voxels per point of the scene."""
+"""Number of voxels for each point of the scene."""
 
 BEADS = 400
-"""Voxels per bead of the sparse scenes."""
+"""Number of voxels for each bead of the sparse scenes."""
 
 BEAD_PX, LINE_PX = 1.0, 0.8
-"""Standard deviations of beads and across lines (pixels)."""
+"""Standard deviations of beads and of lines' profiles (pixels)."""
 
 MARGIN = 0.125
-"""Share of the cutouts that the volume goes beyond the image on each side: of voxels farther out the image sees tails
-alone, that is noise."""
+"""Share of the cutouts by which the volume extends beyond the image on each side. Of voxels farther outside, the image
+contains only tails and noise."""
 
 BACKGROUND = 0.1
-"""Light of the image that is none of the scene's, as a share of the mean: images have some, and it is known.
+"""Background of the image as a share of its mean; real images have a known background.
 
-Where a pixel is dead, light is divided by what H holds of it, which is noise. Without any background one such pixel
-costs a hundredth or a third, by chance; with this it costs what it costs in every scene.
+At a dead pixel, light is divided by the value of H there, which is noise. Without background, one such pixel would
+cost between a hundredth and a third, by chance. With it, it costs the same in every scene.
 """
 
 
@@ -57,7 +57,7 @@ def scene(shape: tuple[int, int, int], seed: int = 0, density: float = 1 / POINT
 
 
 def beads(shape: tuple[int, int, int], seed: int = 0) -> F8:
-    """Return beads of unlike brightness on nothing ``(nz, Y, X)``, at places between the voxels."""
+    """Return beads of different brightness on a dark ground ``(nz, Y, X)``, at places between the voxels."""
     rng = np.random.default_rng(seed)
     rows, columns = shape[1:]
     y, x = np.arange(rows)[:, None], np.arange(columns)[:, None]
@@ -72,7 +72,7 @@ def beads(shape: tuple[int, int, int], seed: int = 0) -> F8:
 
 
 def lines(shape: tuple[int, int, int], seed: int = 0, many: int = 2) -> F8:
-    """Return ``many`` thin straight lines in each plane, on nothing ``(nz, Y, X)``."""
+    """Return ``many`` thin straight lines in each plane on a dark ground ``(nz, Y, X)``."""
     rng = np.random.default_rng(seed)
     rows, columns = shape[1:]
     y, x = np.mgrid[:rows, :columns]
@@ -86,16 +86,16 @@ def lines(shape: tuple[int, int, int], seed: int = 0, many: int = 2) -> F8:
 
 
 def sparse(shape: tuple[int, int, int], seed: int = 0) -> F8:
-    """Return beads and a line in each plane ``(nz, Y, X)``: where a source lies counts more there than anywhere."""
+    """Return beads and a line in each plane ``(nz, Y, X)``, for which the positions of sources matter most."""
     return beads(shape, seed) + lines(shape, seed, 1)
 
 
 SCENES: tuple[Scene, ...] = (scene, sparse)
-"""What costs are measured by: even light shows shares that are wrong, and single points places that are."""
+"""Scenes with which costs are measured: uniform light shows wrong shares, single points show wrong places."""
 
 
 def difference(volume: F8, reference: F8) -> float:
-    """Return the norm of ``volume - reference`` over that of ``reference``; brightness as a whole counts nothing."""
+    """Return the norm of ``volume - reference`` over that of ``reference``, at the best overall brightness."""
     power = float((volume * volume).sum())
     scale = float((volume * reference).sum()) / power if power > 0 else 0.0
     return float(np.linalg.norm(scale * volume - reference) / np.linalg.norm(reference))
@@ -149,7 +149,7 @@ class SceneTrial:
         """Return the error relative to the reconstruction with the true patterns (NRMSE, rms over the scenes)."""
         try:
             found = self.volumes(patterns)
-        except InputError:  # so little light in sum that nothing can be reconstructed
+        except InputError:  # the total light is too small for any reconstruction
             return 1.0
         return float(np.sqrt(np.mean([difference(a, b) ** 2 for a, b in zip(found, self._reference, strict=True)])))
 

@@ -17,14 +17,14 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """What is added to the light, and by what it is multiplied, along lines of the sensor ``(n,)``.
+    """Offsets and gains along lines of the sensor ``(n,)``.
 
     Attributes
     ----------
     offset, offset_sigma
-        Counts added, and their standard deviation; infinite where nothing was seen.
+        Counts added to the light, and their standard deviation; infinite if nothing was measured.
     gain, gain_sigma
-        Share by which the light is multiplied, less 1.
+        Relative change of the light, and its standard deviation.
     """
 
     offset: F8
@@ -35,7 +35,7 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class SensorMap:
-    """Sums over all patterns at each pixel of the sensor that cutouts cover ``(rows, columns)``.
+    """Sums over all patterns at each sensor pixel that cutouts cover ``(rows, columns)``.
 
     Attributes
     ----------
@@ -58,11 +58,11 @@ class SensorMap:
         return _told(*(part.sum(1 - axis) for part in self._parts))
 
     def pixels(self) -> Lines:
-        """Return the same of single pixels ``(rows, columns)``."""
+        """Return the same for single pixels ``(rows, columns)``."""
         return _told(*self._parts)
 
     def classes(self, rows: int, columns: int) -> Lines:
-        """Return the map for pixels with equal position modulo ``rows`` and ``columns``, ``(rows, columns)``."""
+        """Return the map ``(rows, columns)``, summed over pixels with equal positions modulo rows and columns."""
         every = [(i, j) for i in range(rows) for j in range(columns)]
         sums = [np.array([p[i::rows, j::columns].sum() for i, j in every]).reshape(rows, columns) for p in self._parts]
         return _told(*sums)
@@ -77,7 +77,7 @@ def _told(residual: F8, weight: F8, by_light: F8, light: F8, mixed: F8) -> Lines
     inside = weight * light - mixed**2
     good = inside > 1e-9 * weight * light
     one = np.where(good, inside, 1.0)
-    alone = (weight > 0) & ~good  # no light at all: an offset only
+    alone = (weight > 0) & ~good  # without light, only an offset can be determined
     some = np.where(weight > 0, weight, 1.0)
     offset = np.where(good, (light * residual - mixed * by_light) / one, np.where(alone, residual / some, 0.0))
     gain = np.where(good, (weight * by_light - mixed * residual) / one, 0.0)

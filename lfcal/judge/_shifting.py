@@ -1,4 +1,4 @@
-"""Patterns at sub-pixel shifts, by their Fourier series."""
+"""Shift patterns by fractions of a pixel with their Fourier series."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ __all__ = ["best_shift", "shifted"]
 F8 = NDArray[np.float64]
 
 TURNS = 12
-"""Steps of Newton's method at most."""
+"""Largest number of steps of Newton's method."""
 
 FARTHEST = 0.25
-"""Share of the cutout up to which a shift is looked for."""
+"""Share of the cutout up to which a shift is searched for."""
 
 
 def _frequencies(shape: tuple[int, int]) -> tuple[F8, F8]:
@@ -23,9 +23,9 @@ def _frequencies(shape: tuple[int, int]) -> tuple[F8, F8]:
 
 
 def shifted(patterns: F8, shift: F8) -> tuple[F8, F8, F8]:
-    """Return patterns ``(n, nt, ns)`` shifted by (row, column) pixels, and their slopes along rows and columns there.
+    """Return patterns ``(n, nt, ns)`` shifted by (row, column) pixels, and their slopes along rows and columns.
 
-    Of an odd number of pixels, as cutouts have, a Fourier series has no frequency without a sign.
+    Cutouts have an odd number of pixels, for which every frequency of the Fourier series has a sign.
     """
     shape = (patterns.shape[1], patterns.shape[2])
     v, u = _frequencies(shape)
@@ -36,7 +36,7 @@ def shifted(patterns: F8, shift: F8) -> tuple[F8, F8, F8]:
 
 
 def best_shift(a: F8, b: F8) -> F8:
-    """Return the shift (row, column) at which patterns ``b`` ``(n, nt, ns)`` correlate most with ``a``.
+    """Return the shift (row, column) at which patterns ``b`` ``(n, nt, ns)`` correlate best with ``a``.
 
     The highest whole pixel of the correlation is refined by Newton's method on its Fourier series.
     """
@@ -59,7 +59,7 @@ def best_shift(a: F8, b: F8) -> F8:
         slope = np.array([-(w[i] * turned.imag).sum() for i in range(2)])
         bend = np.array([[-(w[i] * w[j] * turned.real).sum() for j in range(2)] for i in range(2)])
         if not np.linalg.eigvalsh(bend)[-1] < 0:
-            break  # no maximum is near: the whole pixel stands
+            break  # there is no maximum nearby: keep the whole pixel
         step = np.clip(-np.linalg.solve(bend, slope), -0.5, 0.5)
         at = at + step
         if np.abs(step).max() < 1e-10:

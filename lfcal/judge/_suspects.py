@@ -1,4 +1,4 @@
-"""Suspect positions according to metrics without a model; each is compared with the camera."""
+"""Find suspect positions by metrics without a model; each is then compared with the camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FAR = 6.0
 
 
 def suspects(quality: QualityReport) -> NDArray[np.intp]:
-    """Return the positions ``(n, 3)`` as (z, y, x) that stand out of their planes, the oddest first."""
+    """Return the positions ``(n, 3)`` (z, y, x) that stand out from their planes, the most unusual first."""
     found: list[tuple[float, tuple[int, ...]]] = []
     for metric in quality.metrics:
         if metric.key not in MAPS:

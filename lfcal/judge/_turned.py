@@ -1,4 +1,4 @@
-"""Whether patterns are those of their camera flipped or turned: all eight orientations, anywhere in the period."""
+"""Find out whether patterns are those of their camera flipped or turned, in all eight orientations."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 FEW = 8
-"""Positions whose patterns are compared."""
+"""Number of positions whose patterns are compared."""
 
 EVERY = 97
-"""One in so many samples of a row is used to estimate the background."""
+"""Step between samples of a row that are used to estimate the background."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class OrientationMatch:
     ----------
     name
         The orientation, one of `ORIENTATIONS`.
-    alike
+    Median correlation with the camera's patterns.
         Median correlation with the camera's patterns.
     index
         Positions ``(n, 3)`` as (z, y, x) of the camera.
@@ -48,13 +48,13 @@ class OrientationMatch:
 
 
 def few_positions(matrix: PSFMatrix, recorded: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return a few of the ``recorded`` positions ``(n, 3)``: of the first and the last plane, the most defocused."""
+    """Return a few of the ``recorded`` positions ``(n, 3)`` in the first and last plane, the most defocused ones."""
     ends = recorded[np.isin(recorded[:, 0], (recorded[0, 0], recorded[-1, 0]))]
     return ends[spread_out(ends, min(FEW, len(ends)), matrix.period)]
 
 
 def iter_matches(matrix: PSFMatrix, known: Behind, index: NDArray[np.intp]) -> Work[list[OrientationMatch]]:
-    """Return the match of each orientation, the best first; every pattern of the planes of ``index`` is looked at.
+    """Return the match of each orientation, best first; every pattern of the planes in ``index`` is compared.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def iter_matches(matrix: PSFMatrix, known: Behind, index: NDArray[np.intp]) -> W
     clock = Clock("comparing orientations", rows * len(planes))
     for done, z in enumerate(planes):
         own = np.flatnonzero(index[:, 0] == z)
-        # what is delivered is the upright pattern turned back
+        # the delivered pattern is the upright one turned back
         wanted = [one.inverse.apply(middle(p, side)) for one in ORIENTATIONS.values() for p in model[own]]
         wanted_unit = _units(np.stack(wanted))
         for y in range(rows):
@@ -98,7 +98,7 @@ def iter_matches(matrix: PSFMatrix, known: Behind, index: NDArray[np.intp]) -> W
 
 
 def middle(pattern: F4, side: int) -> F4:
-    """Return the square in the middle of a pattern: what turns by 90° onto itself."""
+    """Return the square in the middle of a pattern, which a rotation by 90° maps onto itself."""
     t, s = ((n - side) // 2 for n in pattern.shape)
     return pattern[t : t + side, s : s + side]
 

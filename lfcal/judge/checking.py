@@ -1,4 +1,4 @@
-"""Check of an old H with new frames."""
+"""Check an old H with new frames."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ __all__ = ["Check", "check", "iter_check"]
 F8 = NDArray[np.float64]
 
 LIMIT = 0.02
-"""Error of H (relative L2) up to which it holds."""
+"""Error of H (relative L2) up to which it is valid."""
 
 CLEAR = 3.0
-"""Standard deviations by which an error must lie above the limit."""
+"""Standard deviations by which an error must exceed the limit."""
 
 VAGUE = 3.0
-"""An error that is known to be below so many times the limit only, is not known well enough."""
+"""Multiple of the limit below which an upper limit of the error is good enough to decide."""
 
 ASKED = 8
-"""Number of frames used for finding suspects; more would take longer without benefit."""
+"""Number of frames used to find suspects; more would take longer without benefit."""
 
 SURE, MORE = 0.7, 0.2
-"""Correlation below which a source is looked for elsewhere than at its place, and how much better it must fit there."""
+"""Correlation below which a source is searched for away from its stated place, and the improvement that is required."""
 
 SAME = 0.3
-"""Chi² below which a frame does not differ from those of H."""
+"""Chi² below which a frame does not differ from the frames of H."""
 
 BESIDE = 0.1
-"""Displacement of sources that is reported (pixels)."""
+"""Displacement of sources above which it is reported (pixels)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +67,13 @@ class Check:
     limit
         Largest error for a valid H (relative L2).
     stated
-        Error that H itself states (relative L2).
+        Error that H states itself (relative L2).
     doubt
         Error of its prediction for sources between its positions.
     suspects
-        What may have changed, the best explanation first.
+        Possible changes, the best explanation first.
     model_misfit
-        Share of H that its camera does not explain; None: there is no such camera.
+        Share of H that its camera does not explain; None: H has no camera.
     noise_from
         Source of the noise of the frames.
     notes
@@ -95,7 +95,7 @@ class Check:
 
     @property
     def holds(self) -> bool | None:
-        """Whether H is still valid; None: these frames do not decide."""
+        """Whether H is still valid; None: these frames are not sufficient to decide."""
         sure = CLEAR * self.error.squared_sigma
         own = math.hypot(self.stated, self.doubt)
         off = self.error.squared - sure > self.limit**2 + own**2
@@ -103,7 +103,7 @@ class Check:
             return False
         if any(one.shows and one.error - CLEAR * one.sigma > max(self.limit, own) for one in self.suspects):
             return False
-        # at the limit, by a comparison that is itself not as good, or known too little
+        # near the limit, for example because the comparison is not accurate enough
         if off or (self.error.known and self.error.squared > self.limit**2 + self.stated**2):
             return None
         bound = math.sqrt(max(0.0, self.error.squared - self.stated**2) + 2 * self.error.squared_sigma)
@@ -116,26 +116,26 @@ class Check:
 
     @property
     def answer(self) -> str:
-        """Whether H holds, in words."""
+        """Whether H is valid, in words."""
         return {True: "holds", False: "does not hold", None: "undecided"}[self.holds]
 
     @property
     def figures(self) -> str:
         """The error of H with its limit, and chi²."""
-        return f"{self.error} beyond noise, limit {format_share(self.limit)}; chi² {self.chi_square.lit:.2f}"
+        return f"error {self.error} beyond noise, limit {format_share(self.limit)}; chi² {self.chi_square.lit:.2f}"
 
     @property
     def remedy(self) -> str:
-        """What to do if H does not hold, or if the frames do not decide it."""
+        """What to do if H is not valid, or if the frames are not sufficient to decide."""
         if self.holds is not None:
             return "Record H again, or fit the camera again."
         if self.noise_from == DARK:
-            return "Part of it is noise of the light, which is not known: name it."
+            return "Part of it may be photon noise, which is unknown: give the noise (--noise)."
         return "Record more frames, or with more light."
 
     @property
     def known(self) -> str:
-        """What the frames show of H, for a verdict; empty if they do not decide it."""
+        """Result for a verdict, in words; empty if the frames are not sufficient to decide."""
         return f"as the frames show it: error {self.figures}" if self.holds else ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -194,7 +194,8 @@ def iter_check(
 ) -> Work[Check]:
     """Return whether H is still valid, from new frames of point sources.
 
-    The place of each source is known or found; its place between H's positions, gain and background are fitted.
+    The place of each source is known or searched for. Its displacement between H's positions, gain and background are
+    fitted.
 
     Parameters
     ----------
@@ -221,7 +222,7 @@ def iter_check(
     InputError
         If H was not made from unchanged pixels, or a frame shows no light where H has a pattern.
     """
-    check_number("largest error of an H that holds", limit, above=0, below=1)
+    check_number("largest error of a valid H", limit, above=0, below=1)
     _check_matrix(matrix)
     given = _as_frames(frames)
     clock = Clock("compare", 2 * len(given) + 1)
@@ -270,7 +271,7 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
         return [frames]
     given = list(frames) if isinstance(frames, Sequence) else []
     if isinstance(frames, Sequence) and not given:
-        raise InputError.expected("new frames", "one or more", "none", "name a frame")
+        raise InputError.expected("new frames", "one or more", "none", "give a frame")
     known = [one for one in given if isinstance(one, NewFrame)]
     if known and len(known) == len(given):
         return known
@@ -300,7 +301,9 @@ def _check_matrix(matrix: PSFMatrix) -> None:
     if matrix.is_transposed:
         raise InputError.expected("H", "an H", "HT", "give H")
     if matrix.pixel_scale != (1.0, 1.0):
-        raise InputError.expected("H", "one of the sensor's own pixels", "a resampled one", "give one not resampled")
+        raise InputError.expected(
+            "H", "an H with the sensor's own pixels", "a resampled H", "give an H that was assembled without resampling"
+        )
     if not (matrix.recorded > 0).any():
         raise InputError.expected("H", "recorded positions", "none", "give an H with patterns")
 
@@ -363,9 +366,11 @@ def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, st
     """Return the remarks in addition to the verdict."""
     notes = []
     if doubt > 0.5 * limit:
-        notes.append(f"sources lie between H's positions, where H itself is known to {format_share(doubt)} only")
+        notes.append(
+            f"sources lie between H's positions, where the prediction of H has an error of {format_share(doubt)}"
+        )
     if stated > limit:
-        notes.append(f"H itself states an error of {format_share(stated)}")
+        notes.append(f"H states an error of {format_share(stated)}")
     if camera is not None and not camera.explains:
         left = format_share(camera.misfit)
         notes.append(
@@ -378,7 +383,9 @@ def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, st
         rows, columns = beside.mean(0)
         notes.append(f"sources are displaced by ({rows:.2f}, {columns:.2f}) px: the stage or the array has moved")
     if min(one.chi_square.lit for one in compared) < SAME:
-        notes.append("frames differ from H by less than their noise: H was made of them, or the noise is not theirs")
+        notes.append(
+            "frames differ from H by less than their noise: H was made from them, or the given noise is too large"
+        )
     gains = [one.gain for one in compared]
     spread = float(np.std(gains) / abs(np.mean(gains))) if len(gains) > 1 and np.mean(gains) else 0.0
     if spread > 0.05:

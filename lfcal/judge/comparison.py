@@ -1,4 +1,4 @@
-"""Differences of two H by plane and lens type: unchanged, at the best scale, and at the best shift."""
+"""Compare two H by plane and lens type: unchanged, at the best scale, and at the best shift."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ MOST_PLANES = 40
 """Number of planes up to which each is compared with every other."""
 
 LIKER = 1.5
-"""How many times as unlike the plane of the same depth is when another plane is said to be more like."""
+"""Factor by which another plane must match better than the plane of the same depth to be reported."""
 
 FLOOR = 0.05
-"""Share of a pattern's peak that is subtracted before the centroid, so that distant noise does not move it."""
+"""Share of a pattern's peak that is subtracted before its centroid is computed, to exclude distant noise."""
 
 A, B = 0, 1
 MODEL = slice(2, 5)
@@ -48,11 +48,11 @@ class Figures:
     scale
         Number g that minimizes ``|a - g b|``.
     scaled
-        ``|a - g b| / |a|`` with it: 0 if they are equal, 1 if they have nothing in common.
+        ``|a - g b| / |a|`` at this scale: 0 if they are equal, 1 if they have nothing in common.
     shift_px
         Sub-pixel shift (row, column) of a relative to b.
     left
-        The same as ``scaled``, with best-fit scale and shift.
+        Like ``scaled``, with best-fit scale and shift.
     correlation
         ``sum(a b) / sqrt(sum(a²) sum(b²))``.
     """
@@ -72,13 +72,13 @@ class PlaneFigures:
     Attributes
     ----------
     planes, depths_um
-        Number and depth in both.
+        Number and depth in both H.
     positions
         Number of compared positions.
     all
         Differences of all pixels.
     types
-        Differences of the pixels behind the lenslets of each type; empty if no camera identifies them.
+        Differences of the pixels behind the lenslets of each type; empty if there is no camera to identify them.
     like
         Plane of the second H that matches this plane of the first better; None: the same plane matches best.
     """
@@ -102,7 +102,7 @@ class Comparison:
     pair
         The compared parts, and what was left out.
     all, types
-        Over all planes; the shift is the planes' mean, and each plane is at its own in ``left``.
+        Differences over all planes. The shift is the mean over the planes; in ``left``, each plane has its own shift.
     planes
         Differences by plane.
     error
@@ -162,27 +162,27 @@ class Comparison:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is left out, and what does not belong together."""
+        """What was left out, and what does not match."""
         swapped = [
-            f"plane {one.planes[0]} of the first is more like plane {one.like} of the second: depths swapped?"
+            f"plane {one.planes[0]} of the first matches plane {one.like} of the second better: are depths swapped?"
             for one in self.planes
             if one.like is not None
         ]
         empty = [f"{one.planes[0]}" for one in self.planes if not one.positions]
         if empty and len(empty) < len(self.planes):
             planes = f"plane{'s' * (len(empty) > 1)} {', '.join(empty)} of the first"
-            swapped.append(f"{planes}: not compared, for no position has light in both")
+            swapped.append(f"{planes}: not compared, because no position has light in both")
         return (*self.pair.notes, *swapped)
 
     def worst(self, count: int = 6) -> list[tuple[int, int, int]]:
-        """Return the positions (k, y, x) that differ most, the worst first; k numbers the planes compared."""
+        """Return the positions (k, y, x) that differ most, the worst first; k counts the compared planes."""
         known = np.where(np.isfinite(self.error), self.error, -np.inf)
         order = np.argsort(known, axis=None, kind="stable")[::-1][:count]
         found = [tuple(int(v) for v in np.unravel_index(at, known.shape)) for at in order]
         return [(k, y, x) for k, y, x in found if known[k, y, x] > -np.inf]
 
     def to_dict(self) -> dict[str, object]:
-        """Return everything but the maps as plain values."""
+        """Return everything except the maps as plain JSON types."""
         return {
             "format": "lfcal-comparison",
             "version": 1,
@@ -215,15 +215,15 @@ def iter_compare(
     """Compare two H; a few rows of positions of each are in memory at a time.
 
     The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them.
-    For this, b is shifted by its Fourier series, and the residual is fitted by least squares with its slopes and the
-    scale.
+    For this, b is shifted with its Fourier series, and the residual is fitted by least squares with its slopes and
+    the scale.
 
     Parameters
     ----------
     a, b, by_number, by_index
         As in `pair`, which defines what is compared.
     workers
-        Number of threads; all processors by default.
+        Number of threads; None: all processors.
 
     Raises
     ------
@@ -307,7 +307,7 @@ def _sensor_types(both: Pair) -> NDArray[np.intp] | None:
     if camera is None or matrix.pixel_scale != (1.0, 1.0) or len(camera.lattice.types) < 2:
         return None
     _, ny, nx, nt, ns = both.shape
-    # a has the numbers of positions; without a camera they are those of b
+    # a has the numbers of positions; without a camera they are equal to those of b
     rows = round(matrix.anchor[0]) - (nt - 1) // 2 + np.arange(ny + nt - 1)
     columns = round(matrix.anchor[1]) - (ns - 1) // 2 + np.arange(nx + ns - 1)
     return camera.lattice.type_at(camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)))
@@ -423,7 +423,7 @@ def _more_like(both: Pair) -> list[int | None]:
         ours = told([both.patterns(k, y, x)[0] for y, x in places])
         unlike = 1.0 - theirs @ ours
         own, best = both.planes[k][1], int(unlike.argmin())
-        if not theirs[own].any():  # a plane without light is like none
+        if not theirs[own].any():  # a plane without light matches none
             found.append(None)
             continue
         found.append(best if best != own and unlike[own] > LIKER * unlike[best] + 1e-3 else None)

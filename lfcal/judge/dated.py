@@ -1,4 +1,4 @@
-"""Fits and inspections as their files keep them: what was found, when, and of which camera or H."""
+"""Read fits and inspections from their files, with their times, for trends."""
 
 from __future__ import annotations
 
@@ -34,15 +34,14 @@ QUALITY, QUALITY_FORMAT = "quality.json", "lfcal-quality"
 
 @dataclass(frozen=True, eq=False)
 class DatedFit:
-    """One fit among others of the same camera.
+    """One fit in a series of fits of the same camera.
 
     Attributes
     ----------
     label
         Folder of the fit.
-    when, recorded
-        Time of the recording, else of the fit (UTC); and whether it is that of the recording. None: the file time,
-        because neither is known.
+    Time of the recording, or else of the fit (UTC); and whether it is that of the recording. None: the file time,
+    because neither is known.
     camera
         The fitted camera.
     values
@@ -52,7 +51,7 @@ class DatedFit:
     groups
         Groups of fitted unknowns.
     complete
-        Whether the model sufficed.
+        Whether the model was complete.
     middle_um
         Middle (x, y) of the scanned region from the sensor's centre (µm).
     depths_um
@@ -73,12 +72,12 @@ class DatedFit:
 
     @property
     def verdict(self) -> str:
-        """Whether the model sufficed, in words."""
-        return "the model suffices" if self.complete else "the model is incomplete"
+        """Whether the model was complete, in words."""
+        return "the model is complete" if self.complete else "the model is incomplete"
 
 
 def fits_in(path: str | os.PathLike[str]) -> list[Path]:
-    """Return the folders of the fits that a path names: a fit's folder or its fit.json, or a folder of such folders.
+    """Return the folders of the fits at a path: a fit's folder, its fit.json, or a folder of such folders.
 
     Raises
     ------
@@ -93,17 +92,17 @@ def fits_in(path: str | os.PathLike[str]) -> list[Path]:
     found = sorted(one.parent for one in place.glob(f"*/{FIT}")) if place.is_dir() else []
     if not found:
         got = "none" if place.is_dir() else "no such folder"
-        raise InputError.expected(f"fits in {place}", f"{FIT} of lfcal fit", got, "name the folder that a fit wrote")
+        raise InputError.expected(f"fits in {place}", f"{FIT} of lfcal fit", got, "give the folder of a fit")
     return found
 
 
 def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
-    """Return the fit in a folder; ``label`` is what it is called, its folder's name by default.
+    """Return the fit in a folder; ``label`` is its name, by default that of the folder.
 
     Raises
     ------
     FileFormatError
-        If its files are no fit's, or damaged.
+        If its files are damaged, or not those of a fit.
     StorageError
         If they cannot be read.
     """
@@ -111,16 +110,18 @@ def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
     path = place / FIT
     data = parse_json(read_text(path), str(path))
     if not isinstance(data, dict) or data.get("format") != FIT_FORMAT:
-        raise FileFormatError.expected(str(path), "what lfcal fit writes", "something else", "name a fit's folder")
+        raise FileFormatError.expected(
+            str(path), "a file written by lfcal fit", "another file", "give the folder of a fit"
+        )
     camera = _camera(place / CAMERA)
     try:
         rows = data["parameters"]
-        # what is held is the same in all of them
+        # fixed quantities are the same in all of them
         values = {
             str(one["name"]): (_number(one["value"]), _number(one.get("sigma_held", one["sigma"]))) for one in rows
         }
         when, recorded = _when(data, path)
-        # a region in the middle of the sensor where an older file does not say
+        # older files do not state the region: use the middle of the sensor
         x, y = data.get("middle_um") or (0.0, 0.0)
         return DatedFit(
             label or place.resolve().name,
@@ -136,7 +137,9 @@ def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
             tuple(_number(z) for z in data["depths_um"]),
         )
     except (KeyError, TypeError, ValueError):
-        raise FileFormatError.expected(str(path), "what lfcal fit writes", "a damaged file", "fit again") from None
+        raise FileFormatError.expected(
+            str(path), "a file written by lfcal fit", "a damaged file", "fit again"
+        ) from None
 
 
 def _camera(path: Path) -> Camera:
@@ -163,7 +166,7 @@ def _when(data: Mapping[str, Any], path: Path) -> tuple[datetime, bool | None]:
 
 @dataclass(frozen=True, slots=True)
 class MetricValue:
-    """A metric in one session; NaN where it is not known."""
+    """A metric in one session; NaN if unknown."""
 
     value: float
     merit: Merit
@@ -171,7 +174,7 @@ class MetricValue:
 
 @dataclass(frozen=True, slots=True)
 class MetricScale:
-    """What a metric's values are: title, unit, where they are good and bad."""
+    """Scale of a metric: title, unit, and where values are good and bad."""
 
     title: str
     unit: str
@@ -181,7 +184,7 @@ class MetricScale:
 
 @dataclass(frozen=True, eq=False)
 class DatedInspection:
-    """One inspection among others.
+    """One inspection in a series.
 
     Attributes
     ----------
@@ -192,7 +195,7 @@ class DatedInspection:
     values, scales
         Value and scale of each metric by its key.
     faults
-        Share of the light of each fault by its title; None: nothing was compared with a camera.
+        Share of the light of each fault by its title; None: no comparison with a camera.
     period
         Number of positions ``(ny, nx)`` of H; None if not stated.
     """
@@ -209,19 +212,21 @@ class DatedInspection:
 
 
 def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection:
-    """Return what ``lfcal inspect`` wrote: a report's folder or its quality.json, or what ``--json`` printed.
+    """Return the result of ``lfcal inspect``: from a report's folder, its quality.json, or the output of ``--json``.
 
     Raises
     ------
     FileFormatError
-        If it is none, or damaged.
+        If it is another file, or damaged.
     StorageError
         If it cannot be read.
     """
     place = Path(path) / QUALITY if Path(path).is_dir() else Path(path)
     data = parse_json(read_text(place), str(place), remedy="inspect H again")
     if not isinstance(data, dict) or data.get("format") != QUALITY_FORMAT:
-        raise FileFormatError.expected(str(place), "what lfcal inspect writes", "something else", "name its report")
+        raise FileFormatError.expected(
+            str(place), "a file written by lfcal inspect", "another file", "give the folder of its report"
+        )
     try:
         said = data.get("inspected")
         when = datetime.fromisoformat(said) if isinstance(said, str) else None
@@ -233,11 +238,13 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
         return _inspection(label, own if when is None else when, when is not None, data, faults)
     except (KeyError, TypeError, ValueError):
         remedy = "inspect H again"
-        raise FileFormatError.expected(str(place), "what lfcal inspect writes", "a damaged file", remedy) from None
+        raise FileFormatError.expected(
+            str(place), "a file written by lfcal inspect", "a damaged file", remedy
+        ) from None
 
 
 def inspection_of(report: QualityReport, label: str, when: datetime) -> DatedInspection:
-    """Return an inspection that was just made of a file that is as old as ``when``."""
+    """Return an inspection that was just made of a file with the time ``when``."""
     return _inspection(label, when, False, report.to_dict(), None)
 
 
@@ -263,7 +270,7 @@ def _inspection(
 
 
 def inspections_in(path: Path) -> list[Path]:
-    """Return what a path names: a file, or the quality.json of a report's folder, or of a folder of such folders.
+    """Return the files at a path: a file, the quality.json of a report's folder, or those in a folder of such folders.
 
     Raises
     ------
@@ -281,13 +288,13 @@ def inspections_in(path: Path) -> list[Path]:
             f"inspections in {path}",
             f"{QUALITY} of lfcal inspect --report, or an H file",
             got,
-            "name the report's folder",
+            "give the folder of the report",
         )
     return found
 
 
 def labels_of(places: Sequence[Path]) -> list[str]:
-    """Return short distinguishing names: that of the file, or of the folders above it."""
+    """Return short names that distinguish files: the name of the file, or of the folders above it."""
     for above in range(1, 8):
         told = ["/".join(place.parts[-above:]) for place in places]
         if len(set(told)) == len(told):

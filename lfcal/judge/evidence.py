@@ -30,26 +30,26 @@ COLUMNS = ("gain", "background", "source_y", "source_x", "window_y", "window_x",
 shift of depth as a share of the virtual depth."""
 
 CHANCE = 2
-"""Number of evenly spread patterns that a rare fault may have: they do not determine its frequency."""
+"""Largest number of evenly spread patterns with a rare fault; so few do not determine its frequency."""
 
 CLIP = 4.0
-"""Standard deviations beyond which a sample has no say in the fit of its pattern."""
+"""Standard deviations above which a sample is not used in the fit of its pattern."""
 
 APART = 0.3
-"""Correlation with the model, less than that of other patterns, that makes one unlike its place."""
+"""Correlation with the model, relative to that of other patterns, below which a pattern is foreign."""
 
 APART_ASKED = 0.05
-"""The same of those that were suspected: what they show of the sensor, others show as well."""
+"""The same for suspect patterns, whose information about the sensor is also in other patterns."""
 
 ASIDE_PX, SOME = 0.4, 0.25
-"""Displacement of single cutouts (pixels) that makes their patterns unlike their places, and the share of all patterns
-below which they are single ones."""
+"""Displacement of single cutouts (pixels) above which their patterns are foreign, and the share of all patterns up to
+which they count as single ones."""
 
 DIMMEST = 0.25
-"""Share of the samples, those of the least light, from which the noise of patterns is estimated."""
+"""Share of the samples, those with the least light, from which the noise of patterns is estimated."""
 
 ROUNDS = 3
-"""Number of fits of each pattern: after each, outliers are clipped and the noise is measured again."""
+"""Number of fits of each pattern; after each, outliers are clipped and the noise is measured again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +61,9 @@ class Unlike:
     reason
         Reason in words.
     stated
-        Whether a camera is stated that should explain the patterns but does not.
+        Whether a camera is stated but does not explain the patterns.
     camera
-        That camera, if patterns can be computed with it.
+        That camera, if its patterns can be computed.
     correlation
         Median correlation of the patterns with those of the camera; None: not measured.
 
@@ -113,9 +113,9 @@ class Evidence:
     starts
         Parameters at which the model and its derivatives were computed, the reference of displacements.
     asked
-        Patterns ``(n,)`` that were included as suspects; the others are evenly spread.
+        Patterns ``(n,)`` that were included because they are suspect; the others are evenly spread.
     more_suspected
-        Number of further suspected positions; the most suspect ones were included.
+        Number of further suspect positions; the most suspect ones were included.
     rounding
         Variance due to the rounding of values.
 
@@ -152,9 +152,10 @@ class Evidence:
         return len(self.index)
 
     def extent(self, which: NDArray[np.intp]) -> float:
-        """Return the share of all positions that are like ``which`` of the patterns (numbers).
+        """Return the share of all positions that are like the patterns ``which`` (indices).
 
-        By those that were not asked for, where more than chance is among them; at least those that were found.
+        It is estimated from evenly spread patterns, if there are more among them than by chance; it is at least the
+        share that was found.
         """
         even = np.flatnonzero(~self.asked)
         hits = int(np.isin(even, which).sum())
@@ -162,7 +163,7 @@ class Evidence:
         return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
 
     def likely_extent(self, which: NDArray[np.intp]) -> float:
-        """Return the share of positions like ``which``.
+        """Return the share of positions like the patterns ``which``.
 
         Further suspects count in proportion to those that were compared.
         """
@@ -178,12 +179,12 @@ class Evidence:
 
     @cached_property
     def light(self) -> F4:
-        """What the camera should give, at the gain of each pattern ``(n, nt, ns)``."""
+        """Patterns that the camera should give, with the gain of each pattern ``(n, nt, ns)``."""
         return self.model * self.values[:, 0, None, None].astype(np.float32)
 
     @cached_property
     def left(self) -> F4:
-        """Data ``(n, nt, ns)`` less the best fit of each pattern; 0 where nothing was measured."""
+        """Data ``(n, nt, ns)`` minus the best fit of each pattern; 0 where nothing was measured."""
         values = self.values.astype(np.float32)
         out = self.data - self.light - values[:, 1, None, None]
         for k in range(2, len(COLUMNS)):
@@ -193,21 +194,21 @@ class Evidence:
 
     @cached_property
     def weight(self) -> F4:
-        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured, and of patterns unlike theirs."""
+        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured, and for foreign patterns."""
         found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
         found[self.unlike] = 0.0
         return found
 
     @cached_property
     def computed(self) -> bool:
-        """Whether patterns have so little noise that they were computed: what a model leaves of them is its own error.
+        """Whether patterns have so little noise that they were computed; their residuals are then errors of a model.
 
-        Neither a sensor nor a codec has been at these.
+        Such patterns were affected by neither a sensor nor a codec.
         """
         peak = float(self.light.max())
         inner = self.valid[:, :, 2:] & self.valid[:, :, 1:-1] & self.valid[:, :, :-2]
         inner &= self.light[:, :, 1:-1] <= np.quantile(self.light, DIMMEST)
-        # second differences of neighbours: smooth light has next to none
+        # second differences of neighbours, which are almost zero for smooth light
         bend = (self.data[:, :, 2:] - 2 * self.data[:, :, 1:-1] + self.data[:, :, :-2])[inner] / math.sqrt(6)
         noise = 1.4826 * float(np.median(np.abs(bend))) if bend.size else 0.0
         return max(noise, math.sqrt(self.rounding)) * NOISELESS < peak
@@ -239,9 +240,9 @@ class Evidence:
         return found if found.mean() < SOME else np.zeros_like(found)
 
     def beyond(self, column: F4) -> tuple[F8, F8]:
-        """Return by how much of one more column ``(n, nt, ns)`` each pattern is fitted better, and its sigma ``(n,)``.
+        """Return how much of one more column ``(n, nt, ns)`` each pattern contains, and its sigma ``(n,)``.
 
-        What the columns that are fitted anyhow make up for is none of it; infinite sigma where nothing is left.
+        The part that the fitted columns explain is not included; sigma is infinite if nothing remains.
         """
         values, sigmas = np.zeros(len(self)), np.full(len(self), np.inf)
         left, root = self.left, np.sqrt(self.weight)
@@ -278,9 +279,9 @@ class Evidence:
         return replace(found, asked=self.asked, more_suspected=self.more_suspected)
 
     def followed(self, values: F8 | None = None) -> Evidence:
-        """Return the evidence with models computed at the apparent places of the patterns, given by ``values``.
+        """Return the evidence with models computed at the apparent positions of the patterns, given by ``values``.
 
-        Returns itself if these are close to the places where they were computed.
+        Returns itself if these are close to the positions at which models were computed.
         """
         planes = self.index[:, 0]
         moved = self.starts.nearer(self.values if values is None else values, planes)
@@ -293,7 +294,7 @@ class Evidence:
         return replace(self, model=model, columns=columns, starts=starts).with_data(self.data, self.valid)
 
     def corners(self) -> NDArray[np.intp]:
-        """Return the sensor's pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
+        """Return the sensor pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
         return self.index[:, 1:].copy()
 
 
@@ -311,7 +312,7 @@ def fitted(
 ) -> Evidence:
     """Return the evidence of patterns ``(n, nt, ns)``, each fitted with `COLUMNS` to its model.
 
-    Parameters are those of `Evidence`, by whose names they go.
+    Parameters have the same names as the attributes of `Evidence`.
     """
     n = len(index)
     values, sigmas = np.zeros((n, len(COLUMNS))), np.full((n, len(COLUMNS)), np.inf)
@@ -323,7 +324,7 @@ def fitted(
             values[k], sigmas[k], light[k] = _fit_one(data[k], keep[k], model[k], columns[k], variance[k])
         bright = np.maximum(model * values[:, 0, None, None], 0).astype(np.float32)
         variance, constant, slope = variance_of(data - light, bright, valid)
-        # where noise is lost in steps of the values, most of what is left is exactly nothing
+        # if noise is smaller than the steps of the values, most residuals are exactly zero
         variance = np.maximum(variance, np.float32(rounding))
         keep = valid & (np.square(data - light) < CLIP**2 * variance)
     noise = noise_of(matrix, index, bright, max(constant, rounding), slope)
@@ -364,34 +365,34 @@ def _fit_one(data: F4, keep: Flags, model: F4, columns: F4, variance: F4) -> tup
     values[used] = step
     sigmas[used] = np.sqrt(np.maximum(np.diag(inverse), 0)) / size[used]
     fitted = (step.astype(np.float32) @ x[used]).reshape(data.shape)
-    # displacements in pixels, depth as a share: derivatives of the pattern as bright as it is
+    # displacements in pixels, depth as a share: derivatives of the pattern at its brightness
     gain = values[0] if abs(values[0]) > 1e-300 else 1.0
     values[2:] /= gain
     sigmas[2:] /= abs(gain)
     return values, sigmas, fitted
 
 
-# -- which patterns are compared -----------------------------------------------------------------------------
+# -- choice of patterns to compare ---------------------------------------------------------------------------
 MOST_SAMPLES = 6_000_000
-"""Samples of patterns that are compared at most: each takes some forty bytes."""
+"""Largest number of samples that are compared; each takes about forty bytes."""
 
 PATTERNS = 60
 """Number of compared patterns, fixed so that a file has the same verdict on every machine."""
 
 LEAST_FEW = 4
-"""Recorded positions that a comparison needs."""
+"""Number of recorded positions needed for a comparison."""
 
 FEWEST = 24
-"""Patterns that are compared however large they are."""
+"""Smallest number of patterns that are compared, whatever their size."""
 
 TURNS = 3
-"""Times that models follow what was fitted."""
+"""Number of times that models are computed again at the fitted parameters."""
 
 ALIKE = 0.5
-"""Correlation with the best fit by a camera that most patterns have if they are its own."""
+"""Median correlation with the best fit above which patterns belong to the camera."""
 
 LEAST, MOST = 1e-12, 1e15
-"""Largest value that patterns may have: variances of others are no numbers of single precision."""
+"""Largest allowed value of patterns; variances of larger ones overflow single precision."""
 
 
 def iter_evidence(
@@ -446,7 +447,7 @@ def iter_evidence(
     except (InputError, EnergyError) as error:
         return Unlike(str(error), stated=True)
     if known is None:
-        return Unlike("no engine computes its camera")
+        return Unlike("no engine can compute its camera")
     many = min(patterns, max(FEWEST, MOST_SAMPLES // int(np.prod(matrix.cutout))), len(recorded))
     index = recorded[spread_out(recorded, many, matrix.period)] if many < len(recorded) else recorded
     asked = np.zeros(len(index), np.bool_)
@@ -476,7 +477,7 @@ def iter_evidence(
 def _camera_behind(matrix: PSFMatrix, recorded: NDArray[np.intp], setup: Setup | None) -> Behind | None:
     """Return the camera behind H, or None where no engine computes it; raises for a description that fits no H."""
     first = recorded[spread_out(recorded, LEAST_FEW, matrix.period)]
-    plan = plan_of(matrix)  # says what is wrong with the description
+    plan = plan_of(matrix)  # raises an error if the description is wrong
     assert plan is not None
     known = behind(matrix, first) if setup is None else Behind(setup, plan, 0.0)
     if known is not None:
@@ -485,7 +486,7 @@ def _camera_behind(matrix: PSFMatrix, recorded: NDArray[np.intp], setup: Setup |
 
 
 def patterns_of(matrix: PSFMatrix, index: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return patterns of positions ``(n, 3)`` and which of their samples carry a measurement ``(n, nt, ns)``."""
+    """Return patterns of positions ``(n, 3)``, and which of their samples are valid ``(n, nt, ns)``."""
     data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
     valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
     data[~valid] = 0.0

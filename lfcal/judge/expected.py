@@ -1,4 +1,4 @@
-"""What H says of a source between its positions: by the camera's model where that explains H, else by neighbours."""
+"""Predict the pattern of a source between positions of H, by the camera if it explains H, else by neighbours."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ EXPLAINS = 0.25
 """Share of H's light (relative L2) that a camera may leave unexplained and still predict changes of H."""
 
 EDGE = 2
-"""Pixels at each border of a cutout that no neighbour of two positions away has."""
+"""Number of pixels at each border of a cutout that neighbours up to two positions away do not contain."""
 
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """The camera behind an H.
+    """The camera of an H.
 
     Attributes
     ----------
     setup, plan
         Camera with effects and depths, and the positions of H.
     misfit
-        Share of H's light that it leaves unexplained (relative L2).
+        Share of the light of H that it leaves unexplained (relative L2).
     """
 
     setup: Setup
@@ -53,7 +53,7 @@ class Behind:
 
 
 def plan_of(matrix: PSFMatrix) -> ScanPlan | None:
-    """Return the scan that an H is of; None without its camera."""
+    """Return the plan of the scan of an H; None without a camera."""
     if matrix.camera is None:
         return None
     depths = tuple(float(z) for z in matrix.depths)
@@ -61,7 +61,7 @@ def plan_of(matrix: PSFMatrix) -> ScanPlan | None:
 
 
 def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
-    """Return what the fit in a folder found of the camera of an H; raises `InputError` where it is of another scan."""
+    """Return the camera of an H from the fit in a folder; raises `InputError` if the fit is of another scan."""
     plan = plan_of(matrix)
     if plan is None:
         raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with its camera")
@@ -71,7 +71,7 @@ def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
 
 
 def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
-    """Return the camera of an H, compared with its patterns ``index`` ``(n, 3)``; None if there is none."""
+    """Return the camera of an H, compared with its patterns at ``index`` ``(n, 3)``; None if there is none."""
     try:
         plan = plan_of(matrix)
         if plan is None:
@@ -109,7 +109,7 @@ def _effects(matrix: PSFMatrix) -> tuple[Any, ...]:
     if not isinstance(said, list) or not said:
         return described_effects(matrix.camera)
     if not all(isinstance(one, Mapping) and isinstance(one.get("name"), str) for one in said):
-        raise InputError.expected("effects of H", "a list of effects", "something else", "fit it again")
+        raise InputError.expected("effects of H", "a list of effects", "another value", "fit it again")
     return tuple(effect_from(one["name"], {k: v for k, v in one.items() if k != "name"}) for one in said)
 
 
@@ -169,7 +169,7 @@ class ExpectedPattern:
         return self._both(offset)[0]
 
     def doubt(self, offset: F8) -> float:
-        """Return how wrong that may be itself, as a share of the light (relative L2)."""
+        """Return the uncertainty of this prediction, as a share of the light (relative L2)."""
         return self._both(offset)[1]
 
     def _both(self, offset: F8) -> tuple[F8, float]:
@@ -232,7 +232,7 @@ def _neighbours(matrix: PSFMatrix, z: int, y: int, x: int) -> dict[tuple[int, in
             at = (y + a) % ny, (x + b) % nx
             if (a, b) == (0, 0) or matrix.recorded[z, *at] == 0:
                 continue
-            # its cutout lies (a, b) farther; what comes in at the border is not used
+            # its cutout is (a, b) farther; pixels that enter at the border are not used
             found[a, b] = np.roll(np.asarray(matrix[z, *at], np.float64), (a, b), (0, 1))
     return found
 

@@ -1,4 +1,4 @@
-"""Changes that explain patterns better than the described camera: orientation, positions, array, gap or iris."""
+"""Find changes that explain patterns better than the described camera: orientation, positions, array, gap or iris."""
 
 from __future__ import annotations
 
@@ -33,46 +33,46 @@ F8 = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 EXPLAINED = 0.06
-"""Share of the light that a camera may be off by to explain patterns."""
+"""Largest error of a camera (share of the light) at which it explains patterns."""
 
 BETTER = 0.5
-"""Share of what the description leaves unexplained that something else may leave, to be named in its place."""
+"""Ratio to the description's residual up to which an alternative is reported instead."""
 
 AS_WELL = 1.25
-"""Times as much as the best that orientations leave which explain patterns as well: symmetric arrays have several."""
+"""Ratio to the best residual up to which other orientations explain patterns equally well, as for symmetric arrays."""
 
 NEAR_PX, MOST_OF = 1, 0.75
-"""Distance of positions from one rule (pixels), and share of them that must follow it."""
+"""Distance from a common rule (pixels) up to which positions follow it, and the share that must follow it."""
 
 MATCHING = 0.7
-"""Correlation with the camera's patterns that H's have in their orientation at least."""
+"""Smallest correlation of H's patterns with the camera's in the right orientation."""
 
 NONE = 1e6
-"""What a description leaves unexplained that says nothing of the patterns."""
+"""Residual of a description above which it has no relation to the patterns."""
 
 GAPS = (0.92, 0.94, 0.96, 0.97, 0.98, 0.985, 0.99, 1.01, 1.015, 1.02, 1.03, 1.04, 1.06, 1.08)
-"""Gaps that are tried, over the stated one."""
+"""Gaps that are tried, relative to the stated one."""
 
 PUPILS = (0.75, 0.85, 0.9, 0.95, 1.05, 1.1, 1.2, 1.35)
-"""Diameters of the iris that are tried, over the stated one."""
+"""Diameters of the iris that are tried, relative to the stated one."""
 
 FINER = (0.5, 0.25)
-"""Steps about the best of those, over their distance."""
+"""Steps around the best of these, relative to their spacing."""
 
 BLADES = (0, 4, 5, 6, 7, 8, 9)
 """Numbers of iris blades that are tried."""
 
 TURNS = 3
-"""Rotations of an iris that are tried within a blade."""
+"""Number of rotations of an iris that are tried within one blade."""
 
 OF_PUPIL, OF_BLADES = 0.8, 0.4
-"""Shares of the light unexplained up to which another diameter, or other blades, may be what explains them."""
+"""Residuals up to which another diameter, or other blades, may be the explanation."""
 
 ROWS = (-2, -1, 1, 2)
 """Displacements of every other row or column that are tried (pixels)."""
 
 OVERLAP = 0.2
-"""Share of the camera's light that cutouts must show to be looked for elsewhere on the sensor."""
+"""Share of the camera's light that cutouts must contain for another place on the sensor to be searched for."""
 
 DARK, LIT = 0.5, 0.05
 """Share of the light below which a part of the pupil is blocked; share of the brightest part from which it counts."""
@@ -84,7 +84,9 @@ ADVICE_FRAMES = (
     "Assemble again with the frames turned upright (--orientation), or correct the camera's description; no new "
     "recording is needed."
 )
-ADVICE_CAMERA = "Correct the camera's description, or let lfcal fit find the true camera and name it with --fit."
+ADVICE_CAMERA = (
+    "Correct the camera's description, or find the true camera with lfcal fit, and give its folder with --fit."
+)
 
 
 _STAGE = "looking for what explains the patterns"
@@ -92,14 +94,14 @@ _STAGE = "looking for what explains the patterns"
 
 @dataclass(frozen=True)
 class Explanation:
-    """An explanation of the patterns of an H that is far better than its described camera.
+    """An explanation of the patterns of an H that is much better than its described camera.
 
     Attributes
     ----------
     kind
         ``"orientation"``, ``"rows"``, ``"part"``, ``"pupil"``, ``"types"``, ``"gap"``, ``"diameter"`` or ``"blades"``.
     words
-        Description, as a statement.
+        Description of the change, as a statement.
     advice
         Remedy.
     before, after
@@ -109,7 +111,7 @@ class Explanation:
     --------
     >>> from lfcal.judge import Explanation
     >>> print(Explanation("gap", "the gap is about 1.5 % larger", "Correct the gap.", 0.22, 0.02).sentence)
-    the gap is about 1.5 % larger (22 % of the light unexplained as described, 2 % so)
+    the gap is about 1.5 % larger (unexplained light: 22 % as described, 2 % with this change)
     """
 
     kind: str
@@ -120,14 +122,14 @@ class Explanation:
 
     @property
     def of_recording(self) -> bool:
-        """Whether frames or recording are wrong: H must not be used; else the description may be."""
+        """Whether frames or recording are wrong, so that H must not be used; otherwise the description may be wrong."""
         return self.kind in ("orientation", "rows", "part", "pupil")
 
     @property
     def sentence(self) -> str:
         """The statement with the figures before and after."""
         before, after = format_share(min(self.before, 1.0)), format_share(self.after)
-        return f"{self.words} ({before} of the light unexplained as described, {after} so)"
+        return f"{self.words} (unexplained light: {before} as described, {after} with this change)"
 
 
 CHECK = (
@@ -148,7 +150,7 @@ class Disagreement:
         Share of the light that the camera does not explain, and median correlation of the patterns with its
         predictions; None: not measured.
     explanation
-        A far better explanation, if there is one.
+        A much better explanation, if there is one.
     fitted
         Whether the camera comes from a fit.
 
@@ -168,27 +170,31 @@ class Disagreement:
 
     @property
     def certain(self) -> bool:
-        """Whether H must not be used with this camera; else its description may be what is wrong."""
+        """Whether H must not be used with this camera; otherwise its description may be wrong."""
         if self.explanation is not None:
             return self.explanation.of_recording
         return self.correlation is not None
 
     @property
     def sentence(self) -> str:
-        """What disagrees."""
+        """What disagrees, in words."""
         return f"{self.reason if self.explanation is None else self.explanation.sentence}."
 
     @property
     def advice(self) -> str:
-        """What to do about it."""
+        """What to do about the disagreement."""
         if self.explanation is not None:
             return self.explanation.advice
         if self.misfit is None and self.correlation is None:  # nothing was computed
             return "Nothing was computed: correct the description or the recording, and inspect again."
-        return f"{CHECK}." if self.fitted else f"{CHECK}; or find the true one with lfcal fit, and name it with --fit."
+        return (
+            f"{CHECK}."
+            if self.fitted
+            else f"{CHECK}; or find the true one with lfcal fit, and give its folder with --fit."
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return the values as plain JSON types."""
         return asdict(self) | {"certain": self.certain, "advice": self.advice}
 
 
@@ -205,12 +211,12 @@ class _Few:
 
     @property
     def last(self) -> NDArray[np.bool_]:
-        """The patterns ``(n,)`` of the last plane: enough to choose what is then compared with all of them."""
+        """The patterns ``(n,)`` of the last plane, which are enough for a first choice; all are compared later."""
         found: NDArray[np.bool_] = self.index[:, 0] == self.index[-1, 0]
         return found
 
     def misfit(self, known: Behind, index: Index, data: F4, valid: NDArray[np.bool_]) -> Work[float]:
-        """Return the share of the light that a camera leaves unexplained; infinite where none is computed."""
+        """Return the share of the light that a camera leaves unexplained; infinite if it cannot be computed."""
         try:
             found = yield from iter_fitted(self.matrix, known, index, data, valid, Clock(_STAGE, 100), elsewhere=False)
         except (InputError, EnergyError):
@@ -218,7 +224,7 @@ class _Few:
         return found.misfit if float(np.median(found.values[:, 0])) > 0 else math.inf
 
     def enough(self, after: float) -> bool:
-        """Return whether something is far better than the description, and better than nothing."""
+        """Return whether an alternative is much better than the description, and good enough."""
         return after <= BETTER * min(self.before, 1.0)
 
 
@@ -234,14 +240,14 @@ def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_F
 
 # -- orientation -------------------------------------------------------------------------------------------
 def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = None) -> Work[Explanation | None]:
-    """Return what makes the patterns their camera's again: orientation, displaced lines or place; None: nothing does.
+    """Return the change that makes the patterns match their camera: orientation, displaced lines or place; or None.
 
     Parameters
     ----------
     matrix, known
         H, and the camera behind it.
     misfit
-        What the description leaves of other patterns unexplained, if that is known.
+        Share of the light of other patterns that the description leaves unexplained, if known.
     """
     few = yield from _iter_few(matrix, known, misfit)
     for look in (_orientation, _rows, _part):
@@ -277,21 +283,23 @@ def _orientation(few: _Few) -> Work[Explanation | None]:
     ruled = [(match, rule) for match in alike if (rule := _rule(match, period))]
     if BETTER * left[AS_IS] <= after:
         own = _rule(by_name[AS_IS], period)
-        if own in ("", AS_IS):  # upright patterns of other positions: the faults of the scan cover that
+        if own in ("", AS_IS):  # upright patterns of other positions are covered by the faults of the scan
             return None
-        words = f"the positions are {ORIENTATIONS[own].words} against the camera, or the patterns are"
+        words = f"the positions are {ORIENTATIONS[own].words} relative to the camera, or the patterns are"
         return Explanation("orientation", words, ADVICE_FRAMES, few.before, after)
-    # of several that explain as much, one whose positions follow the patterns or stayed as planned
+    # if several explain the same, prefer one whose positions follow the patterns or stayed as planned
     plain = [(match, rule) for match, rule in ruled if rule in (match.name, AS_IS)]
     best, rule = next(iter((*plain, *ruled, (by_name[name], ""))))
-    words = f"the patterns are {ORIENTATIONS[best.name].words} against the camera"
+    words = f"the patterns are {ORIENTATIONS[best.name].words} relative to the camera"
     also = [ORIENTATIONS[match.name].words for match, _ in plain if match is not best]
     if also:
-        words = f"the patterns are {' or '.join((ORIENTATIONS[best.name].words, *also))} (its patterns look alike then)"
+        words = (
+            f"the patterns are {' or '.join((ORIENTATIONS[best.name].words, *also))} (both explain them equally well)"
+        )
     if rule == best.name:
         words += ", and so are their positions"
     turned = Explanation("orientation", words, ADVICE_FRAMES, few.before, after)
-    # three types in another order look like a mirrored array: only the iris distinguishes the two
+    # three types in another order look like a mirrored array; only the iris distinguishes the two
     types = yield from _types(few)
     if types is None or types.after > AS_WELL * after:
         return turned
@@ -330,7 +338,7 @@ def _rule(match: OrientationMatch, period: tuple[int, int]) -> str:
     """
     size = np.array(period)
     for name in (AS_IS, match.name, *ORIENTATIONS):
-        # what makes frames upright moves their positions back
+        # the operation that makes frames upright moves their positions back
         moved = match.index[:, 1:] @ ORIENTATIONS[name].inverse.moves().T
         if _most_agree(match.found[:, 1:] - moved, size):
             return name
@@ -349,7 +357,7 @@ def _most_agree(shifts: F8, size: Index) -> bool:
 def iter_explained(
     matrix: PSFMatrix, known: Behind, *, iris: Iris | None = None, evidence: Evidence | None = None
 ) -> Work[Explanation | None]:
-    """Return a far better explanation of patterns than their described camera; None: there is none.
+    """Return a much better explanation of patterns than their described camera; None if there is none.
 
     Parameters
     ----------
@@ -387,7 +395,7 @@ def _rows(few: _Few) -> Work[Explanation | None]:
     after = yield from few.misfit(few.known, few.index, data, valid)
     axis, shift, _ = best
     line, way = ("row", "along the rows") if axis == 1 else ("column", "along the columns")
-    words = f"every other {line} is displaced by {abs(shift)} px {way} against the others (interlaced)"
+    words = f"every other {line} is displaced by {abs(shift)} px {way} relative to the others (interlaced)"
     advice = "Read the camera without interlacing, or displace these lines back in the frames; assemble again."
     return Explanation("rows", words, advice, few.before, after)
 
@@ -418,7 +426,7 @@ def _part(few: _Few) -> Work[Explanation | None]:
     row, column = (a + b for a, b in zip(given, by, strict=True))
     ways = zip(by, (("up", "down"), ("left", "right")), strict=True)
     away = " and ".join(f"{abs(n)} px {names[n > 0]}" for n, names in ways if n)
-    words = f"all cutouts lie {away} of their planned places"
+    words = f"all cutouts are {away} of their planned places"
     if row < 0 or column < 0:
         return Explanation("part", words, "Correct the anchor of the plan and assemble again.", few.before, after)
     words += f", as if the frames were a part of the sensor that begins at row {row}, column {column}"
@@ -467,7 +475,7 @@ def _types(few: _Few) -> Work[Explanation | None]:
 
     order = yield from _best(few, orders, ordered)
     after = yield from _after(few, None if order is None else ordered(order))
-    words = f"the order of the lens types is {', '.join(map(str, order or ()))} of the description"
+    words = f"the lens types are, in order, types {', '.join(map(str, order or ()))} of the description"
     advice = "State the lens types in this order, or turn the frames upright if the array is mirrored."
     return Explanation("types", words, advice, few.before, after)
 
@@ -480,7 +488,7 @@ def _gap(few: _Few) -> Work[Explanation | None]:
         return replace(camera, lattice=replace(camera.lattice, gap_um=camera.lattice.gap_um * factor))
 
     factor, after = yield from _nearest(few, GAPS, scaled)
-    words = f"the gap of lenslets and sensor is about {100 * (factor - 1):+.1f} % off the description"
+    words = f"the gap between lenslets and sensor differs from the description by about {100 * (factor - 1):+.1f} %"
     return Explanation("gap", words, ADVICE_CAMERA, few.before, after)
 
 
@@ -497,7 +505,7 @@ def _diameter(few: _Few) -> Work[Explanation | None]:
         return replace(camera, optics=replace(optics, numerical_aperture=optics.numerical_aperture * factor))
 
     factor, after = yield from _nearest(few, PUPILS, scaled)
-    words = f"the diameter of the iris is about {100 * (factor - 1):+.0f} % off the description"
+    words = f"the diameter of the iris differs from the description by about {100 * (factor - 1):+.0f} %"
     return Explanation("diameter", words, ADVICE_CAMERA, few.before, after)
 
 
@@ -524,7 +532,7 @@ def _blades(few: _Few, iris: Iris | None) -> Work[Explanation | None]:
     after = yield from _after(few, None if best is None else bladed(best))
     many = best[0] if best is not None else 0
     words = f"the iris has {many} blades" if many else "the iris is round"
-    words += f", where the description has {optics.blades}" if optics.blades else ", where the description has it round"
+    words += f", but {optics.blades} in the description" if optics.blades else ", but it is round in the description"
     return Explanation("blades", words, ADVICE_CAMERA, few.before, after)
 
 
@@ -601,7 +609,7 @@ def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
     after = changed.with_data(evidence.data, evidence.valid).misfit
     words = f"about {100 * share:.0f} % of the pupil is blocked"
     advice = (
-        "Look at the depth-plane sums: free the iris, take away what is in the way, and record again; or state the "
+        "Look at the depth-plane sums: free the iris, remove the obstacle, and record again; or state the "
         "vignetting in the camera."
     )
     return Explanation("pupil", words, advice, evidence.misfit, after)
@@ -613,14 +621,14 @@ def _dark_parts(evidence: Evidence, side: int) -> Iterator[tuple[int, NDArray[np
     for z in np.unique(evidence.index[:, 0]).tolist():
         own = evidence.index[:, 0] == z
         there = use[own]
-        # lenslets do not show in light that is averaged over one of them
+        # averaging over a lenslet removes the structure of the lenslets
         found, expected = (
             uniform_filter(np.where(there, light[own], 0).sum(0, dtype=np.float64), side, mode="constant")
             for light in (evidence.data - evidence.values[:, 1, None, None].astype(np.float32), evidence.model)
         )
         lit = expected > LIT * expected.max()
         ratio = np.divide(found, expected, out=np.ones_like(found), where=lit)
-        # most of the pupil is free: its light sets the scale
+        # most of the pupil is not blocked, and its light sets the scale
         order = np.argsort(ratio[lit])
         weight = np.cumsum(expected[lit][order])
         usual = float(ratio[lit][order][np.searchsorted(weight, 0.7 * weight[-1])]) if lit.any() else 1.0

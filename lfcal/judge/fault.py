@@ -1,4 +1,4 @@
-"""What a fault is, how it is found, and what it does to patterns."""
+"""Definition of a fault, how it is found, and its effect on patterns."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Repair = Callable[[NDArray[np.intp], F4], F4]
 
 
 def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
-    """Return what adds light ``(n, nt, ns)`` to the patterns of the positions ``own`` that were compared."""
+    """Return a function that adds light ``(n, nt, ns)`` to the compared patterns at the positions ``own``."""
     missing = np.asarray(light, np.float32)
     return lambda index, patterns: patterns + missing if np.array_equal(index, own) else patterns
 
@@ -46,7 +46,7 @@ class FaultPicture:
         Title in words.
     axes
         Names of the axes: rows and columns of a map, abscissa of a curve.
-    across
+    Abscissa of a curve; None: indices from 0.
         Abscissa of a curve; None: numbers from 0.
     origin
         Numbers of the first row and column of a map.
@@ -77,7 +77,7 @@ class FoundFault:
     Attributes
     ----------
     fault
-        The kind of fault.
+        The kind of the fault.
     detail
         Details, with numbers and units.
     sigmas
@@ -90,23 +90,22 @@ class FoundFault:
         Affected pixels of the sensor (row, column) ``(n, 2)``, relative to H's first cutout.
     picture
         Picture of the evidence.
-    repair
+    Function that removes the fault from patterns; None: only a new recording helps.
         Function that removes it from patterns; None: only a new recording helps.
-    blinds
+    Whether ``pixels`` have no valid measurements.
         Whether ``pixels`` have no valid measurement.
     masked
         Function that returns which values of patterns are invalid.
     redo
         Whether the positions should be recorded again.
-    put_in
+    Function that adds the fault to clean patterns, to measure its cost.
         Function that adds it to clean patterns, to measure its cost.
-    extent
-        Share of all positions that have it, if ``positions`` are single frames; None: it does not concern single
-        frames.
+    Share of all positions that have the fault, if ``positions`` are single frames; None: it does not concern single
+    frames.
     scatters
-        Whether ``put_in`` depends only on the size, or also on a part of the residuals.
+        Whether ``put_in`` depends only on the size of the fault, or also on a part of the residuals.
     wider
-        Enlargement of the cutouts on which ``put_in`` shows the cost.
+        Enlargement of the cutouts with which ``put_in`` shows the cost.
     cost
         Error of a reconstruction with this H in addition to noise (NRMSE); errors add in squares. None: not
         measured.
@@ -148,7 +147,7 @@ class FoundFault:
 
     @property
     def confidence(self) -> float:
-        """Share of such findings that are none of chance, 0 to 1, by Gauss's law and the many places looked at."""
+        """Probability (0 to 1) that it is not due to chance, for Gaussian noise and all places examined."""
         return max(0.0, 1.0 - 1e4 * math.erfc(self.sigmas / math.sqrt(2)))
 
 
@@ -192,11 +191,11 @@ class Fault:
     strong_rank: ClassVar[int | None] = None
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield what is found of it."""
+        """Yield the faults of this kind that are found."""
         raise NotImplementedError
 
 
 FAULTS: Registry[Fault] = Registry(
     "fault", "lfcal.judge.faults", "FAULTS", "lfcal.faults", order=lambda one: (one.rank, one.name)
 )
-"""Every fault that inspection by model knows."""
+"""All faults that the inspection with a model can find."""

@@ -1,4 +1,4 @@
-"""Inspection of an H: comparison with the model of its camera, if there is one, and metrics that need no camera."""
+"""Inspect an H: comparison with the model of its camera, if there is one, and metrics that need no camera."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from lfcal.psf import PSFMatrix
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
 
 FAIR_SHARE, BAD_SHARE = 0.01, 0.05
-"""The same of the share of the light that it changes, where no cost was measured."""
+"""The same thresholds for the share of the light that a fault changes, if its cost was not measured."""
 
 LIMIT_S = 1800.0
 """Time limit of a comparison (s): much more than it takes on a slow machine, because its work is fixed."""
 
 ODDEST = 48
-"""Suspected positions that are compared at most."""
+"""Largest number of suspect positions that are compared."""
 
 ORIENTATION = "scan_order"
 """Key of the metric of the orientation of frames."""
 
 KINDS, LARGE = 3, 0.02
 """Number of different faults, each with at least that share of the light, above which a wrong camera is more likely
-than all of them together."""
+than all of these faults together."""
 
 LEFT, DEPTHS = 0.02, ("depth_label", "focus_drift")
-"""Share of the light that is left with planes at other depths, beyond which something else may explain more."""
+"""Remaining share of the light, with planes at other depths, above which other explanations are tried."""
 
 MEASURED = frozenset(
     {
@@ -57,7 +57,7 @@ MEASURED = frozenset(
         "step",
     }
 )
-"""Keys of model-free metrics whose subject the comparison with a camera measures itself, and more surely."""
+"""Keys of model-free metrics whose subject the comparison with a camera measures more reliably."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,17 +71,17 @@ class Inspection:
     faults
         Faults found, the most expensive first.
     compared
-        Number of patterns compared with the camera; 0: none.
+        Number of patterns compared with the camera; 0: no comparison.
     misfit
-        Typical error of the camera, as a share of the light.
+        Typical error of the camera's patterns, as a share of the light.
     why_not
-        Reason why nothing was compared; empty if it was.
+        Reason why nothing was compared; empty otherwise.
     seconds
         Duration of the comparison.
     clean
         Error of a reconstruction due to the noise of H alone (NRMSE); None: not measured.
     as_it_is
-        The same for the actual H.
+        The same for the H itself, with its faults.
     disagreement
         Disagreement of the stated camera with H, if any: such an H is never good.
     unfinished
@@ -114,17 +114,17 @@ class Inspection:
     unfinished: str = ""
 
     def settled(self, metric: Metric) -> FoundFault | None:
-        """Return the fault that replaces a metric, or None."""
+        """Return the fault that explains and replaces a metric, or None."""
         return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
-        """Return whether the comparison measured what a metric suspects, and found next to nothing of it."""
+        """Return whether the comparison examined what a metric suspects, and found almost nothing."""
         harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
         return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
 
     @property
     def doubts(self) -> tuple[Metric, ...]:
-        """The metrics that are not good, no fault causes and the comparison does not refute."""
+        """The metrics that are not good, that no fault explains, and that the comparison does not refute."""
         return tuple(m for m in self.standing if m.merit in ("bad", "fair"))
 
     @property
@@ -144,12 +144,12 @@ class Inspection:
 
     @property
     def judgement(self) -> Judgement:
-        """What is wrong with H, by all sources."""
+        """Findings about H from all sources."""
         return judgement_of(self)
 
     @property
     def merit(self) -> Merit:
-        """The merit of H: unknown where its camera does not explain it, or the comparison is not finished."""
+        """The merit of H; unknown if its camera does not explain it, or if the comparison is not finished."""
         return self.judgement.merit
 
     @property
@@ -159,7 +159,7 @@ class Inspection:
 
     @property
     def known(self) -> str:
-        """What is known of H besides what is wrong; empty: nothing."""
+        """Positive results about H in words; empty if there are none."""
         good = sum(m.merit == "good" for m in self.quality.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}"
         if self.compared or self.faults:
@@ -186,21 +186,21 @@ class Inspection:
         others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
         reasons = {place: [words] for place, words in self.quality.redo(others)}
         for one in self.faults:
-            # a single frame is soon taken again, whatever it costs
+            # a single frame can be recorded again quickly, whatever it costs
             if one.redo and len(one.positions) and (one.extent is not None or is_bad(one) or is_fair(one)):
                 for place in map(tuple, one.positions.tolist()):
                     reasons.setdefault(place, []).append(one.title)
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything but maps as plain values; with ``every`` metrics that do not apply, too."""
+        """Return everything except maps as plain JSON types; with ``every``, also metrics that do not apply."""
         model = {"model": self._model()} if self.asked else {}
         redo = {"redo": [list(place) for place, _ in self.redo()]}
         return self.quality.to_dict(every=every) | model | self.judgement.to_dict() | redo
 
     @property
     def asked(self) -> bool:
-        """Whether a comparison with the camera was asked for, whatever came of it."""
+        """Whether a comparison with the camera was requested, whatever its result."""
         return bool(self.compared or self.why_not)
 
     def _model(self) -> dict[str, object]:
@@ -234,23 +234,23 @@ class Inspection:
 
 
 def is_bad(finding: FoundFault) -> bool:
-    """Return whether an H with this fault should not be used: by what it costs, else by what it changes."""
+    """Return whether a fault makes H unusable, by its cost, or else by its share of the light."""
     return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
 
 
 def is_fair(finding: FoundFault) -> bool:
-    """Return whether an H with this fault is worth a look: by what it costs, else by what it changes."""
+    """Return whether a fault deserves a look, by its cost, or else by its share of the light."""
     return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
 
 
 def is_of_single_frames(finding: FoundFault) -> bool:
-    """Return whether a fault is of single frames that are soon recorded again, whatever it costs."""
+    """Return whether a fault concerns single frames, which can be recorded again quickly, whatever its cost."""
     return finding.redo and finding.extent is not None and len(finding.positions) > 0
 
 
 def worst_first(finding: FoundFault) -> tuple[float, float]:
-    """Return what faults are sorted by: less what they cost, else what they change."""
-    # without a cost by the share of the limit that the changed light is
+    """Return the key by which faults are sorted: minus the cost, or else minus the share of the light."""
+    # without a cost, use the share of the changed light relative to its limit
     cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
     return -cost, -finding.share
 
@@ -263,22 +263,22 @@ def iter_inspection(
     seconds: float = LIMIT_S,
     patterns: int = PATTERNS,
 ) -> Work[Inspection]:
-    """Compare H with its camera, and name the faults that differences show.
+    """Compare H with its camera, and name the faults that explain the differences.
 
-    What is done is fixed by H and ``patterns``: the verdict is the same on every machine.
+    The work is determined by H and ``patterns``, so the verdict is the same on every machine.
 
     Parameters
     ----------
     matrix
         H.
     quality
-        Its metrics.
+        Metrics of H.
     setup
-        The camera as it was found by a fit; None takes what H says of it.
+        The camera found by a fit; None: the camera described in H.
     seconds
-        Longest time of the comparison. Where it is reached, the verdict is "not fully judged".
+        Time limit of the comparison (s). If it is reached, the verdict is "not fully judged".
     patterns
-        Patterns that are compared, besides those that metrics find odd.
+        Number of patterns that are compared, in addition to those that metrics find unusual.
 
     Examples
     --------
@@ -295,7 +295,7 @@ def iter_inspection(
     kept = [Inspection(quality)]
     with closing(_iter_stages(matrix, kept, setup, patterns)) as work:
         for record in work:
-            # without a camera there is nothing that could take long
+            # without a camera, nothing takes a long time
             if matrix.camera is not None and time.perf_counter() - start >= seconds:
                 break
             yield record
@@ -369,7 +369,7 @@ def _iter_unexplained(
     quality: QualityReport, evidence: Evidence, found: Sequence[FoundFault], disagreement: Disagreement
 ) -> Work[Inspection]:
     """Return what is said where the camera leaves too much unexplained, or something else explains more."""
-    # what an unsuitable model leaves looks like any fault, and what was taken out for it is in H
+    # residuals of an unsuitable model look like any fault, so its findings must not be removed from H
     sure = () if disagreement.certain else tuple(one for one in found if not one.fault.needs_camera)
     costs = yield from iter_costs(evidence, sure)
     sure = tuple(replace(one, cost=cost) for one, cost in zip(sure, costs.costs, strict=True))

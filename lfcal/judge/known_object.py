@@ -1,4 +1,4 @@
-"""The frame of a known object, predicted by H of a fit, or by H of each region of the field."""
+"""Predict the frame of a known object with the H of a fit, or with the H of each region of the field."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ObjectPlace:
     middle_px
         Middle (row, column) of its scan on the sensor.
     gains
-        Light of each of its planes: regions may have been recorded with different light.
+        Light of each of its planes, because regions may have been recorded with different light.
     """
 
     H: Path
@@ -42,11 +42,11 @@ class ObjectPlace:
         Raises
         ------
         InputError
-            If it was fitted without H.
+            If the fit was made without H.
         """
         H = fit.folder / MODEL
         if not H.is_file():
-            raise InputError.expected(str(H), "H of the fit", "none", "fit again, and let H be written")
+            raise InputError.expected(str(H), "H of the fit", "none", "fit again without --no-h")
         row, column = (a + (n - 1) / 2 for a, n in zip(fit.anchor, fit.period, strict=True))
         return cls(H, (row, column), tuple(map(float, fit.gains)))
 
@@ -69,9 +69,9 @@ def object_error(
     given: tuple[float, float] | None,
     workers: int | None,
 ) -> Compared:
-    """Compare a known object's frame with its prediction, of each point of the object by the H that is nearest.
+    """Compare a known object's frame with its prediction, in which each point of the object uses the nearest H.
 
-    One period is taken to be like the next only from a point to the nearest region.
+    Periods are assumed to be equal only between a point and the nearest region.
     """
     noise = given or shot.noise
     if noise is None:
@@ -81,7 +81,7 @@ def object_error(
     common = np.mean([one.gains for one in places], axis=0)
     light, cutout = np.zeros((rows, columns)), (1, 1)
     for k, one in enumerate(places):
-        # in one light: what a region was recorded in is no property of the camera
+        # at equal light, because the light of a region's recording is not a property of the camera
         scale = (common / np.array(one.gains)).astype(np.float32)
         own = np.where(near == k, volume, np.float32(0)) * scale[:, None, None]
         with open_psf(one.H) as matrix:

@@ -1,4 +1,4 @@
-"""New frames of point sources, with what is known of where their sources are, to check an old H by."""
+"""Open new frames of point sources, with the places of their sources if known, to check an old H."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["new_frame", "new_frames"]
 
 NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
-"""Names of single files that say where their source is."""
+"""Pattern of names of single files that state the place of their source."""
 
 NEAR_DEPTH = 0.02
 """Largest relative difference between a depth and that of its plane in H."""
@@ -35,7 +35,7 @@ def new_frames(
     source
         Name for messages.
     plan
-        Plan of their scan; None: each is a file, whose name may state the place of its source.
+        Plan of their scan; None: each is a single file, whose name may state the place of its source.
     most
         Largest number of frames, spread evenly; 0: all.
 
@@ -60,10 +60,14 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
     wanted = H.camera.sensor.shape
     origin = view.info(0).origin
     if origin == (0, 0) and view.shape != wanted and (plan is None or plan.camera.sensor.shape != view.shape):
-        raise InputError.expected(f"{source}, pixels", f"{wanted} as H's camera", view.shape, "take whole frames of it")
+        raise InputError.expected(
+            f"{source}, pixels", f"{wanted} as H's camera", view.shape, "use whole frames of this camera"
+        )
     if plan is not None and plan.camera.sensor.shape != wanted:
         got = plan.camera.sensor.shape
-        raise InputError.expected(f"{source}, sensor", f"{wanted} pixels as H's camera", got, "name the H of this one")
+        raise InputError.expected(
+            f"{source}, sensor", f"{wanted} pixels as H's camera", got, "give the H of this sensor"
+        )
 
 
 def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFrame:
@@ -76,7 +80,7 @@ def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFram
     if abs(float(H.depths[nearest]) - depth) > NEAR_DEPTH * max(abs(depth), 1.0):
         got = f"{depth:.6g} µm"
         wanted = "a depth of H, " + ", ".join(f"{v:.6g}" for v in H.depths[:6]) + " µm"
-        raise InputError.expected(f"{info.label}, depth", wanted, got, "name an H of these depths")
+        raise InputError.expected(f"{info.label}, depth", wanted, got, "give an H with these depths")
     return new_frame(view, k, info.label, place, nearest)
 
 
@@ -94,7 +98,7 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
 def new_frame(
     view: FrameSource, k: int, label: str, place: tuple[float, float] | None = None, plane: int | None = None
 ) -> NewFrame:
-    """Return frame ``k`` of a corrected view with its noise, where that is known, and where its source is."""
+    """Return frame ``k`` of a corrected view, with its noise if known, and with the place of its source."""
     samples = view.samples(k)
     noise = None
     if samples.noise is not None:

@@ -1,4 +1,4 @@
-"""Common parts of two H: planes, positions and pixels that can be compared, and what is left out."""
+"""Find the parts of two H that can be compared (planes, positions and pixels), and what is left out."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lfcal.psf import PSFMatrix
 __all__ = ["Pair", "pair"]
 
 CLOSE = 0.05
-"""Share of the distance between neighbouring planes by which depths may differ that are the same plane."""
+"""Difference of depths, as a share of the distance between planes, up to which planes are the same."""
 
 FRACTION = 0.01
-"""Pixels by which the anchors of the same positions may differ without a word."""
+"""Difference between the anchors of equal positions above which it is reported (pixels)."""
 
 F8 = NDArray[np.float64]
 
@@ -48,11 +48,11 @@ class Pair:
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """Planes, positions and pixels that are compared."""
+        """Number of compared planes, positions and pixels."""
         return (len(self.planes), *self.a.period, *self.cutout)
 
     def there(self, k: int) -> NDArray[np.bool_]:
-        """Return which positions ``(ny, nx)`` of pair ``k`` of planes both have."""
+        """Return which positions ``(ny, nx)`` of the pair of planes ``k`` exist in both."""
         za, zb = self.planes[k]
         ours = np.asarray(self.a.recorded[za]) > 0
         theirs = np.asarray(self.b.recorded[zb]) > 0
@@ -60,23 +60,23 @@ class Pair:
         return found
 
     def place_in_b(self, y: int, x: int) -> tuple[int, int]:
-        """Return the position (y, x) of b that is that of a."""
+        """Return the position (y, x) of b that corresponds to a position of a."""
         ny, nx = self.a.period
         return (y + self.moved[0]) % ny, (x + self.moved[1]) % nx
 
     def patterns(self, k: int, y: int, x: int) -> tuple[F8, F8]:
-        """Return what both show at a position of a ``(nt, ns)`` each."""
+        """Return the two patterns ``(nt, ns)`` at a position of a."""
         za, zb = self.planes[k]
         return self.crop(self.a[za, y, x]), self.crop(self.b[(zb, *self.place_in_b(y, x))])
 
     def row(self, k: int, y: int) -> tuple[F8, F8]:
-        """Return what both show along a row of positions of a ``(nx, nt, ns)`` each."""
+        """Return the patterns of both along a row of positions of a, ``(nx, nt, ns)`` each."""
         za, zb = self.planes[k]
         other, first = self.place_in_b(y, 0)
         return self.crop(self.a[za, y]), np.roll(self.crop(self.b[zb, other]), -first, 0)
 
     def crop(self, patterns: ArrayLike) -> F8:
-        """Return the pixels about the source that both have, of patterns ``(..., t, s)``."""
+        """Return the pixels around the source that both have, of patterns ``(..., t, s)``."""
         values = np.asarray(patterns)
         at = tuple(centre(have) - centre(want) for have, want in zip(values.shape[-2:], self.cutout, strict=True))
         rows, columns = (slice(first, first + n) for first, n in zip(at, self.cutout, strict=True))
@@ -95,7 +95,7 @@ def pair(
     a, b
         Matrices; for a transposed view, its H is used.
     by_number
-        Match planes by their numbers instead of their depths.
+        Match planes by their numbers instead of by their depths.
     by_index
         Match planes and positions by their numbers, wherever they are on the sensor; the shapes must be equal.
 
@@ -124,13 +124,13 @@ def pair(
         notes.append("both are the same file")
     names = [m.camera.name for m in (first, second) if m.camera is not None]
     if len(set(names)) > 1:
-        notes.append(f"cameras of other names: {names[0]} and {names[1]}")
+        notes.append(f"the names of the cameras differ: {names[0]} and {names[1]}")
     planes = _planes(first, second, by_number or by_index, notes)
     moved = (0, 0) if by_index else _moved(first, second, notes)
     rows, columns = (min(n, m) for n, m in zip(first.cutout, second.cutout, strict=True))
     if first.cutout != second.cutout:
         sizes = " and ".join(f"{nt} × {ns}" for nt, ns in (first.cutout, second.cutout))
-        notes.append(f"cutouts of {sizes} pixels: the {rows} × {columns} about the source are compared")
+        notes.append(f"cutouts of {sizes} pixels: {rows} × {columns} pixels around the source are compared")
     return Pair(first, second, planes, moved, (rows, columns), tuple(notes))
 
 
@@ -152,9 +152,9 @@ def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tu
         apart = [z for z in range(common) if known and abs(a.depths[z] - b.depths[z]) > _close(a, b)]
         if not by_number and a.knows_depths != b.knows_depths:
             which = "second" if a.knows_depths else "first"
-            notes.append(f"the {which} H does not state depths: planes of equal numbers are compared")
+            notes.append(f"the {which} H does not state depths: planes with equal numbers are compared")
         if apart:
-            notes.append(f"planes of equal numbers are compared; {len(apart)} of them differ in depth")
+            notes.append(f"planes with equal numbers are compared; {len(apart)} of them differ in depth")
         _left_out(notes, "first", a, range(common))
         _left_out(notes, "second", b, range(common))
         return tuple((z, z) for z in range(common))
@@ -169,7 +169,7 @@ def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tu
     if not found:
         raise InputError.expected(
             f"{_called(b, 'second')}, depths",
-            f"some of {_listed(a, range(len(a)))}",
+            f"at least one of {_listed(a, range(len(a)))}",
             _listed(b, range(len(b))),
             "compare planes by number (--by-number)",
         )
@@ -184,7 +184,7 @@ def _close(a: PSFMatrix, b: PSFMatrix) -> float:
     steps = [step for step in steps if step > 0]
     if steps:
         return CLOSE * min(steps)
-    # of a single plane nothing says how far its neighbours would be
+    # with a single plane, the distance of neighbours is unknown
     return max(1.0, 1e-3 * float(np.abs(a.depths).max()))
 
 
@@ -192,7 +192,7 @@ def _left_out(notes: list[str], which: str, matrix: PSFMatrix, used: range | lis
     alone = [z for z in range(len(matrix)) if z not in used]
     if alone:
         words = "plane" if len(alone) == 1 else "planes"
-        notes.append(f"{words} of the {which} H alone: {_listed(matrix, alone)}")
+        notes.append(f"{words} only in the {which} H: {_listed(matrix, alone)}")
 
 
 def _listed(matrix: PSFMatrix, planes: range | list[int]) -> str:
@@ -208,8 +208,8 @@ def _moved(a: PSFMatrix, b: PSFMatrix, notes: list[str]) -> tuple[int, int]:
     whole = [round(v) for v in apart]
     rest = [v - n for v, n in zip(apart, whole, strict=True)]
     if max(map(abs, rest)) > FRACTION:
-        notes.append(f"the scans lie ({rest[0]:.3g}, {rest[1]:.3g}) pixels apart: shifts contain that")
+        notes.append(f"the scans are ({rest[0]:.3g}, {rest[1]:.3g}) pixels apart: shifts include this")
     moved = (whole[0] % a.period[0], whole[1] % a.period[1])
     if moved != (0, 0):
-        notes.append(f"positions are paired by the sensor: (0, 0) of the first is {moved} of the second")
+        notes.append(f"positions are paired by their place on the sensor: (0, 0) of the first is {moved} of the second")
     return moved

@@ -1,4 +1,4 @@
-"""Loss if one region's H represents the whole field: every region compared with the first."""
+"""Loss if the H of one region is used for the whole field: every region is compared with the first."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RegionLoss:
 
     @property
     def losses(self) -> NDArray[np.float64]:
-        """Root mean square of the error of each region ``(n,)``, 0 for the first; NaN where nothing was compared."""
+        """Root mean square of the error of each region ``(n,)``, 0 for the first; NaN if nothing was compared."""
         squares = self.error.astype(np.float64).reshape(len(self.names), -1) ** 2
         known = np.isfinite(squares).any(axis=1)
         found = np.full(len(self.names), np.nan)
@@ -48,27 +48,29 @@ class RegionLoss:
 
     @property
     def worst(self) -> float:
-        """The largest of them."""
+        """The largest loss of any region."""
         return float(np.nanmax(self.losses))
 
     def to_dict(self) -> dict[str, object]:
-        """Return the numbers by region."""
+        """Return the numbers of each region."""
         rows = zip(self.names, self.anchors.tolist(), self.losses.tolist(), self.shift_px.tolist(), strict=True)
         regions = [{"region": n, "anchor": a, "loss": e, "shift_px": s} for n, a, e, s in rows]
         return {"worst": self.worst, "regions": regions}
 
 
 def iter_region_loss(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[RegionLoss]:
-    """Hold every region of an H file against the one that it opens with.
+    """Compare every region of an H file with its default region.
 
     Raises
     ------
     InputError
-        If the file has one region only, or their shapes differ.
+        If the file has only one region, or their shapes differ.
     """
     names = regions_of(path)
     if len(names) < 2:
-        raise InputError.expected(str(path), "H of several regions of the field", "one", "record more (plan --regions)")
+        raise InputError.expected(
+            str(path), "H of several regions of the field", "one", "record several (lfcal plan --regions)"
+        )
     errors, anchors, shifts = [], [], []
     with open_psf(path) as first:
         for k, name in enumerate(names):
@@ -88,7 +90,7 @@ region_loss = drained(iter_region_loss)
 
 
 def draw_region_loss(loss: RegionLoss, path: Path) -> None:
-    """Draw the map: each region's error by position, where on the sensor it lies; a PNG file."""
+    """Draw a map of each region's error by position, at the region's place on the sensor, as a PNG file."""
     rows, columns = (np.unique(np.round(loss.anchors[:, k] / 8) * 8) for k in (0, 1))
     high = max(float(np.nanmax(loss.error)), 1e-6)
     with figure(2.2 * len(columns) + 1.0, 1.9 * len(rows) + 0.6) as fig:
@@ -105,5 +107,5 @@ def draw_region_loss(loss: RegionLoss, path: Path) -> None:
             image = axes.imshow(values, vmin=0, vmax=100 * high, cmap="viridis", interpolation="nearest")
             axes.set_title(f"{name}: {100 * loss.losses[k]:.3g} %", fontsize=8)
         assert image is not None
-        fig.colorbar(image, ax=list(grid.ravel()), label="error against the first region (%)", shrink=0.8)
+        fig.colorbar(image, ax=list(grid.ravel()), label="difference from the first region (%)", shrink=0.8)
         save_figure(fig, path)

@@ -1,4 +1,4 @@
-"""What lies in folders: recordings, H, fits, reports, exports and volumes, each described by its headers alone."""
+"""List recordings, H, fits, reports, exports and volumes in folders, described by their headers alone."""
 
 from __future__ import annotations
 
@@ -52,29 +52,29 @@ __all__ = [
 
 Kind = Literal["recording", "H", "fit", "report", "export", "volume", "unreadable"]
 KINDS: tuple[Kind, ...] = ("recording", "H", "fit", "report", "export", "volume", "unreadable")
-"""What a result can be: a recorded session, H, a fit, a quality report, H for another program, a volume."""
+"""Kinds of results: a recorded session, H, a fit, a quality report, H for another program, a volume."""
 
 DEPTH = 4
-"""Folders below the given one that are looked into."""
+"""Number of levels of folders that are searched."""
 
 MOST_FOLDERS = 20_000
 MOST_IMAGES = 64
-"""TIFF and NPY files of a folder that are looked at: a folder with more of them holds frames."""
+"""Largest number of TIFF and NPY files in a folder that are read; a folder with more contains frames."""
 
 _IMAGES = (".tif", ".tiff", ".npy")
 
 HEAD = 1 << 14
-"""Bytes of a damaged TIFF file in which the name of lfcal is looked for."""
+"""Number of bytes of a damaged TIFF file that are searched for the name of lfcal."""
 
 EVERY_S = 0.2
-"""Between two records of progress (s)."""
+"""Time between two records of progress (s)."""
 
 Facts = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
 class StoredResult:
-    """One result that is stored in a file or folder.
+    """One result, stored in a file or folder.
 
     Attributes
     ----------
@@ -130,9 +130,9 @@ class ResultList:
     Attributes
     ----------
     results
-        The newest first.
+        The results, newest first.
     notes
-        What could not be looked at, a line each.
+        What could not be searched, one line each.
     """
 
     results: tuple[StoredResult, ...]
@@ -141,7 +141,7 @@ class ResultList:
 
 @dataclass(frozen=True, slots=True)
 class ListingProgress(Progress):
-    """Progress with the results that were found since the record before."""
+    """Progress with the results found since the previous record."""
 
     found: tuple[StoredResult, ...] = ()
 
@@ -149,20 +149,20 @@ class ListingProgress(Progress):
 def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> Work[ResultList]:
     """Find recordings, H, fits, quality reports, exports of H and volumes; no frame and no matrix is read.
 
-    What a file is follows from its content. Files of other programs are left out. A file of lfcal that cannot be
-    read has the kind ``"unreadable"`` and a problem.
+    The kind of a file is determined by its content. Files of other programs are left out. A file of lfcal that cannot
+    be read has the kind ``"unreadable"`` and a problem.
 
     Parameters
     ----------
     folders
-        Where to look.
+        Folders to search.
     depth
-        How many folders below these are looked into.
+        Number of levels of folders below these that are searched.
 
     Yields
     ------
     ListingProgress
-        With what was found meanwhile.
+        With the results found meanwhile.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
         for path in _candidates(place, entries):
             try:
                 result = read_result(path)
-            except OSError as error:  # it vanished since
+            except OSError as error:  # it has been deleted meanwhile
                 notes.append(storage_words(error, path))
                 continue
             found += [] if result is None else [result]
@@ -235,9 +235,11 @@ def _folders(
         if left > 0:
             waiting += [(one, left - 1) for one in below]
         elif below:
-            notes.append(f"{place}: its {format_count(len(below), 'folder', 'folders')} are too deep; open it itself")
+            notes.append(
+                f"{place}: its {format_count(len(below), 'folder', 'folders')} are too deep; search this folder itself"
+            )
         if len(seen) >= MOST_FOLDERS:
-            notes.append(f"only the first {MOST_FOLDERS} folders were looked into; choose a smaller one")
+            notes.append(f"only the first {MOST_FOLDERS} folders were searched; choose a smaller one")
             return
 
 
@@ -264,12 +266,12 @@ def _candidates(place: Path, entries: Iterable[os.DirEntry[str]]) -> Iterator[Pa
 
 # -- one result --------------------------------------------------------------------------------------------
 def read_result(path: str | os.PathLike[str]) -> StoredResult | None:
-    """Return what a file or folder is; None: nothing that lfcal makes.
+    """Return the result in a file or folder; None if lfcal did not write it.
 
     Raises
     ------
     OSError
-        If there is nothing of this name, or it cannot be asked for.
+        If there is nothing with this name, or it cannot be accessed.
 
     Examples
     --------
@@ -294,7 +296,7 @@ def read_result(path: str | os.PathLike[str]) -> StoredResult | None:
     try:
         return read(place, bare)
     except LfcalError as error:
-        place.stat()  # what is gone is no damaged result
+        place.stat()  # a file that no longer exists is not a damaged result
         return replace(bare, problem=" ".join(str(error).split()))
 
 
@@ -439,7 +441,7 @@ def _made(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _matlab(path: Path, bare: StoredResult) -> StoredResult | None:
     with path.open("rb") as file:
-        if file.read(10) == b"MATLAB 5.0":  # of other programs: lfcal writes version 7.3
+        if file.read(10) == b"MATLAB 5.0":  # from other programs, because lfcal writes version 7.3
             return None
     with H5File(path, only=()) as stored:
         shape = stored.dataset_shape("H")
@@ -468,13 +470,13 @@ def _tiff(path: Path, bare: StoredResult) -> StoredResult | None:
             if "lfcal" not in words:
                 return None
             shape, first = stored.series[0].shape, stored.series[0].keyframe
-            # of images in one piece a file that was cut has the first one alone
+            # if several images were written as one piece, a truncated file may contain the first one alone
             images = int((stored.imagej_metadata or {}).get("images", 1))
             end = max(stored.series[0].nbytes, images * first.nbytes) + first.dataoffsets[0]
             if end > bare.bytes:
                 raise EOFError(f"{bare.bytes} of {end} bytes")
     except Exception as error:  # tifffile raises many kinds on damaged data
-        if not _names_lfcal(path):  # what is not known to be of lfcal is none of its damaged files
+        if not _names_lfcal(path):  # files that may be of other programs are not reported as damaged
             return None
         raise _damaged_tiff(path, error) from error
     if "PSF matrix" not in words:
@@ -513,7 +515,7 @@ def _volume(bare: StoredResult, shape: Sequence[int], depths: Iterable[float] = 
 Reader = Callable[[Path, StoredResult], StoredResult | None]
 
 _OF_FOLDERS: dict[str, Reader] = {NAME: _recording, FIT: _fit, QUALITY: _report}
-"""Who reads a folder with a file of this name."""
+"""Program that reads a folder with a file of this name."""
 
 _OF_FILES: dict[str, Reader] = {
     ".h5": _hdf5,
@@ -524,12 +526,12 @@ _OF_FILES: dict[str, Reader] = {
     ".tiff": _tiff,
     ".zarr": _zarr,
 }
-"""Who reads a file with this ending."""
+"""Program that reads a file with this ending."""
 
 
-# -- more of one result ------------------------------------------------------------------------------------
+# -- details of one result ---------------------------------------------------------------------------------
 def detailed(result: StoredResult) -> StoredResult:
-    """Return a result with what takes longer to read: of a recording, the light of its frames."""
+    """Return a result with facts that take longer to read: for a recording, the light of its frames."""
     if result.kind != "recording" or result.problem:
         return result
     with H5File(result.path / "recording.h5", only=("records",)) as file:
@@ -550,7 +552,7 @@ def detailed(result: StoredResult) -> StoredResult:
 
 
 def picture_of(result: StoredResult) -> NDArray[Any] | None:
-    """Return an image of a result: the sum of the middle plane of H, or a frame, pattern or slice; None: no image.
+    """Return an image of a result: the sum of the middle plane of H, or a frame, pattern or slice; None if it has none.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Faults one after the other: what is found is taken out of the patterns before the next is looked for."""
+"""Search for faults one after the other; each is removed from the patterns before the next is searched for."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ required significance in standard deviations."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Evidence]]:
-    """Look for every fault; return what was found, and the evidence without it.
+    """Search for every fault; return the faults found, and the evidence without them.
 
     Examples
     --------
@@ -47,10 +47,10 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Eviden
             without = _without(evidence, one)
             if strong and (one.sigmas < SURELY or without.misfit > (1 - MOST) * evidence.misfit):
                 continue
-            # a strong fault may have looked like other places, which models have followed
+            # a strong fault may have looked like displacements, which models have followed
             evidence = without.followed() if strong else without
             explained.update(fault.explains)
-            # what a strong fault left of itself is no second one
+            # the remainder of a strong fault is not a second fault
             if fault.name not in whole:
                 found.append(one)
         if strong and any(one.fault is fault for one in found):
@@ -73,7 +73,7 @@ def _without(evidence: Evidence, finding: FoundFault) -> Evidence:
     valid = evidence.valid & ~_blinded(evidence, finding.pixels) if finding.blinds else evidence.valid
     if finding.masked is not None:
         valid = valid & ~finding.masked(evidence.data)
-    if finding.extent is not None:  # foreign frames carry no further information
+    if finding.extent is not None:  # foreign frames contain no further information
         bad = set(map(tuple, finding.positions.tolist()))
         valid = valid & ~np.array([place in bad for place in map(tuple, evidence.index.tolist())])[:, None, None]
     return evidence.with_data(data, valid)

@@ -1,4 +1,4 @@
-"""Sources of findings: who says what is wrong with which kind of data, and the judgement from all of them."""
+"""Sources of findings for each kind of data, and the verdict from all of them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ __all__ = ["FINDING_SOURCES", "FindingSource", "Judged", "judgement_of"]
 
 @runtime_checkable
 class Judged(Protocol):
-    """What was measured of some data; sources find in it what is wrong with them."""
+    """Measurements of some data, in which sources find problems."""
 
     @property
     def data(self) -> str:
-        """What the data are, for the verdict: "PSF", "session", "camera"."""
+        """Kind of the data for the verdict: "PSF", "session", "camera"."""
         ...
 
     @property
     def known(self) -> str:
-        """What is known of the data besides what is wrong, as "good by 26 metrics"; empty: nothing."""
+        """Positive results about the data, such as "good by 26 metrics"; may be empty."""
         ...
 
 
@@ -33,11 +33,11 @@ class FindingSource:
     Attributes
     ----------
     name
-        What it finds.
+        Kind of problems that it finds.
     of
-        Names of the classes that it takes.
+        Names of the classes that it accepts.
     find
-        Takes an object of one of them, and yields what is wrong.
+        Function that takes an object of one of these classes, and yields findings.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class FindingSource:
 FINDING_SOURCES: Registry[FindingSource] = Registry(
     "source of findings", "lfcal.judge.sources", "FINDING_SOURCES", "lfcal.findings", order=lambda _: 0
 )
-"""Every source of findings that is known, in the order in which modules name them."""
+"""All known sources of findings, in the order in which modules list them."""
 
 
 def judgement_of(measured: Judged) -> Judgement:
@@ -65,8 +65,8 @@ def judgement_of(measured: Judged) -> Judgement:
     Parameters
     ----------
     measured
-        Measurements: of an H by `inspect` or `iter_inspection`, of its file or a session by ``verify``, of a
-        camera by ``check_camera``, of an H against new frames by `check`, or the report of an assembly.
+        Measurements: of an H by `inspect` or `iter_inspection`, of its file or a session by ``verify``, of a camera
+        by ``check_camera``, of an H with new frames by `check`, or the report of an assembly.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def judgement_of(measured: Judged) -> Judgement:
     >>> print(judgement_of(verify("H.h5")).verdict)
     This H file is whole in 2 of 2 planes (compared with their checksums).
     """
-    # by name: a source of sessions must not load what records them where an H is judged
+    # by name, so that judging an H does not load the modules that record sessions
     names = {kind.__name__ for kind in type(measured).__mro__}
     found = [one for source in FINDING_SOURCES if names & set(source.of) for one in source.find(measured)]
     return Judgement.of(measured.data, found, measured.known)

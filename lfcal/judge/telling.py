@@ -1,4 +1,4 @@
-"""An inspection for people: costs and comparisons in words, and pictures of faults."""
+"""Describe an inspection for users: costs and comparisons in words, and pictures of faults."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def cost_words(inspection: Inspection, finding: FoundFault) -> str:
 
 
 def scene_words(inspection: Inspection) -> str:
-    """Return what a reconstruction with H as it is, and without its faults, differs by; empty where not measured."""
+    """Return the reconstruction errors with H as it is and without its faults, in words; empty if not measured."""
     if inspection.clean is None or inspection.as_it_is is None:
         return ""
     return (
@@ -36,9 +36,9 @@ def scene_words(inspection: Inspection) -> str:
 
 
 def compared_words(inspection: Inspection) -> str:
-    """Return how much was compared with the camera, or why nothing was."""
+    """Return in words how many patterns were compared with the camera, or why none were."""
     if not inspection.compared:
-        weaker = "the metrics below are weaker than a comparison"
+        weaker = "the metrics below are less sensitive than a comparison"
         if inspection.faults:
             weaker = f"the patterns alone show these faults; {weaker}"
         if inspection.disagreement is not None:
@@ -48,11 +48,11 @@ def compared_words(inspection: Inspection) -> str:
     if not inspection.faults:
         return f"{beside}: no fault found"
     scene = scene_words(inspection)
-    return f"{beside}: these faults stand out" + (f"; {scene}" if scene else "")
+    return f"{beside}: these faults were found" + (f"; {scene}" if scene else "")
 
 
 def draw_picture(axes: Axes, picture: FaultPicture) -> None:
-    """Draw a map, or a curve."""
+    """Draw a picture of a fault: a map or a curve."""
     values = np.asarray(picture.values, float)
     if values.ndim == 2:
         (rows, columns), (top, left) = picture.axes, picture.origin
@@ -68,7 +68,7 @@ def draw_picture(axes: Axes, picture: FaultPicture) -> None:
 
 
 def drawn(picture: FaultPicture) -> bytes:
-    """Return a picture as PNG."""
+    """Return the picture of a fault as PNG."""
     out = io.BytesIO()
     with figure(5.2, 3.4) as fig:
         draw_picture(fig.add_subplot(), picture)

@@ -1,4 +1,4 @@
-"""Fits or inspections of one camera over time: what has moved or got worse, how fast, and what has jumped."""
+"""Trends of fits or inspections of one camera: what has changed or got worse, how fast, and sudden changes."""
 
 from __future__ import annotations
 
@@ -19,23 +19,22 @@ from lfcal.judge.dated import DatedFit, DatedInspection, MetricValue
 __all__ = ["TOO_SHORT", "Course", "CoursePoint", "Jump", "Trend", "draw_trend", "trend"]
 
 SIGMAS = 5.0
-"""Standard deviations by which a parameter must have changed to have moved."""
+"""Standard deviations by which a parameter must have changed to count as moved."""
 
 FAIR_SHARE, BAD_SHARE = 0.01, 0.05
-"""Shares of the light at which a fault is fair, and bad."""
+"""Shares of the light above which a fault is fair, and bad."""
 
 MONTH_S = 365.25 / 12 * 86400.0
 SHORTEST_S = 7 * 86400.0
-"""Shortest span of values that gives a change per month: from less, noise would be made more than four times as
-large."""
+"""Shortest span of values for a change per month (s); with less, noise would be magnified more than four times."""
 
 TOO_SHORT = "no change per month is estimated from less than a week of data"
 
 AS_DISTANCE = ("gap_um", "f_number", "focal_0_um", "focal_1_um", "focal_2_um")
-"""Parameters that a source nearer or farther than described looks like."""
+"""Parameters that have the same effect as a source nearer or farther away than described."""
 
 SHIFTS = {"offset_y_um": 1, "offset_x_um": 0}
-"""Parameters that are relative to the description of each fit; what is compared are places of the array."""
+"""Parameters that are relative to the description of each fit, so that places of the array are compared instead."""
 
 PLANNED = ("distance", "depths")
 """Groups of unknowns that are relative to the planned depths."""
@@ -54,7 +53,7 @@ class CoursePoint:
     merit
         Its merit for an H; unknown for parameters of a camera.
     compared
-        Whether it is comparable with that of the newest session.
+        Whether it can be compared with the newest value.
     """
 
     value: float
@@ -65,7 +64,7 @@ class CoursePoint:
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A change between two sessions, one after the other, and how many standard deviations of both it is."""
+    """A change between two consecutive sessions, and its size in standard deviations of both."""
 
     before: str
     after: str
@@ -75,7 +74,7 @@ class Jump:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """One value over sessions: a parameter of the camera, a metric of H, or a fault's share of the light.
+    """One value over all sessions: a parameter of the camera, a metric of H, or a fault's share of the light.
 
     Attributes
     ----------
@@ -118,16 +117,16 @@ class Course:
 
     @property
     def newest(self) -> CoursePoint | None:
-        """The newest value, None where it is not known."""
+        """The newest value, None if unknown."""
         return self.points[-1]
 
     @property
     def notable(self) -> bool:
-        """Whether it is anything but good in any session."""
+        """Whether it is not good in any session."""
         return any(one is not None and one.merit != "good" for one in self.points)
 
     def to_dict(self) -> dict[str, object]:
-        """Return a metric or a fault as plain values."""
+        """Return a metric or a fault as plain JSON types."""
         return {
             "key": self.name,
             "title": self.title,
@@ -143,7 +142,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Trend:
-    """All values over sessions.
+    """All values over all sessions.
 
     Attributes
     ----------
@@ -168,7 +167,7 @@ class Trend:
         return tuple(one for one in self.courses if one.worse)
 
     def to_dict(self) -> dict[str, object]:
-        """Return everything as plain values."""
+        """Return everything as plain JSON types."""
         newest = self.sessions[-1]
         if isinstance(newest, DatedFit):
             fits = [one for one in self.sessions if isinstance(one, DatedFit)]
@@ -238,7 +237,7 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     fits = [one for one in sessions if isinstance(one, DatedFit)]
     inspections = [one for one in sessions if isinstance(one, DatedInspection)]
     if len(sessions) < 2:
-        raise InputError.expected("sessions", "two or more", len(sessions), "name those of several days")
+        raise InputError.expected("sessions", "two or more", len(sessions), "give the sessions of several days")
     if fits and inspections:
         raise InputError.expected("sessions", "fits or inspections", "both", "compare each kind alone")
     return _trend_of_fits(fits, sigmas) if fits else _trend_of_inspections(inspections, sigmas)
@@ -254,22 +253,24 @@ def _trend_of_fits(fits: Sequence[DatedFit], sigmas: float) -> Trend:
     notes = []
     other = [one.label for one in ordered if one.groups != newest.groups]
     if other:
-        notes.append(f"{', '.join(other)}: other unknowns than the newest fit's; not compared, fit with the same ones")
+        notes.append(
+            f"{', '.join(other)}: not compared, because their unknowns differ from the newest fit's; fit the same ones"
+        )
     unknown = [one.label for one in ordered if one.recorded is None]
     if unknown:
-        notes.append(f"{', '.join(unknown)}: no date; the file's own time is taken")
+        notes.append(f"{', '.join(unknown)}: no date; the time of the file is used")
     late = [one.label for one in ordered if one.recorded is False]
     if late:
-        notes.append(f"{', '.join(late)}: dated by the fit; when the frames were recorded is not known")
+        notes.append(f"{', '.join(late)}: dated by the fit, because the time of the recording is unknown")
     poor = [one.label for one in ordered if not one.complete]
     if poor:
-        notes.append(f"{', '.join(poor)}: the model was incomplete; values may be off by more than their sigmas")
+        notes.append(f"{', '.join(poor)}: the model was incomplete; errors may exceed the stated standard deviations")
     if any(one.span_s < SHORTEST_S for one in courses):
         notes.append(TOO_SHORT)
     if "distance" not in newest.groups and any(one.worse and one.name in AS_DISTANCE for one in courses):
         notes.append(
-            "distance was held in these fits: a point source that is not always as far away looks alike; fit it, too "
-            "(--unknowns with distance)"
+            "distance was fixed in these fits, but a change of the source's distance has the same effect; "
+            "fit it, too (--unknowns with distance)"
         )
     return Trend(ordered, courses, sigmas, tuple(notes))
 
@@ -284,7 +285,9 @@ def _check_one_camera(fits: Sequence[DatedFit]) -> None:
             names = " and ".join(f"{c.name} {c.sensor.shape}" for c in (first, camera))
             raise InputError.expected("fits", "of one camera", names, f"leave out {one.label}")
         if any(abs(one.when - other.when).total_seconds() < 1 and one is not other for other in fits):
-            raise InputError.expected("fits", "one at a time", f"{one.label} as old as another", "name each fit once")
+            raise InputError.expected(
+                "fits", "fits with different times", f"{one.label} with the time of another", "give each fit once"
+            )
 
 
 def _parameter_course(name: str, fits: Sequence[DatedFit], sigmas: float) -> Course:
@@ -338,10 +341,10 @@ def _trend_of_inspections(inspections: Sequence[DatedInspection], sigmas: float)
     notes = []
     undated = [one.label for one in ordered if not one.dated]
     if undated:
-        notes.append(f"{', '.join(undated)}: no date; the file's own time is taken")
+        notes.append(f"{', '.join(undated)}: no date; the time of the file is used")
     bare = [one.label for one in ordered if one.faults is None]
     if bare:
-        notes.append(f"{', '.join(bare)}: not compared with a camera; faults are not known")
+        notes.append(f"{', '.join(bare)}: not compared with a camera; faults are unknown")
     notes += _of_another_array(ordered) + _at_one_time(ordered)
     if any(one.span_s < SHORTEST_S for courses in found for one in courses):
         notes.append(TOO_SHORT)
@@ -356,7 +359,7 @@ def _of_another_array(sessions: Sequence[DatedInspection]) -> list[str]:
     """Return notes on H whose period is not that of the newest."""
     newest = sessions[-1].period
     return [
-        f"{one.label}: a period of {one.period[0]} × {one.period[1]} positions, the newest's has "
+        f"{one.label}: a period of {one.period[0]} × {one.period[1]} positions, the newest has "
         f"{newest[0]} × {newest[1]}: another camera or array, whose values cannot be compared"
         for one in sessions
         if one.period is not None and newest is not None and one.period != newest
@@ -365,7 +368,7 @@ def _of_another_array(sessions: Sequence[DatedInspection]) -> list[str]:
 
 def _at_one_time(sessions: Sequence[DatedInspection]) -> list[str]:
     return [
-        f"{one.label} and {other.label} are of the same time: which of them is newer is not known"
+        f"{one.label} and {other.label} have the same time: it is unknown which of them is newer"
         for one, other in pairwise(sessions)
         if one.when == other.when
     ]
@@ -437,16 +440,16 @@ def _slope(times: Sequence[datetime], points: Sequence[CoursePoint]) -> tuple[fl
     grown = math.sqrt(max(1.0, residual)) if len(points) > 2 else 1.0
     slope, sigma = float(found[1]), grown * math.sqrt(max(0.0, float(inverse[1, 1])))
     if not known:
-        # what rounding leaves of values that are the same
+        # rounding differences of equal values
         return (slope if abs(slope) > 1e-9 * float(np.abs(values).max()) else 0.0), math.nan
     return (slope if abs(slope) > 1e-9 * sigma else 0.0), sigma
 
 
 def draw_trend(found: Trend, path: str | os.PathLike[str]) -> None:
-    """Draw values over time, with standard deviations and limits where there are some.
+    """Draw values over time, with standard deviations and limits if there are any.
 
-    Every parameter is drawn; values of it that are not compared are grey. Of metrics and faults those are drawn that
-    are not good throughout, else those that come first.
+    All parameters are drawn; values that are not compared are grey. Of metrics and faults, those that are not always
+    good are drawn, or else the first ones.
     """
     shown = [one for one in found.courses if one.notable or one.group not in ("metric", "fault")]
     if isinstance(found.sessions[-1], DatedInspection):

@@ -5,7 +5,7 @@
 - ``corrections``: the corrections applied to frames
 - ``assembly``: how frames become H, and how H is stored
 - ``solvers``: settings of each solver of volumes
-- ``light_fields``: how frames are brought onto H, projected, and written as voxels
+- ``light_fields``: how frames are resampled to H and projected, and how voxels are placed
 """
 
 from typing import TYPE_CHECKING

@@ -36,7 +36,7 @@ class AssemblySettings:
 
     cutout: tuple[int, int] | str | None = opt(
         None,
-        "Odd number of pixels, ROWS,COLUMNS, or auto: the smallest cutout that loses at most a given share.",
+        "Odd number of pixels, ROWS,COLUMNS, or auto: the smallest cutout within the lost energy.",
         unit="px",
         empty="as planned",
         read=read_cutout_or_auto,
@@ -45,7 +45,7 @@ class AssemblySettings:
     )
     lost: float = opt(
         0.005,
-        "Largest share of the energy that an automatic cutout may leave outside.",
+        "Largest share of a pattern's energy that may lie outside an automatic cutout.",
         label="Lost energy",
         above=0,
         below=1,
@@ -55,19 +55,21 @@ class AssemblySettings:
     )
     interpolation: str = opt(
         "",
-        "Interpolation between pixels.",
+        "Interpolation of cutouts that lie between pixels.",
         choices=INTERPOLATIONS,
         empty="nearest; cubic if the plan resamples",
         more=True,
     )
-    pad: bool = opt(False, "Pad cutouts that leave the sensor with zeros, and mark them.", label="Pad at the edge")
-    strict: bool = opt(False, "Stop at missing and repeated positions.", label="Stop at gaps")
+    pad: bool = opt(
+        False, "Fill parts of cutouts beyond the sensor with zeros, and mark them.", label="Pad at the edge"
+    )
+    strict: bool = opt(False, "Stop if positions are missing or repeated.", label="Stop at gaps")
     keep_pedestal: bool = opt(
-        False, "Accept frames from which no black level is subtracted.", label="Keep the black level", more=True
+        False, "Accept frames without subtracting a black level.", label="Keep the black level", more=True
     )
     dtype: str = opt(
         "rounded",
-        "Stored type. rounded: 16 bits with a scale for each plane.",
+        "Type of the stored values. rounded: 16 bits with a scale for each plane.",
         label="Stored type",
         choices=STORED_TYPES,
         more=True,
@@ -89,7 +91,7 @@ class AssemblySettings:
         """Check every value."""
         check_record(self)
         if isinstance(self.cutout, tuple):
-            from lfcal.base import check_cutout  # which needs numpy
+            from lfcal.base import check_cutout  # imports numpy
 
             check_cutout(*self.cutout)
         elif self.cutout not in (None, "auto"):

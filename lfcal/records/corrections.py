@@ -14,7 +14,7 @@ class CorrectionRecipe:
     """Corrections applied to frames, and the calibration frames they use.
 
     Two fields depend on the frames. ``channel`` is the colour channel of a mosaic, e.g. ``"G1"``; empty uses the
-    frames unchanged. ``shift`` is the number of bits by which left-aligned samples are moved down.
+    frames unchanged. ``shift`` is the number of bits by which left-aligned samples are shifted down.
 
     Examples
     --------
@@ -27,30 +27,35 @@ class CorrectionRecipe:
 
     dark: str | os.PathLike[str] = opt(
         "",
-        "Dark frame, or a folder of dark frames to average. none: subtract nothing, not even recorded dark frames.",
+        "Dark frame, or a folder of dark frames to average. none: subtract no dark frames, not even recorded ones.",
         label="Dark frame",
         file="in",
         empty="recorded dark frames, else the stated black level",
     )
     black_level: float | None = opt(
         None,
-        "Sample value without light, after the bit shift; used if there is no dark frame.",
+        "Sample value without light, after the bit shift; used if there are no dark frames.",
         unit="counts",
-        empty="as file or plan state",
+        empty="as stated by file or plan",
     )
     white: str | os.PathLike[str] = opt(
         "", "White image, or a folder of white images to average.", label="White image", file="in", empty="none"
     )
     white_mode: str = opt(
         "field",
-        "field: divide by the smooth fall-off of light over the field. pixels: divide by the white image, pixel by "
-        "pixel.",
+        "field: divide by the smooth fall-off of the white image over the field. pixels: divide by the white image, "
+        "pixel by pixel.",
         choices=("field", "pixels"),
         needs=("white", ""),
         more=True,
     )
     white_floor: float = opt(
-        0.05, "Smallest relative brightness to divide by.", above=0, at_most=1, needs=("white", ""), more=True
+        0.05,
+        "Relative brightness of the white image to divide by, at least.",
+        above=0,
+        at_most=1,
+        needs=("white", ""),
+        more=True,
     )
     defects: bool = opt(
         False, "Find defective pixels from all frames, and repair them.", label="Repair defective pixels"
@@ -75,7 +80,7 @@ class CorrectionRecipe:
     )
     background: str = opt(
         "none",
-        "Background to subtract: none, border, plane, or a number of counts.",
+        "Background to subtract: none; border: its median; plane: fitted to the border; or a number of counts.",
         unit="counts",
         examples=("none", "border", "plane"),
     )
@@ -91,7 +96,7 @@ class CorrectionRecipe:
         None,
         "Sample value at which pixels saturate, after the bit shift.",
         unit="counts",
-        empty="as file or plan state",
+        empty="as stated by file or plan",
         more=True,
     )
     channel: str = ""

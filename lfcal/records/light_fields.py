@@ -22,7 +22,7 @@ PROJECTIONS = ("auto", "polyphase", "direct", "sparse", "reduced", "fft")
 RESAMPLING = ("auto", "always", "never")
 
 MOST_MEMORY = 1e6
-"""Largest memory limit (GB) that is accepted: more than any machine has."""
+"""Largest memory limit (GB) that is accepted, more than any computer has."""
 
 
 @record
@@ -37,13 +37,13 @@ class LightFieldSettings:
     )
     resample: str = opt(
         "auto",
-        "Whether frames are resampled to the period of H. auto: where the lattice of micro-images drifts by more than "
+        "Whether frames are resampled to the period of H. auto: if the lattice of micro-images drifts by more than "
         "0.5 px over the frame.",
         choices=RESAMPLING,
     )
     lattice: str | os.PathLike[str] = opt(
         "",
-        "Resample by this measured lattice (lattice.json of lfcal white).",
+        "Measured lattice to resample by (lattice.json of lfcal white).",
         file="in",
         empty="the lattice in the white image, else that of the camera of H",
         more=True,
@@ -67,16 +67,16 @@ class VoxelGrid:
 
     voxel: float | str | None = opt(
         None,
-        "Voxel side in all planes. Behind a main lens each plane has a different one; auto uses the smallest.",
+        "Side of voxels in all planes. Behind a main lens, pixels differ between planes; auto: the smallest.",
         label="Voxel size",
         unit="µm",
-        empty="pixel by pixel",
+        empty="one voxel for each pixel",
         read=read_voxel,
         examples=("auto",),
     )
     margin: int | str = opt(
         "auto",
-        "Width by which the volume extends beyond the frame, for light from outside it. auto: as far as H reaches.",
+        "Width by which the volume extends beyond the frame, for light from outside. auto: as far as H reaches.",
         unit="px",
         read=partial(read_count, at_least=0, words=("auto",)),
         examples=("auto", "0"),
@@ -84,7 +84,7 @@ class VoxelGrid:
     )
     anchor: tuple[float, float] | None = opt(
         None,
-        "Pixel ROW,COLUMN of a frame on which position (0, 0) of H is imaged.",
+        "Pixel ROW,COLUMN of the frame on which position (0, 0) of H is imaged.",
         unit="px",
         empty="as H states",
         read=read_pixel,
@@ -114,7 +114,7 @@ class ProjectionSettings:
     )
     threshold: float = opt(
         0.0,
-        "Treat entries of H below this share of the peak of their plane as 0.",
+        "Share of a plane's peak below which entries of H count as 0.",
         label="Ignore H below",
         at_least=0,
         below=1,
@@ -123,7 +123,7 @@ class ProjectionSettings:
     )
     within: float = opt(
         0.0,
-        "Largest share of the light that projections may omit. 0.005 is several times faster; 0 is exact.",
+        "Largest share of the light that projections may leave out. 0.005 is several times faster; 0 is exact.",
         label="Light missed",
         at_least=0,
         below=1,
@@ -136,7 +136,7 @@ class ProjectionSettings:
         unit="GB",
         above=0,
         at_most=MOST_MEMORY,
-        empty="80 % of what is free",
+        empty="80 % of the free memory",
         more=True,
     )
 

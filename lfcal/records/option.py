@@ -1,4 +1,4 @@
-"""Fields that users set, declared once. Command line, form, job file, script and provenance are generated from them.
+"""Fields that users set, each declared once. Commands, forms, job files, scripts and provenance follow from them.
 
 A field is an attribute of a frozen dataclass, declared by `opt`, or by `required` if it has no default. `panel`
 declares a record within a record. `one_of` declares a record that is one of several kinds, each with different fields.
@@ -51,7 +51,7 @@ WORDS: dict[type, str] = {
     Path: "a path",
     bool: "true or false",
 }
-"""Names of the plain types in messages."""
+"""Names of plain types in messages."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,19 +79,19 @@ class Opt:
     more
         Whether it is advanced: it comes last in ``--help`` and is folded in forms.
     empty
-        Description of what applies if it is not set.
+        What applies if the field is not set, in words.
     read, show
-        Functions for a value that is none of the plain types: ``read`` parses a text, and ``show`` returns the text of
-        a value. The values of a tuple without ``show`` are given and parsed separately.
+        Functions for a value that is not of a plain type: ``read`` parses a text, and ``show`` returns a value as
+        text. Without ``show``, the values of a tuple are given and parsed separately.
     chooses
-        Whether giving it chooses the kind of a task. Such a flag is True in the kinds that have it.
+        Whether setting the field chooses the kind of a task. Such a flag is True in the kinds that have it.
     file
-        Of a path: ``"in"`` or ``"out"``.
+        For a path: ``"in"`` or ``"out"``.
     is_path
         Function that decides whether a text is a path: a camera, for example, is a preset or a file.
     needs
-        Another field of the same record that must be set for this one to have an effect, and the value it must have;
-        an empty value: any. An empty name with a suffix: the input file must have that suffix.
+        Another field of the same record that must be set for this field to have an effect, and the value that it must
+        have (empty: any). An empty name with a suffix: the input file must have this suffix.
     """
 
     help: str
@@ -128,7 +128,7 @@ class Opt:
         return ", ".join(f"{signs[name]} {self.bounds[name]:g}" for name in signs if name in self.bounds)
 
     def described(self, default: str = "") -> str:
-        """Return the help with unit, range, choices and the text of the default."""
+        """Return the help with unit, range, choices and the default in words."""
         choices = ", ".join(self.choices) if isinstance(self.choices, tuple) else ""
         notes = [part for part in (self.unit, self.range_words, choices, default and f"default: {default}") if part]
         return self.help + (f" ({'; '.join(notes)})" if notes else "")
@@ -145,13 +145,13 @@ def required(help: str, **more: Any) -> Any:
 
 
 def panel(default: T, title: str, without: tuple[str, ...] = ()) -> T:
-    """Declare a record within a record: the heading of its fields, and the fields to leave out."""
+    """Declare a record within a record, with the heading of its fields and the fields to leave out."""
     return dataclasses.field(default=default, metadata={"panel": (title, without)})
 
 
 @dataclass(frozen=True)
 class Variants:
-    """Alternatives for a record within a record. The value of one field selects the kind.
+    """Kinds of a record within a record. The value of one field selects the kind.
 
     A field that several kinds share is declared identically in all of them.
 
@@ -160,9 +160,10 @@ class Variants:
     kinds
         Kinds whose fields are known in advance, the default first.
     by
-        The field that names the kind. Every kind has it; its default is the name of that kind.
+        The field that states the kind. Every kind has it; its default is the name of that kind.
     find
-        Function from a name to its kind, which need not be in ``kinds``; raises `InputError` for an unknown name.
+        Function that returns the kind for a name, which may be none of ``kinds``; raises `InputError` for unknown
+        names.
     names
         Function that returns the names of all kinds.
     """
@@ -178,13 +179,13 @@ class Variants:
 
 
 def one_of(default: T, title: str, variants: Variants) -> T:
-    """Declare a nested record that is one of several kinds: the heading of the fields, and the kinds."""
+    """Declare a nested record that is one of several kinds, with the heading of its fields."""
     return dataclasses.field(default=default, metadata={"panel": (title, ()), "variants": variants})
 
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=True)
 def record(kind: type[T]) -> type[T]:
-    """Make a frozen dataclass whose fields are passed by name and listed with their help in its docstring."""
+    """Make a frozen dataclass whose fields are keyword-only and listed with their help in its docstring."""
     made = dataclass(frozen=True, kw_only=True)(kind)
     said, mark, examples = inspect.cleandoc(made.__doc__ or "").partition("\nExamples\n")
     lines = ["", "Attributes", "----------"]
@@ -217,14 +218,13 @@ class FieldRow:
     optional, many
         Whether None is allowed, and whether the value is a tuple of ``kind``.
     default
-        `dataclasses.MISSING`: there is none.
+        Default; `dataclasses.MISSING` if there is none.
     opt
         Its help, label, unit, range and choices.
     panel
-        Heading above it in forms; empty: that of the outermost record.
+        Heading above it in forms; empty for the outermost record.
     variants, only
-        For a record that is one of several kinds: all kinds, and the names of the kinds that have the field; no names:
-        all of them.
+        For a record that is one of several kinds: all kinds, and the names of those that have the field (empty: all).
     """
 
     path: tuple[str, ...]
@@ -239,12 +239,12 @@ class FieldRow:
 
     @property
     def name(self) -> str:
-        """The name of the field itself, which is unique within the whole record."""
+        """Name of the field, which is unique within the whole record."""
         return self.path[-1]
 
     @property
     def flag(self) -> str:
-        """Its command-line option. For a flag that is on by default, the option that turns it off."""
+        """Command-line option of the field. For a flag that is on by default, the option that turns it off."""
         return self.opt.flag or f"--{'no-' * self.turns_off}{self.name.replace('_', '-')}"
 
     @property
@@ -254,12 +254,12 @@ class FieldRow:
 
     @property
     def off(self) -> str:
-        """Second option, which turns off a flag that is neither on nor off by default; else empty."""
+        """Second option, which turns off a flag that is neither on nor off by default; otherwise empty."""
         return f"--no-{self.name.replace('_', '-')}" if self.kind is bool and self.optional else ""
 
     @property
     def called(self) -> str:
-        """Its name on the command line."""
+        """Name of the field on the command line."""
         return self.name.upper() if self.opt.argument else self.flag
 
     def paths_of(self, value: Any) -> tuple[Path, ...]:
@@ -275,12 +275,12 @@ class FieldRow:
 
     @property
     def label(self) -> str:
-        """Its name in forms and tables."""
+        """Name of the field in forms and tables."""
         return self.opt.label or self.name.replace("_", " ").capitalize()
 
     @property
     def described(self) -> str:
-        """Its help with unit, range, choices and default."""
+        """Help of the field with unit, range, choices and default."""
         shown = self.default is not MISSING and self.kind is not bool
         return self.opt.described(self.opt.empty or self.text(self.default) if shown else "")
 
@@ -291,13 +291,13 @@ class FieldRow:
 
     @property
     def offered(self) -> tuple[str, ...]:
-        """Values to suggest where the user types one."""
+        """Values to suggest to users who enter one."""
         examples = self.opt.examples() if callable(self.opt.examples) else self.opt.examples
         return examples or self.choices
 
     @property
     def empty(self) -> Any:
-        """The value of the field if it is left empty."""
+        """Value of the field if it is left empty."""
         return None if self.optional else self.default
 
     def text(self, value: Any) -> str:
@@ -308,12 +308,12 @@ class FieldRow:
         return text.removesuffix(".0") if isinstance(value, float) else text
 
     def value(self, given: Any, called: str) -> Any:
-        """Return the value that a text, or an entry of a file, means; ``called`` names it in messages.
+        """Return the value of a text, or of an entry of a file; ``called`` is the field's name in messages.
 
         Raises
         ------
         InputError
-            If it cannot be parsed, or is not allowed.
+            If it cannot be parsed or is not allowed.
         """
         found = self._value(given, called)
         self.check(found, called)
@@ -371,7 +371,7 @@ _KNOWN: dict[type, tuple[FieldRow, ...]] = {}
 
 def rows(kind: type) -> tuple[FieldRow, ...]:
     """Return the fields of a record and of its nested records, in order."""
-    if kind not in _KNOWN:  # mypy does not know that the type is hashable, so functools.cache fails
+    if kind not in _KNOWN:  # a dictionary, because mypy does not know that the type is hashable
         _KNOWN[kind] = tuple(_rows(kind, (), "", ()))
     return _KNOWN[kind]
 
@@ -393,7 +393,7 @@ def _rows(kind: type, path: tuple[str, ...], heading: str, without: tuple[str, .
 
 
 def _rows_of_kinds(variants: Variants, path: tuple[str, ...], heading: str) -> Iterator[FieldRow]:
-    """Yield the fields of all kinds, those of the default first."""
+    """Yield the fields of all kinds, those of the default kind first."""
     first: dict[str, FieldRow] = {}
     having: dict[str, list[str]] = {}
     for kind in variants.kinds:
@@ -425,7 +425,7 @@ def described_by(kind: type) -> Callable[[F], F]:
 
 
 def rows_of(whole: Any) -> tuple[FieldRow, ...]:
-    """Return the fields that a record has; for a nested record of several kinds, those of its present kind."""
+    """Return the fields of a record; for a nested record of several kinds, those of its present kind."""
     return tuple(row for row in rows(type(whole)) if row.variants is None or _has(whole, row))
 
 
@@ -473,8 +473,8 @@ def check_record(whole: Any) -> None:
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
     """Raise `InputError` for the first value that has no effect because another field is not set.
 
-    ``values`` are by field name. A value at its default counts as not given, unless its kind of record does not have
-    the field.
+    ``values`` are by field name. A value equal to its default counts as not given, unless its kind of record does not
+    have the field.
     """
     paths = {row.path: row for row in known}
     for row in known:
@@ -529,20 +529,20 @@ def _plain(value: Any) -> Any:
 
 
 def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
-    """Return the record in a dictionary, written by `to_dict` or by hand.
+    """Return the record in a dictionary, which was written by `to_dict` or by hand.
 
     Raises
     ------
     InputError
-        For an unknown entry or a value that is not allowed.
+        For an unknown entry, or a value that is not allowed.
     """
     return from_flat(kind, flat(rows(kind), data, what or kind.__name__))
 
 
 def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields: str = "its fields") -> dict[str, Any]:
-    """Return the values in nested objects by field name; errors name ``what`` and its ``fields``.
+    """Return the values in nested objects by field name; errors refer to ``what`` and its ``fields``.
 
-    Required fields that are null, and kind-choosing flags that are off, are left out.
+    Required fields that are null, and flags that choose a kind but are off, are left out.
     """
     found: dict[str, Any] = {}
     paths = {row.path: row for row in known}
@@ -563,7 +563,7 @@ def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields
 
 
 def from_flat(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return the record made of values by field name, including those of nested records."""
+    """Return the record with values by field name, including fields of nested records."""
     given: dict[str, Any] = {}
     inner: dict[str, dict[str, Any]] = {}
     for row in rows(kind):

@@ -1,4 +1,4 @@
-"""Parsing of values from text: one parser for each kind of value, used by every command, form and job file."""
+"""Parse values from text: one parser for each kind of value, for all commands, forms and job files."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _number(text: str) -> float:
 
 
 def read_as(called: str, read: Callable[[str], T], text: str) -> T:
-    """Return the value that ``read`` returns for a text; errors call it ``called``, as the user does."""
+    """Return the value that ``read`` returns for a text; errors use ``called``, the user's name for it."""
     try:
         return read(text)
     except InputError as error:
@@ -81,7 +81,7 @@ def read_cutout_or_auto(text: str) -> tuple[int, int] | str | None:
 
 
 def read_position(text: str) -> tuple[int, int]:
-    """Return the position ``"9,16"`` (y, x)."""
+    """Return the position (y, x) in ``"9,16"``."""
     found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
     if found is None:
         raise InputError.expected("position", "y,x", repr(text), "for example 9,16")
@@ -94,7 +94,7 @@ def show_pair(value: Any) -> str:
 
 
 def read_share(text: str) -> float:
-    """Return a share of 1 written as ``"0.03"`` or ``"3%"``."""
+    """Return the share, at most 1, in ``"0.03"`` or ``"3%"``."""
     found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
     if found is None:
         raise InputError.expected("share", "a number, or percent", repr(text), "for example 0.03 or 3%")
@@ -102,19 +102,19 @@ def read_share(text: str) -> float:
 
 
 def show_share(value: float) -> str:
-    """Return a share in per cent, as a text that `read_share` parses to the same number."""
+    """Return a share in per cent, as a text that `read_share` parses to exactly the same number."""
     percent = f"{show_planes((_times_ten(repr(float(value)), 2),))} %"
     return percent if read_share(percent) == value else repr(value)
 
 
 def _times_ten(number: str, power: int) -> float:
-    """Return a number times a power of ten, rounded once: a product of floats would be rounded twice."""
+    """Return a number times a power of ten, rounded only once, unlike a product of floats."""
     digits, _, exponent = number.lower().partition("e")
     return _number(f"{digits}e{int(exponent or 0) + power}")
 
 
 def read_length_um(text: str) -> float:
-    """Return a length in µm, written with its unit or as a bare number of µm."""
+    """Return a length in µm from a text with a unit, or with a bare number of µm."""
     found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
     if found is None:
         raise InputError.expected("length", "a number with nm, um or mm", repr(text), "for example 250 um or 1.5 mm")
@@ -122,7 +122,7 @@ def read_length_um(text: str) -> float:
 
 
 def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
-    """Return the planes in ``"a,b,c"`` or ``"start:stop:step"``; with ``lengths`` in µm or with a unit."""
+    """Return the planes in ``"a,b,c"`` or ``"start:stop:step"``; with ``lengths`` in µm, or with a unit."""
     fields = re.split("[,:]", text)
     values = [_plane(field, lengths) for field in fields]
     if ":" not in text:
@@ -130,7 +130,7 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
     if "," in text or len(values) != 3 or values[2] == 0:
         raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
     start, stop, step = values
-    # rounded generously: 0.1:0.7:0.1 means seven planes, though 0.6 / 0.1 is below 6 in floating point.
+    # rounded generously: 0.1:0.7:0.1 means seven planes, although 0.6 / 0.1 is below 6 in floating point
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if not 1 <= count <= MAX_PLANES:
         wanted = f"1 to {MAX_PLANES} steps from start to stop"
@@ -139,17 +139,17 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
 
 
 def read_depths(text: str) -> tuple[float, ...]:
-    """Return depths in µm, written as for `read_planes`; none for an empty text."""
+    """Return depths in µm, parsed as in `read_planes`; none for an empty text."""
     return read_planes(text, lengths=True) if text.strip() else ()
 
 
 def read_virtual_depths(text: str) -> tuple[float, ...]:
-    """Return virtual depths, written as for `read_planes`; none for an empty text."""
+    """Return virtual depths, parsed as in `read_planes`; none for an empty text."""
     return read_planes(text, lengths=False) if text.strip() else ()
 
 
 def show_planes(values: Iterable[Any]) -> str:
-    """Return the text that `read_planes` parses, with all digits."""
+    """Return a text that `read_planes` parses, with all digits."""
     return ",".join(repr(float(v)).removesuffix(".0") if isinstance(v, Real) else str(v) for v in values)
 
 
@@ -161,11 +161,11 @@ def check_planes(depths: object, virtual_depths: object) -> None:
 
 def _plane(field: str, lengths: bool) -> float:
     found = re.fullmatch(rf"({NUMBER})\s*(um|µm|mm)?", field.strip())
-    # virtual depths are ratios: a unit shows that the wrong option was used.
+    # virtual depths are ratios: a unit indicates that the wrong option was used
     if found is None or (found[2] and not lengths):
         wanted = "numbers, in µm or with mm" if lengths else "numbers"
         raise InputError.expected("planes", wanted, repr(field), "for example 2,3,5")
-    # the second number of "1,000", which would be the planes 1 and 0
+    # the second number of "1,000", which would mean the planes 1 and 0
     if re.match(r"[-+−]?0\d", found[1]):
         raise InputError.expected("planes", "numbers without leading zeros", repr(field), "write 1000 for 1,000")
     return _number(found[1]) * UNITS[found[2] or ""]
@@ -183,12 +183,12 @@ def read_effect(text: str) -> str:
 
 
 def read_orientation(text: str) -> str:
-    """Return the name of an orientation in the spelling of the options: ``"mirror x"`` becomes ``"mirror-x"``."""
+    """Return the name of an orientation as options spell it: ``"mirror x"`` becomes ``"mirror-x"``."""
     return "-".join(text.split())
 
 
 def read_pixel(text: str) -> tuple[float, float]:
-    """Return the pixel in ``"12,7"`` (row, column), which may lie between pixels."""
+    """Return the pixel (row, column) in ``"12,7"``; fractions of a pixel are allowed."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
         raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "for example 12,7")
@@ -229,7 +229,7 @@ def check_voxel(name: str, value: object) -> None:
 
 
 def read_names(text: str) -> tuple[str, ...]:
-    """Return the names in ``"A,B,C"``, each of them once."""
+    """Return the names in ``"A,B,C"``, without duplicates."""
     return tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
 
 

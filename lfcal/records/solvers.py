@@ -1,6 +1,6 @@
 """Settings of the solvers for volumes. Each solver has only the fields that it uses.
 
-`solver_kind` returns the record of a solver from another distribution by the options that it uses.
+`solver_kind` returns a record for a solver of another distribution, from the options that it uses.
 
 Examples
 --------
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 SOLVER_ENDS = {"auto": "left-out", "auto:discrepancy": "discrepancy"}
-"""Texts accepted in place of a number of iterations, with the stopping rule of each."""
+"""Values that are accepted instead of a number of iterations, with the stopping rule of each."""
 
 
 def _named(name: str) -> str:
@@ -58,8 +58,8 @@ class SolverFields:
     )
     goal: str = opt(
         "view",
-        "Purpose that sets where iterations auto stops. view: a volume to look at. measure: sums over regions, which "
-        "need more iterations.",
+        "Purpose, which decides when iterations auto stops. view: a volume to look at. measure: sums over regions, "
+        "which need more iterations.",
         choices=("view", "measure"),
         needs=("iterations", "auto"),
         more=True,
@@ -79,12 +79,14 @@ class SolverFields:
         check_count("iterations", self.iterations, 1, *SOLVER_ENDS)
         own = type(self).__dataclass_fields__["name"].default
         if self.name != own:
-            raise InputError.expected("name", repr(own), repr(self.name), "choose the record of that solver")
+            raise InputError.expected("name", repr(own), repr(self.name), "use the record of that solver")
 
 
 @record
 class _Background:
-    background: float = opt(0.0, "Expected value of a pixel that no source illuminates.", unit="counts", at_least=0)
+    background: float = opt(
+        0.0, "Expected value of a pixel that receives no light from the volume.", unit="counts", at_least=0
+    )
 
 
 @record
@@ -139,7 +141,7 @@ FIELDS: dict[str, type] = {
     "subsets": _Subsets,
     "tolerance": _Tolerance,
 }
-"""Records with a single field, by the solver option that the field is."""
+"""Records with a single field each, by the option of a solver."""
 
 
 @record
@@ -154,7 +156,7 @@ class _Em(_ReadNoise, _Common):
 
 @record
 class SieveSolver(_Subsets, _Em):
-    """Accelerated Richardson-Lucy within a sieve: few lenslets in the native plane, no rings."""
+    """Accelerated Richardson-Lucy within a sieve: few lenslet artefacts in the native plane, no rings."""
 
     name: str = _named("sieve")
 
@@ -168,14 +170,14 @@ class RlSolver(_Em):
 
 @record
 class RlTvSolver(_Strength, _Em):
-    """Richardson-Lucy with total variation: less noise, edges kept."""
+    """Richardson-Lucy with total variation: less noise, edges are kept."""
 
     name: str = _named("rl-tv")
 
 
 @record
 class RlTikhonovSolver(_Strength, _Em):
-    """Richardson-Lucy with Tikhonov-Miller: less noise, softer."""
+    """Richardson-Lucy with Tikhonov-Miller regularization: less noise, softer edges."""
 
     name: str = _named("rl-tikhonov")
 
@@ -196,14 +198,14 @@ class RlNesterovSolver(_Em):
 
 @record
 class OsemSolver(_Subsets, _Em):
-    """Ordered subsets of pixels: fewer iterations."""
+    """Ordered subsets of pixels: fewer iterations are needed."""
 
     name: str = _named("osem")
 
 
 @record
 class PhaseSpaceSolver(_Subsets, _Em):
-    """One view after the other, brightest first."""
+    """Updates by one view after the other, the brightest first."""
 
     name: str = _named("phase-space")
 
@@ -231,7 +233,7 @@ OWN_SOLVERS: tuple[type[SolverFields], ...] = (
 
 @cache
 def solver_kind(name: str, options: frozenset[str]) -> type[SolverFields]:
-    """Return the record of a solver that uses ``options``, which may include names of `FIELDS`."""
+    """Return a record for a solver that uses ``options``, which may include names of `FIELDS`."""
     bases = tuple(one for option, one in reversed(FIELDS.items()) if option in options)
     own: dict[str, Any] = {"__annotations__": {"name": "str"}, "name": _named(name), "__module__": __name__}
     own["__doc__"] = f"Settings of solver {name}."

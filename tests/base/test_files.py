@@ -67,7 +67,7 @@ def test_the_input_is_never_the_output(tmp_path: Path) -> None:
     path.write_text("H")
     (tmp_path / "hard.h5").hardlink_to(path)
     for other in (path, tmp_path / "." / "H.h5", tmp_path / "hard.h5"):
-        with pytest.raises(InputError, match="output: expected another file than the input"):
+        with pytest.raises(InputError, match="output: expected a file other than the input"):
             check_other_file(path, other)
     check_other_file(path, tmp_path / "new.h5")
     check_other_file("", path)

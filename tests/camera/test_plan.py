@@ -372,7 +372,7 @@ def test_where_half_is_not_enough(camera: Camera, what: str) -> None:
 def test_types_that_differ_and_resampled_frames_are_refused() -> None:
     # six lenslets along the row: half of them is the next type's place in the next row
     plan = plan_of(camera_of((20.0, 34.0)))
-    with pytest.raises(InputError, match="frames to be resampled"):
+    with pytest.raises(InputError, match="resampled frames"):
         half_cell(replace(plan, resample=True))
     # a period of one lenslet, as of an array of one type: the type half a period away is another one
     one = replace(plan_of(camera_of((20.0, 36.0))), period=(20, 12))

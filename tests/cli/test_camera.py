@@ -334,6 +334,6 @@ def test_inputs_are_never_outputs(lfcal: Command, white: Path, tmp_path: Path) -
     shutil.copy(white / "white.tif", tmp_path / "w.tif")
     (tmp_path / "c.json").write_text(described().to_json())
     done = lfcal("camera", "check", tmp_path / "c.json", tmp_path / "w.tif", "-o", tmp_path / "c.json", "--force")
-    assert done.code == 2 and "another file than the input" in done.err
+    assert done.code == 2 and "a file other than the input" in done.err
     done = lfcal("camera", "import", tmp_path / "c.json", "-o", tmp_path / "c.json", "--force")
     assert done.code == 2

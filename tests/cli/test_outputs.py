@@ -159,7 +159,7 @@ def test_an_input_is_never_replaced(lfcal: Lfcal, place: Path, command: str, kep
     before = listing(place)
     run = lfcal(*command.split(), "--force")
     assert run.code == 2 and run.err.count("\n") == 1, run.err
-    assert "output: expected another file than the input" in run.err
+    assert "output: expected a file other than the input" in run.err
     assert (place / kept).read_bytes() == before[kept] and listing(place) == before
 
 

@@ -134,7 +134,7 @@ def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Pat
         ("plan fit plan.json --count 9 --full 2", "--full: expected a number > 0 and ≤ 1"),
         ("plan fit plan.json --count 9 --speed 0", "--speed: expected a number > 0"),
         ("plan fit plan.json --count 9 -o list.json", "exists"),
-        ("plan fit plan.json --count 9 -o plan.json --force", "another file than the input"),
+        ("plan fit plan.json --count 9 -o plan.json --force", "a file other than the input"),
         ("plan fit plan.json --count 9 -o a.json --draw a.json", "a different name for each"),
         ("plan fit camera.json --count 9", "PLAN: expected a scan plan (.json), got camera.json"),
         ("plan fit bench --count 9", "PLAN: expected a scan plan (.json), got the camera bench"),

@@ -100,8 +100,8 @@ WRONG = {
     "speed": (("array:6x6@1mm", "--speed", "0"), "--speed: expected a number > 0"),
     "frame rate": (("array:6x6@1mm", "--frame-rate", "0"), "--frame-rate: expected a number > 0"),
     "option before": (("--source", "array:6x6@1mm"), "type lfcal plan target PLAN SOURCE"),
-    "the plan itself": (("array:6x6@1mm", "-o", "scan.json"), "another file than the input"),
-    "the target itself": (("t.json", "-o", "t.json"), "another file than the input"),
+    "the plan itself": (("array:6x6@1mm", "-o", "scan.json"), "a file other than the input"),
+    "the target itself": (("t.json", "-o", "t.json"), "a file other than the input"),
 }
 
 

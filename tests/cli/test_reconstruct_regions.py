@@ -127,5 +127,5 @@ def test_what_is_no_other_region_is_refused(lfcal: Lfcal, place: Path, more: tup
 def test_h_of_a_region_is_never_replaced(lfcal: Lfcal, place: Path) -> None:
     before = (place / "H17.h5").read_bytes()
     run = lfcal("reconstruct", "H2.h5", "frame.tif", "--region", "H17.h5", "-o", "H17.h5", "--force")
-    assert run.code == 2 and "another file than the input" in run.err
+    assert run.code == 2 and "a file other than the input" in run.err
     assert (place / "H17.h5").read_bytes() == before

@@ -138,7 +138,7 @@ def test_h_files_are_measured(lfcal: Lfcal, tmp_path: Path) -> None:
     told = run.json
     assert run.code == 1 and isinstance(told, dict)
     assert [one["label"] for one in told["sessions"]] == ["may.h5", "june.h5"]
-    assert "planes_lit" in told["worse"] and "file's own time" in told["notes"][0]
+    assert "planes_lit" in told["worse"] and "time of the file" in told["notes"][0]
 
 
 def test_a_report_says_when_it_was_made(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

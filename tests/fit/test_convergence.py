@@ -39,7 +39,7 @@ def test_what_is_left_falls_from_round_to_round() -> None:
     assert found[0].held_out > 0.03 and found[0].chi2 > 3 and not found[0].below_noise
     assert found[-1].below_noise and found[-1].held_out < 0.02
     less = f"less than {format_share(found[-1].held_out)} off"
-    assert found[-1].note == f"χ² {found[-1].chi2:.3g}, left-out patterns {less}"
+    assert found[-1].note == f"χ² {found[-1].chi2:.3g}, error of held-out patterns {less}"
 
 
 @pytest.mark.long

@@ -260,7 +260,7 @@ def test_a_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
         (2, {}, "positions to record: expected a whole number ≥ 3"),
         (10_000, {}, "at most the 627 left"),
         (5, {"groups": ["gap"]}, "unknowns: expected"),
-        (5, {"candidates": -1}, "positions that are looked at"),
+        (5, {"candidates": -1}, "candidate positions"),
     ],
 )
 def test_what_cannot_be_chosen(count: int, more: dict[str, object], what: str) -> None:

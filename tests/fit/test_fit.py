@@ -70,7 +70,7 @@ def test_a_camera_is_found_from_forty_small_patterns() -> None:
     assert fit.camera.lattice.gap_um == fit.parameters["gap_um"].value != SMALL.camera.lattice.gap_um
     # what is stated holds: the truth lies below the limit, and the unknowns' own errors make about what they do
     assert found["error_l2"] < fit.held_out_error.limit
-    assert fit.held_out_error.patterns == 8 and "tilt is held" in " ".join(fit.held)
+    assert fit.held_out_error.patterns == 8 and "tilt is fixed" in " ".join(fit.held)
     assert not fit.outliers and not fit.answers
     z, y, x = measured.index[0].tolist()
     assert fit.residual(z, y, x).shape == SMALL.cutout and fit.residual(z, y, x).std() == pytest.approx(1, abs=0.15)
@@ -210,7 +210,7 @@ def test_a_pattern_from_elsewhere_is_left_out_with_its_reason() -> None:
     bad[k] = np.roll(bad[k], 2, axis=1)
     fit = fit_camera(replace(measured, patterns=bad), unknowns=KNOWN, workers=1)
     (found,) = fit.outliers
-    assert (found.z, found.y, found.x) == tuple(measured.index[k]) and "where the others have" in found.reason
+    assert (found.z, found.y, found.x) == tuple(measured.index[k]) and "while the others have" in found.reason
     assert measured_error(fit, truth, 12)["error_l1"] < 0.006
 
 

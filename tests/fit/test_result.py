@@ -22,7 +22,7 @@ from tests.fit.test_validate import fit_of, plan_of
         (1 - INCOMPLETE / 8, 1 / 8, f"chi² {1 - INCOMPLETE / 8:.3f}; error of the model", True),
         (1 + INCOMPLETE / 8, 1 / 8, "model incomplete", False),
         # and no samples beyond the unknowns tell nothing: a 1 would be no measurement
-        (1.0, math.inf, "chi² not known: no more samples than unknowns", True),
+        (1.0, math.inf, "chi² unknown: not more samples than unknowns", True),
     ],
 )
 def test_the_verdict_says_what_chi_square_tells(lit: float, sigma: float, begins: str, complete: bool) -> None:

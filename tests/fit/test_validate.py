@@ -141,12 +141,12 @@ def test_the_fields_edges_tell_whether_the_period_holds(tmp_path: Path) -> None:
     lattice = plan.camera.lattice
     grown = replace(camera, lattice=replace(lattice, pitch_um=1.003 * lattice.pitch_um))
     beyond = validate(fit_of(plan, grown), recorded(wide, index))
-    assert beyond.worse(periodic=False) and "does not hold at the field's edges" in beyond.verdict
+    assert beyond.worse(periodic=False) and "is not valid at the field's edges" in beyond.verdict
 
 
 def test_points_that_were_all_fitted_or_of_another_sensor_are_refused() -> None:
     plan = plan_of()
-    with pytest.raises(InputError, match="some that were not fitted"):
+    with pytest.raises(InputError, match="points that were not fitted"):
         validate(fit_of(plan, fitted=8), recorded(plan, few(plan)))
     other = replace(plan.camera, sensor=replace(plan.camera.sensor, shape=(200, 200)))
     with pytest.raises(InputError, match="a sensor of"):

@@ -184,7 +184,7 @@ def test_where_the_noise_is_known_from_is_said() -> None:
     dark = check(H, new_frame(setup_of(plan_of()), gain=0.02), suspects=False)
     assert dark.noise_from.startswith("from the frame's dark pixels")
     # photons that nobody counted are no change of H
-    assert dark.holds is None and "noise of the light, which is not known" in judgement_of(dark).verdict
+    assert dark.holds is None and "photon noise, which is unknown" in judgement_of(dark).verdict
     variance = dark.frames[0].noise.min()
     assert 40 < variance < 100
 

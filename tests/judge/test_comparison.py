@@ -128,7 +128,7 @@ def test_a_plane_without_light_is_not_compared_and_like_no_other() -> None:
     dark = moved()
     dark[1] = 0
     found = compare(moved(), dark)
-    assert found.notes == ("plane 1 of the first: not compared, for no position has light in both",)
+    assert found.notes == ("plane 1 of the first: not compared, because no position has light in both",)
     assert compared_words(found).startswith("12 of 24 positions of 2 planes")
     assert figure_rows(found)[2][2:] == ("–",) * 6 and "–" not in figure_rows(found)[1]
 
@@ -211,7 +211,7 @@ def test_positions_are_paired_by_the_sensor() -> None:
         anchor=(plan.anchor[0] + 2 + ny, plan.anchor[1] + 5),
     )
     both = pair(first, later)
-    assert both.moved == (ny - 2, nx - 5) and "paired by the sensor" in both.notes[0]
+    assert both.moved == (ny - 2, nx - 5) and "paired by their place on the sensor" in both.notes[0]
     assert compare(first, later).all.nrmse < 1e-12
     assert pair(first, PSFMatrix(later[:], depths=plan.depths_um)).moved == (0, 0), "without a camera nothing is known"
 
@@ -252,7 +252,9 @@ def test_cameras_of_other_names_are_said() -> None:
     plan = bench()
     values = spots((1, *plan.period, 31, 31))
     other = PSFMatrix(values, depths=plan.depths_um, camera=replace(plan.camera, name="spare"), anchor=plan.anchor)
-    assert pair(of_bench(values, plan), other).notes == (f"cameras of other names: {plan.camera.name} and spare",)
+    assert pair(of_bench(values, plan), other).notes == (
+        f"the names of the cameras differ: {plan.camera.name} and spare",
+    )
 
 
 def test_rows_are_read_one_by_one() -> None:

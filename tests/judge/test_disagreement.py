@@ -95,7 +95,7 @@ def test_what_was_done_to_the_patterns_is_named_with_figures(case: str) -> None:
     change, words = CASES[case]
     found = inspected(one_plane(change(clean()[1:])))
     assert found.merit == "bad" and found.bad and words in found.verdict
-    assert "of the light unexplained as described" in found.verdict
+    assert "unexplained light: " in found.verdict
     explanation = found.disagreement and found.disagreement.explanation
     assert explanation is not None and explanation.after < EXPLAINED < explanation.before
     assert not found.compared and not found.faults, "no fault is named for what is none"

@@ -79,7 +79,7 @@ def test_values_of_eight_bits_are_no_fault() -> None:
 
 def test_a_lamp_that_jumps_in_every_plane() -> None:
     found = faults_of(put_in("lamp that jumps", 0.3))
-    assert set(found) == {"lamp"} and found["lamp"].detail.endswith("on in every plane")
+    assert set(found) == {"lamp"} and found["lamp"].detail.endswith("onwards in every plane")
 
 
 def test_light_that_follows_the_pattern_is_told_with_its_power() -> None:

@@ -85,4 +85,4 @@ def test_a_lamp_that_jumps_is_told_where_planes_were_looked_at_on_different_side
     evidence = drain(work)
     assert isinstance(evidence, Evidence)
     (one,) = drain(iter_search(evidence))[0]
-    assert one.name == "lamp" and one.detail.endswith("on in every plane") and 0.28 < 4 * one.share < 0.37
+    assert one.name == "lamp" and one.detail.endswith("onwards in every plane") and 0.28 < 4 * one.share < 0.37

@@ -99,7 +99,7 @@ def test_fits_of_one_day_have_a_change_and_no_rate(tmp_path: Path) -> None:
 
 
 def test_a_source_elsewhere_is_named_beside_a_gap_that_moved(tmp_path: Path) -> None:
-    told = "distance was held in these fits"
+    told = "distance was fixed in these fits"
     fits = [read_dated_fit(path) for path in months(tmp_path / "a", drift=0.5)]
     assert any(note.startswith(told) for note in trend(fits).notes)
     found = [replace(one, groups=one.groups | {"distance"}) for one in fits]
@@ -146,7 +146,7 @@ def test_what_means_something_else_is_not_compared(tmp_path: Path) -> None:
     found = trend([read_dated_fit(one) for one in (first, *rest)])
     gap = by_name(found)["gap_um"]
     assert not found.worse and [point.compared for point in gap.points if point] == [False, True, True]
-    assert any(note.startswith("a: other unknowns") for note in found.notes)
+    assert any(note.startswith("a: not compared, because their unknowns") for note in found.notes)
     deeper = write_fit(tmp_path / "d", 90, {"distance_um": 50.0}, depths_um=[500.0])
     other = write_fit(tmp_path / "e", 120, {"distance_um": 0.0}, depths_um=[300.0])
     distance = json.loads((deeper / "fit.json").read_text())

@@ -363,9 +363,9 @@ def test_a_file_is_never_replaced_by_its_own_transpose_or_copy(tmp_path: Path) -
             iter_transpose_file(H, tmp_path / "link.h5", method="paper"),
             iter_save(H, tmp_path / "." / "link.h5"),
         ):
-            with pytest.raises(InputError, match="output: expected another file than the input"):
+            with pytest.raises(InputError, match="output: expected a file other than the input"):
                 drain(work)
-        with pytest.raises(InputError, match="another file than the input"):
+        with pytest.raises(InputError, match="a file other than the input"):
             export(H, path)
     assert path.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
 

@@ -160,7 +160,10 @@ def test_python_has_every_field_as_a_keyword_with_type_default_and_help() -> Non
         assert kinds.get(row.kind, "str | Path" if row.opt.file else row.kind.__name__) in one.annotation, name
         assert ("None" in one.annotation) is row.optional, name
         assert f"{name} : {one.annotation} {row.described} " in words, name
-    assert "Largest share of the energy that an automatic cutout may leave outside. (> 0, < 1; default: 0.005)" in words
+    assert (
+        "Largest share of a pattern's energy that may lie outside an automatic cutout. (> 0, < 1; default: 0.005)"
+        in words
+    )
 
 
 @pytest.mark.parametrize(

@@ -30,9 +30,9 @@ MAX_LINKS = 16
 def _opened(path: Path) -> Any:
     import h5py
 
-    # # without HDF5's lock, a file can be read while another program writes it, and on network disks. Within a
-    # program, a second opening must request the same lock: a file opened by a notebook has h5py's default, or any
-    # other.
+    # without HDF5's lock, a file can be read while another program writes it, and on network disks. Within one
+    # program, a second opening must request the same lock as the first. A file opened in a notebook has h5py's
+    # default, or any other.
     for options in ({"locking": False}, {}, {"locking": True}):
         try:
             return h5py.File(path, "r", **options)

@@ -1,6 +1,6 @@
 """Groups of unknowns, one concept per module; each module lists its groups in ``GROUPS``.
 
-- ``array``: the lenslet array's gap, rotation, offset, pitch
+- ``array``: gap, rotation, offset, pitch and tilt of the lenslet array
 - ``lenslets``: focal length and spherical aberration of each lens type
 - ``iris``: size, rotation, curvature of the blades; the second stop of a cat's eye
 - ``depths``: distances of the planes
@@ -8,5 +8,5 @@
 - ``light``: size of the source, or of a target's holes; bandwidth
 - ``pixels``: crosstalk
 - ``stage``: length of the stage's steps
-- ``regions``: for several regions of the field: the wavefront over it, its curvature, places and depths of the sources
+- ``regions``: for several regions of the field: the wavefront over it, its curvature, positions and depths of sources
 """

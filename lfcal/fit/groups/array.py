@@ -1,4 +1,4 @@
-"""The lenslet array's gap, rotation and offset, its pitch, its tilt."""
+"""Gap, rotation, offset, pitch and tilt of the lenslet array."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from lfcal.simulate.effects import ArrayTilt
 __all__ = ["ArrayTiltGroup", "Geometry", "Pitch"]
 
 STEP_PX = 0.05
-"""Displacement of lenslets at the cutout's edge that shows."""
+"""Noticeable displacement of lenslets at the cutout's edge (pixels)."""
 
 STEP_GAP = 0.002
-"""Change of the gap at the cutout's edge that shows, as a share of it."""
+"""Noticeable change of the gap at the cutout's edge, as a share of the gap."""
 
 
 def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:
-    """Return the lattice turned and grown about a point (x, y): rotation and pitch move no lenslet that is there.
+    """Return the lattice rotated and scaled about a point (x, y), so that a lenslet there does not move.
 
-    Otherwise an error of either would be one of the offset, times the region's distance from the sensor's centre.
+    Otherwise, an error of rotation or pitch would also be an error of the offset, times the distance from the
+    sensor's centre.
     """
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     away = np.array(lattice.offset_um) - point_um
@@ -49,10 +50,10 @@ class Geometry(Group):
     core = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return gap, rotation about the region's middle, and offset (as what is added to the described one)."""
+        """Return gap, rotation about the region's middle, and the change of the offset."""
         lattice, pixel = setup.camera.lattice, setup.camera.sensor.pixel_um
         gap, aside = lattice.gap_um, 0.5 * lattice.pitch_um
-        held = "the wavefront's tilt is held at 0"
+        held = "the wavefront's tilt is fixed at 0"
         return (
             Unknown("gap_um", self.name, "µm", gap, 0.01 * gap, None, 0.2 * gap, 3 * gap),
             Unknown("rotation_rad", self.name, "rad", lattice.rotation_rad, STEP_PX / frame.reach_px),
@@ -61,7 +62,7 @@ class Geometry(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the array so placed."""
+        """Return the setup with this gap, rotation and offset of the array."""
 
         def placed(camera: Camera) -> Camera:
             lattice = about(camera.lattice, frame.middle_um, values["rotation_rad"] - camera.lattice.rotation_rad, 0.0)
@@ -80,13 +81,13 @@ class Pitch(Group):
     rank = 12
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the pitch."""
+        """Return the pitch of the array."""
         pitch = setup.camera.lattice.pitch_um
         scale = STEP_PX / frame.reach_px * pitch
         return (Unknown("pitch_um", self.name, "µm", pitch, scale, None, 0.8 * pitch, 1.25 * pitch),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the array grown about the region's middle; lenslets keep their clear share."""
+        """Return the setup with the array scaled about the region's middle; the lenslets' clear share is unchanged."""
 
         def grown(camera: Camera) -> Camera:
             grow = values["pitch_um"] / camera.lattice.pitch_um - 1.0
@@ -104,18 +105,18 @@ class ArrayTiltGroup(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return how much the gap grows down the rows and along the columns."""
+        """Return the increase of the gap down the rows and along the columns."""
         own, camera = setup.effect(ArrayTilt), setup.camera
         start = (0.0, 0.0) if own is None else (own.rows_rad, own.columns_rad)
         scale = min(0.02, STEP_GAP * camera.lattice.gap_um / (frame.reach_px * camera.sensor.pixel_um))
-        held = "the array turns about the optical axis's point on it"
+        held = "the array is tilted about the optical axis"
         return tuple(
             Unknown(name, self.name, "rad", value, scale, None, -0.2, 0.2, gauge=held)
             for name, value in zip(("tilt_rows_rad", "tilt_columns_rad"), start, strict=True)
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the array so tilted; without a tilt there is no effect."""
+        """Return the setup with the array tilted; a tilt of 0 adds no effect."""
         del frame
         tilt = ArrayTilt(values["tilt_rows_rad"], values["tilt_columns_rad"])
         if tilt == ArrayTilt(0.0, 0.0):

@@ -1,4 +1,4 @@
-"""How far away the planes are: all of them, and each."""
+"""Depths of the planes: of all together, and of each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["CommonDepth", "PlaneDepths"]
 
 HELD = "defocus of the wavefront is included in the distance of the planes"
 WORKING_SHARE = 0.005
-"""How well a working distance is known beforehand."""
+"""Prior uncertainty of a working distance."""
 
 
 def depth_scale(camera: Camera) -> float:
@@ -32,7 +32,7 @@ class CommonDepth(Group):
     rank = 40
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return what is added to every depth."""
+        """Return the displacement that is added to every depth."""
         del frame
         camera = setup.camera
         scale = depth_scale(camera)
@@ -40,7 +40,7 @@ class CommonDepth(Group):
         return (Unknown("distance_um", self.name, "µm", 0.0, scale, known, gauge=HELD),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with all planes there."""
+        """Return the setup with all planes displaced."""
         del frame
         moved = tuple(error + values["distance_um"] for error in setup.depth_errors_um)
         return replace(setup, depth_errors_um=moved)
@@ -55,17 +55,17 @@ class PlaneDepths(Group):
     needs = "two planes or more"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return what is added to each depth; beforehand known as well as a stage's depth is."""
+        """Return the displacement of each depth; its prior is the depth error of a stage."""
         if frame.planes < 2:
             return ()
         known, scale = DepthError().rms(setup.camera), depth_scale(setup.camera)
-        held = f"{HELD}, the mean of all planes by the stage's own error"
+        held = f"{HELD}, and the mean of all planes is known to within the stage's error"
         return tuple(
             Unknown(f"depth_{z}_um", self.name, "µm", 0.0, scale, known, gauge=held) for z in range(frame.planes)
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the planes there."""
+        """Return the setup with the planes displaced."""
         del frame
         pairs = zip(setup.depth_errors_um, values.values(), strict=True)
         return replace(setup, depth_errors_um=tuple(error + more for error, more in pairs))

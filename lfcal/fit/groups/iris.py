@@ -16,7 +16,7 @@ from lfcal.simulate.effects import ExactAngles, LensLaw, MechanicalVignetting
 __all__ = ["ApertureGroup", "BladeCurvature", "Law", "SecondStop"]
 
 LAW = 0.5
-"""How well the lens law is known beforehand: the tangent law is two standard deviations from the sine condition."""
+"""Prior uncertainty of the lens law: the tangent law is two standard deviations from the sine condition."""
 
 
 def _optics(setup: Setup, **values: Any) -> Setup:
@@ -33,7 +33,7 @@ def _law_held(setup: Setup) -> str:
     own = setup.effect(LensLaw)
     law = 0.0 if own is None else own.tangent
     words = {0.0: "the main lens obeys the sine condition", 1.0: "the main lens obeys the tangent law"}
-    return words.get(law, f"the lens law is held at {law:g}")
+    return words.get(law, f"the lens law is fixed at {law:g}")
 
 
 class ApertureGroup(Group):
@@ -45,7 +45,7 @@ class ApertureGroup(Group):
     core = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return f-number and rotation, or a microscope's numerical aperture."""
+        """Return f-number and rotation of the iris, or a microscope's numerical aperture."""
         del frame
         optics = setup.camera.optics
         if isinstance(optics, Microscope):
@@ -55,7 +55,7 @@ class ApertureGroup(Group):
         size = Unknown("f_number", self.name, "", n, 0.025 * n, None, 0.4 * n, 2.5 * n, gauge=_law_held(setup))
         if optics.blades == 0 or optics.blade_curvature == 1:
             return (size,)
-        # beyond half the angle between blades the iris is one that was described already
+        # a rotation by more than half the angle between blades gives an iris that is already covered
         half = math.pi / optics.blades
         turn = optics.blade_rotation_rad
         return size, Unknown("iris_rotation_rad", self.name, "rad", turn, 0.05, None, turn - half, turn + half)
@@ -76,7 +76,7 @@ class BladeCurvature(Group):
     needs = "an iris with blades"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the curvature of an iris that has blades."""
+        """Return the curvature of the blades; none for an iris without blades."""
         del frame
         optics = setup.camera.optics
         if not isinstance(optics, MainLens) or optics.blades == 0:
@@ -84,13 +84,13 @@ class BladeCurvature(Group):
         return (Unknown("iris_curvature", self.name, "", optics.blade_curvature, 0.2, None, 0.0, 1.0),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with such blades."""
+        """Return the setup with this curvature."""
         del frame
         return _optics(setup, blade_curvature=values["iris_curvature"])
 
 
 class Law(Group):
-    """Whether the main lens obeys the sine condition, which no scan distinguishes from another size of the iris."""
+    """Lens law of the main lens; no scan distinguishes the sine condition from a different size of the iris."""
 
     name = "lens_law"
     title = "lens law of the main lens: sine condition or tangent law"
@@ -100,7 +100,7 @@ class Law(Group):
     needs = "a main lens and the effect exact_angles"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the law, 0 by the sine condition and 1 by the tangent."""
+        """Return the lens law: 0 for the sine condition, 1 for the tangent law."""
         del frame
         if setup.camera.optics.telecentric or setup.effect(ExactAngles) is None:
             return ()
@@ -108,7 +108,7 @@ class Law(Group):
         return (Unknown("lens_law", self.name, "", 0.0 if own is None else own.tangent, LAW, LAW, *LAWS),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this law; by the sine condition there is no effect."""
+        """Return the setup with this lens law; the sine condition adds no effect."""
         del frame
         if values["lens_law"] == 0:
             return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, LensLaw)))
@@ -116,7 +116,7 @@ class Law(Group):
 
 
 class SecondStop(Group):
-    """The rim that cuts the pupil seen from off axis, where the setup has one."""
+    """The rim that cuts the pupil as seen from off axis, if the setup has one."""
 
     name = "cats_eye"
     title = "place and radius of the rim that cuts the pupil"
@@ -124,7 +124,7 @@ class SecondStop(Group):
     needs = "the effect vignetting, off axis"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return distance and radius of the rim; empty on the axis, where its position has no effect."""
+        """Return distance and radius of the rim; none on the axis, where its position has no effect."""
         own = setup.effect(MechanicalVignetting)
         seen = frame.fields_um or (frame.middle_um,)
         off = max(math.hypot(*field) for field in seen) > 100.0 * setup.camera.sensor.pixel_um
@@ -137,7 +137,7 @@ class SecondStop(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the rim there."""
+        """Return the setup with this rim."""
         del frame
         return setup.with_effect(MechanicalVignetting(values["rim_distance_um"], values["rim_radius"]))
 

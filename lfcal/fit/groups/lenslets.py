@@ -22,7 +22,7 @@ class FocalLengths(Group):
     core = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the focal lengths, by lens type."""
+        """Return the focal lengths by lens type."""
         del frame
         return tuple(
             Unknown(f"focal_{k}_um", self.name, "µm", f, 0.005 * f, None, 0.3 * f, 3.0 * f)
@@ -42,14 +42,14 @@ class FocalLengths(Group):
 
 
 class LensletAberration(Group):
-    """Spherical aberration of each lens type, which terms of the main lens do not replace."""
+    """Spherical aberration of each lens type, which differs in effect from that of the main lens."""
 
     name = "lenslet_spherical"
     title = "spherical aberration of each lens type"
     rank = 22
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return W040 at the rim of the clear diameter, by lens type."""
+        """Return W040 at the rim of the clear diameter by lens type."""
         del frame
         types = len(setup.camera.lattice.types)
         own = setup.effect(LensletSpherical)
@@ -59,7 +59,7 @@ class LensletAberration(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with lenslets so aberrated."""
+        """Return the setup with this aberration of the lenslets."""
         del frame
         own = {f"type_{k}": value for k, value in enumerate(values.values())}
         return setup.with_effect(LensletSpherical(0.0, **own))

@@ -1,4 +1,4 @@
-"""The size of the source and the width of its spectrum."""
+"""Size of the source, and width of its spectrum."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ __all__ = ["Holes", "SourceSize", "Spectrum"]
 
 
 MOST_PX = 6.0
-"""Largest image of a source (pixels): larger ones take hundreds of source points."""
+"""Largest image of a source (pixels); larger ones need hundreds of source points."""
 
 
 class SourceSize(Group):
-    """Diameter of the source: it blurs by its square."""
+    """Diameter of the source; blur is proportional to its square."""
 
     name = "source"
     title = "diameter of the source"
@@ -26,7 +26,7 @@ class SourceSize(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the diameter; a quarter of it adds to the spots' rms width."""
+        """Return the diameter; a quarter of it is added to the rms width of spots in quadrature."""
         del frame
         own, camera = setup.effect(FiniteSource), setup.camera
         start = 0.0 if own is None else float(own.magnitude("diameter_um", camera))
@@ -35,7 +35,7 @@ class SourceSize(Group):
         return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, most, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with a source of this size; without a size it is a point."""
+        """Return the setup with a source of this size; with size 0, it is a point."""
         del frame
         size = values["source_um"]
         if size == 0.0:
@@ -44,7 +44,7 @@ class SourceSize(Group):
 
 
 class Holes(Group):
-    """Diameter of a target's holes: they blur by its square."""
+    """Diameter of a target's holes; blur is proportional to its square."""
 
     name = "hole"
     title = "diameter of the target's holes"
@@ -53,7 +53,7 @@ class Holes(Group):
     needs = "frames of a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the diameter, one for all holes; none where sources are no target's."""
+        """Return the common diameter of all holes; none if there is no target."""
         del frame
         if setup.hole_um is None:
             return ()
@@ -68,7 +68,7 @@ class Holes(Group):
 
 
 class Spectrum(Group):
-    """Full width of the light's spectrum: it washes fringes out by its square."""
+    """Full width of the light's spectrum; the contrast of fringes decreases with its square."""
 
     name = "bandwidth"
     title = "width of the spectrum"
@@ -76,7 +76,7 @@ class Spectrum(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the width."""
+        """Return the width of the spectrum."""
         del frame
         own, camera = setup.effect(Bandwidth), setup.camera
         start = 0.0 if own is None else float(own.magnitude("width_um", camera))
@@ -84,7 +84,7 @@ class Spectrum(Group):
         return (Unknown("bandwidth_um", self.name, "µm", start, 0.1 * wave, None, 0.0, 0.5 * wave, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with such light; without width it is of one wavelength."""
+        """Return the setup with this spectrum; with width 0, light has one wavelength."""
         del frame
         width = values["bandwidth_um"]
         if math.isclose(width, 0.0):
@@ -93,7 +93,7 @@ class Spectrum(Group):
 
 
 def without(setup: Setup, kind: type) -> Setup:
-    """Return the setup without effects of a kind."""
+    """Return the setup without effects of one kind."""
     return replace(setup, effects=tuple(one for one in setup.effects if type(one) is not kind))
 
 

@@ -1,4 +1,4 @@
-"""What pixels do to the light: crosstalk, and a free filter."""
+"""Crosstalk between pixels, and a free filter."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class CrosstalkGroup(Group):
     rank = 70
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the share."""
+        """Return the share of light that each neighbour collects."""
         del frame
         own = setup.effect(Crosstalk)
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this crosstalk; without it there is no filter."""
+        """Return the setup with this crosstalk; a share of 0 adds no effect."""
         del frame
         if values["crosstalk"] == 0.0:
             return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, Crosstalk)))
@@ -50,7 +50,7 @@ class Filter(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this filter; one that does nothing is none."""
+        """Return the setup with this filter; a filter without effect is left out."""
         del frame
         found = PixelKernel(**{name: values[f"kernel_{name}"] for name in NEIGHBOURS})
         if found == PixelKernel():

@@ -1,4 +1,4 @@
-"""Several regions of the field: how the wavefront changes from one to the other, and where their sources were."""
+"""Several regions of the field: change of the wavefront between them, and positions of their sources."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ __all__ = ["Curvature", "FieldWavefront", "Places", "RegionDepthsGroup", "Target
 
 NEEDS = "patterns of several regions of the field"
 BESIDE_PX = 1.0
-"""How well a stage is known to bring the source to another region, beforehand."""
+"""Prior uncertainty of the stage's position in another region."""
 
 SHOWS_UM = 20.0
-"""Change of the image's distance at the farthest region that shows."""
+"""Noticeable change of the image's distance in the farthest region."""
 
 
 def farthest_um(frame: ScanScales) -> float:
-    """Return how far the farthest region is from the axis (µm), at least a pixel or so."""
+    """Return the distance of the farthest region from the axis (µm), at least about a pixel."""
     return max([10.0, *(math.hypot(*at) for at in frame.fields_um)])
 
 
 class FieldWavefront(Group):
-    """Coma, astigmatism and spherical aberration over the field, by their laws of third order.
+    """Coma, astigmatism and spherical aberration over the field, by their third-order laws.
 
-    An objective is simulated with what is symmetric about each source's chief ray: of it spherical aberration alone.
+    An objective is simulated only with terms that are symmetric about each source's chief ray, that is, spherical
+    aberration.
     """
 
     name = "field_wavefront"
@@ -38,21 +39,21 @@ class FieldWavefront(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the coefficients at the farthest region (waves); the linear astigmatism needs three regions."""
+        """Return the coefficients in the farthest region (waves); linear astigmatism needs three regions."""
         if len(frame.fields_um) < 2:
             return ()
         start, names = self._start(setup, frame), ["spherical"]
         if not setup.camera.optics.telecentric:
             names = ["coma", "astigmatism", *names]
             names += ["astigmatism_y", "astigmatism_x"] if len(frame.fields_um) > 2 else []
-        held = "the other terms of the wavefront are those on the axis"
+        held = "the other terms of the wavefront are as on the axis"
         return tuple(
             Unknown(f"field_{name}", self.name, "waves", getattr(start, name), 0.1, None, -20.0, 20.0, gauge=held)
             for name in names
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with these; where all are 0 there is no such effect."""
+        """Return the setup with these coefficients; if all are 0, no effect is added."""
         found = {name.removeprefix("field_"): value for name, value in values.items()}
         if not any(found.values()):
             return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldAberrations)))
@@ -75,7 +76,7 @@ class FieldWavefront(Group):
 
 
 class Curvature(Group):
-    """Field curvature: the image surface of a plane."""
+    """Field curvature: the image of a plane is a curved surface."""
 
     name = "field_curvature"
     title = "curvature of the field"
@@ -83,7 +84,7 @@ class Curvature(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return how much farther the image of the farthest region lies (µm)."""
+        """Return the additional distance of the image in the farthest region (µm)."""
         if len(frame.fields_um) < 2:
             return ()
         own, far = setup.effect(FieldCurvature), farthest_um(frame)
@@ -92,7 +93,7 @@ class Curvature(Group):
         return (Unknown("field_sag_um", self.name, "µm", start, scale, None, -1e4, 1e4),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this curvature; a flat field has no effect."""
+        """Return the setup with this curvature; a flat field adds no effect."""
         sag = values["field_sag_um"]
         if sag == 0:
             return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldCurvature)))
@@ -100,7 +101,7 @@ class Curvature(Group):
 
 
 class Places(Group):
-    """Displacement of the sources in each further region, relative to those of the first."""
+    """Displacement of the sources in each further region, relative to the first region."""
 
     name = "region_places"
     title = "places of the regions' sources"
@@ -108,9 +109,9 @@ class Places(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return a displacement on the sensor of every region but the first."""
+        """Return a displacement on the sensor for every region but the first."""
         del setup
-        held = "sources of the first region are where they were planned"
+        held = "sources of the first region are at their planned positions"
         return tuple(
             Unknown(f"region_{k}_{axis}_px", self.name, "px", 0.0, 0.2, BESIDE_PX, -20.0, 20.0, gauge=held)
             for k in range(1, len(frame.fields_um))
@@ -118,7 +119,7 @@ class Places(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the sources there."""
+        """Return the setup with the sources displaced."""
         found = [
             replace(own, rows_px=values.get(f"region_{k}_y_px", 0.0), columns_px=values.get(f"region_{k}_x_px", 0.0))
             for k, own in enumerate(_regions(setup, frame))
@@ -127,7 +128,7 @@ class Places(Group):
 
 
 class RegionDepthsGroup(Group):
-    """Displacement in depth of the planes of each further region, relative to those of the first."""
+    """Displacement in depth of the planes of each further region, relative to the first region."""
 
     name = "region_depths"
     title = "distances of the regions' planes"
@@ -135,14 +136,14 @@ class RegionDepthsGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return what is added to all depths of every region but the first: a stage that is not square."""
+        """Return a displacement of all depths for every region but the first, for a stage that is not square."""
         scale = depth_scale(setup.camera)
         return tuple(
             Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the planes there."""
+        """Return the setup with the planes displaced."""
         found = [
             replace(own, farther_um=values.get(f"region_{k}_farther_um", 0.0))
             for k, own in enumerate(_regions(setup, frame))
@@ -159,14 +160,14 @@ class TargetTiltGroup(Group):
     needs = "parts of the field at different depths, as for a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return how much farther away the plane is as far out as the farthest part, down and to the right."""
+        """Return the additional distance of the plane at the farthest part, downwards and to the right."""
         if not setup.regions or len(frame.fields_um) < 3:
             return ()
         scale = depth_scale(setup.camera)
         return tuple(Unknown(f"plane_tilt_{axis}_um", self.name, "µm", 0.0, scale) for axis in "yx")
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with each part's plane there."""
+        """Return the setup with the plane of each part displaced."""
         down, right = values["plane_tilt_y_um"], values["plane_tilt_x_um"]
         far, found = farthest_um(frame), []
         for own, (x, y) in zip(_regions(setup, frame), frame.fields_um, strict=True):

@@ -1,4 +1,4 @@
-"""How deep a microscope looks into a specimen of another index."""
+"""Depth at which a microscope looks into a specimen of another refractive index."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["SpecimenGroup"]
 
 
 class SpecimenGroup(Group):
-    """Depth of the nominal focal plane below the interface; the specimen's index is known beforehand."""
+    """Depth of the nominal focal plane below the interface; the specimen's index must be known."""
 
     name = "specimen"
     title = "depth in a specimen of another index"
@@ -21,16 +21,16 @@ class SpecimenGroup(Group):
     needs = "the effect index_mismatch"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the depth where the fit starts with such a specimen; without one there is nothing to be deep in."""
+        """Return the depth, if the fit starts with such a specimen; otherwise none."""
         del frame
         own = setup.effect(IndexMismatch)
         if own is None:
             return ()
-        held = f"the specimen's index is held at {own.index:g}"
+        held = f"the specimen's index is fixed at {own.index:g}"
         return (Unknown("specimen_depth_um", self.name, "µm", own.depth_um, 2.0, None, 0.0, 1e4, gauge=held),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup that looks so deep."""
+        """Return the setup with this depth."""
         del frame
         own = setup.effect(IndexMismatch)
         assert own is not None

@@ -11,13 +11,14 @@ from lfcal.fit.setup import Setup
 __all__ = ["StageScale", "StageZero"]
 
 BESIDE_PX = 2.0
-"""How well the zero of a stage is known beforehand (pixels)."""
+"""Prior uncertainty of a stage's zero (pixels)."""
 
 
 class StageZero(Group):
     """Common lateral displacement of all sources.
 
-    Tilt of the main lens's wavefront does exactly the same, for example that in Seidel coma, W131 rho^3 cos(theta).
+    Tilt of the main lens's wavefront has exactly the same effect; for example, Seidel coma W131 rho^3 cos(theta)
+    contains tilt.
     """
 
     name = "stage_zero"
@@ -34,24 +35,24 @@ class StageZero(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the sources there."""
+        """Return the setup with the sources displaced."""
         del frame
         return replace(setup, aside_px=(values["zero_y_px"], values["zero_x_px"]))
 
 
 class StageScale(Group):
-    """Length of the stage's steps over the planned ones."""
+    """Length of the stage's steps relative to the planned length."""
 
     name = "stage_scale"
     title = "length of the stage's steps"
     rank = 80
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the scale minus 1; a screw's error of 2 % is beyond what is known beforehand."""
+        """Return the scale minus 1, with a prior of 2 % for a stage's screw."""
         return (Unknown("stage_scale", self.name, "", setup.stage_scale, 0.1 / frame.reach_px, 0.02, -0.3, 0.3),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with such steps."""
+        """Return the setup with this step length."""
         del frame
         return replace(setup, stage_scale=values["stage_scale"])
 

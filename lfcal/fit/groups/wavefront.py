@@ -11,7 +11,7 @@ from lfcal.simulate.effects import Zernike
 
 __all__ = ["WavefrontGroup"]
 
-HELD = "piston, tilt and defocus are held at 0"
+HELD = "piston, tilt and defocus are fixed at 0"
 DEFOCUS = 0.25
 """Usual defocus of a main lens or objective (waves at the pupil's rim), as a standard deviation."""
 
@@ -26,11 +26,11 @@ class WavefrontGroup(Group):
     Parameters
     ----------
     name, title, rank
-        As of every group.
+        As in `Group`.
     terms
         Orders (n, m) of the terms, each 1 at the pupil's rim.
     late
-        Whether they are tried only once others were.
+        Whether they are tried only after other groups were found.
     """
 
     needs = "a main lens"  # an objective is simulated with terms of rotational symmetry alone
@@ -51,7 +51,7 @@ class WavefrontGroup(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with these terms; others stay."""
+        """Return the setup with these terms; other terms stay."""
         del frame
         own = setup.effect(Zernike)
         known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
@@ -65,23 +65,23 @@ class WavefrontGroup(Group):
 
 
 class ThirdOrder(WavefrontGroup):
-    """Third-order terms; Seidel forms also have defocus and tilt, which displace all sources."""
+    """Third-order terms; their Seidel forms also contain defocus and tilt, which displace all sources."""
 
     along = ("distance", "stage_zero")
 
 
 class Defocus(WavefrontGroup):
-    """Defocus of the wavefront, in the square of the pupil's radius.
+    """Defocus of the wavefront, proportional to the square of the pupil's radius.
 
-    For a main lens, defocus has the same effect as the distance of all planes, and is included in that. For the wide
-    pupil of an objective it differs from a displacement of the planes, which depends on the cosine of the angle.
+    For a main lens, defocus has the same effect as the distance of all planes, and is included in it. For the wide
+    pupil of an objective, it differs from a displacement of the planes, which depends on the cosine of the angle.
     There, distance, depth in a specimen and spherical aberration replace it in the fit.
     """
 
     held = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the coefficient, which is known to a quarter of a wave beforehand."""
+        """Return the coefficient, with a prior of a quarter of a wave."""
         return tuple(replace(one, sigma=DEFOCUS, gauge="") for one in super().unknowns(setup, frame))
 
 

@@ -1,4 +1,4 @@
-"""Values of patterns in the order of the scan: robust fits, and steps."""
+"""Values of patterns in the order of the scan: robust fits and jumps."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ __all__ = ["BETTER", "ENOUGH", "FEW", "SURE", "SeriesJump", "Usual", "robust", "
 F8 = NDArray[np.float64]
 
 SURE = 7.0
-"""Standard deviations that a fault stands out by."""
+"""Standard deviations above which a fault is significant."""
 
 BETTER = 0.6
 """Correlation of two terms above which they are degenerate."""
 
 FAR = 6.0
-"""Standard deviations beyond which a value counts no more."""
+"""Standard deviations above which a value has no weight."""
 
 MOST = 0.6
-"""Share of values near their median that a fit may begin with."""
+"""Share of values, those near the median, from which a fit may start."""
 
 FEW = 6
-"""Patterns on either side of a step, at least."""
+"""Smallest number of patterns on either side of a jump."""
 
 ENOUGH = 8
-"""Smallest number of patterns that determine what is typical."""
+"""Smallest number of patterns that determine a typical value."""
 
 
 class Usual(NamedTuple):
@@ -54,7 +54,7 @@ class SeriesJump:
     sigmas
         Size in standard deviations of the values' scatter.
     after
-        Indices of the patterns after it, in the order of the scan.
+        Indices of the patterns after the jump, in the order of the scan.
     """
 
     size: float
@@ -63,7 +63,7 @@ class SeriesJump:
 
 
 def usual(values: F8, sigmas: F8) -> Usual | None:
-    """Return what most of the values ``(n,)`` with known errors are; None where too few are known."""
+    """Return the typical value of ``(n,)`` values with known errors; None if too few are known."""
     good = np.isfinite(sigmas)
     if good.sum() < ENOUGH:
         return None
@@ -73,9 +73,9 @@ def usual(values: F8, sigmas: F8) -> Usual | None:
 
 
 def robust(design: F8, values: F8, sigmas: F8) -> tuple[F8, F8, F8]:
-    """Return the coefficients of ``design (n, k)`` that fit values best, their errors, and what is left ``(n,)``.
+    """Return the coefficients of the best fit of ``design (n, k)`` to values, their errors, and the residuals ``(n,)``.
 
-    Values far off have no say; errors follow the scatter of what is left where that is more than the sigmas say.
+    Outliers have no weight. Errors follow the scatter of the residuals if it exceeds the sigmas.
     """
     good = np.isfinite(sigmas)
     keep = _middle(values, good)
@@ -115,13 +115,13 @@ def scan_order(index: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def sharpest_step(order: NDArray[np.intp], values: F8, sigmas: F8) -> SeriesJump | None:
-    """Return the jump that explains what values do in an ``order`` of them; None where a line does as well."""
+    """Return the jump that best explains the values in ``order``; None if a straight line is as good."""
     order = order[np.isfinite(sigmas[order])]
     if len(order) < 2 * FEW:
         return None
     v = values[order] - np.median(values[order])
     scatter = max(1.4826 * float(np.median(np.abs(np.diff(v)))) / np.sqrt(2), float(np.median(sigmas[order])))
-    whole, v = v, np.clip(v, -FAR * scatter, FAR * scatter)  # a single frame makes no step
+    whole, v = v, np.clip(v, -FAR * scatter, FAR * scatter)  # a single frame is not a jump
     n = np.arange(1, len(v))
     sums = np.cumsum(v)[:-1]
     before, after = sums / n, (v.sum() - sums) / (len(v) - n)
@@ -131,6 +131,6 @@ def sharpest_step(order: NDArray[np.intp], values: F8, sigmas: F8) -> SeriesJump
     stepped = v - np.where(np.arange(len(v)) > k, after[k], before[k])
     straight = v - np.polyval(np.polyfit(np.arange(len(v)), v, 1), np.arange(len(v)))
     if np.median(np.abs(stepped)) > BETTER * np.median(np.abs(straight)):
-        return None  # it goes up evenly
+        return None  # it changes evenly
     size = float(np.median(whole[k + 1 :]) - np.median(whole[: k + 1]))
     return SeriesJump(size, float(told[k]), order[k + 1 :])

@@ -1,4 +1,4 @@
-"""Light that follows each pattern's own brightness: what a camera does that sets its exposure itself."""
+"""Light that depends on each pattern's brightness, as with a camera that sets its exposure automatically."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ __all__ = ["FAULTS", "AutoExposure"]
 F4 = NDArray[np.float32]
 
 WORTH = 0.02
-"""Scatter of the light that is worth a word."""
+"""Scatter of the light above which it is reported."""
 
 FOLLOWS = 0.1
-"""Exponent by which the light must follow the patterns' brightness at least."""
+"""Smallest exponent with which the light must depend on the patterns' brightness."""
 
 
 class AutoExposure(Fault):
@@ -35,7 +35,7 @@ class AutoExposure(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker", "lamp", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the power of the patterns' peaks that their light goes by."""
+        """Yield the exponent with which the light depends on the patterns' peaks."""
         values, sigmas = evidence.column("gain")
         tops = evidence.model.max((1, 2)).astype(np.float64)
         seen = np.isfinite(sigmas) & (values > 0) & (tops > 0)
@@ -45,7 +45,7 @@ class AutoExposure(Fault):
             return
         light, peaks = (np.log(np.where(seen, part, 1.0)) for part in (values, tops))
         errors = np.where(seen, sigmas / np.where(seen, values, 1.0), np.inf)
-        # within planes: one that was lit less as a whole has another fault
+        # within planes: a plane that is dimmer as a whole has another fault
         found, told, left = robust(np.concatenate([planes, peaks[:, None]], 1), light, errors)
         _, _, flat = robust(planes, light, errors)
         power, error = float(found[-1]), float(told[-1])
@@ -54,7 +54,7 @@ class AutoExposure(Fault):
             return
         if abs(power) < max(FOLLOWS, SURE * error):
             return
-        alike = float(np.ptp(found[:-1])) < WORTH + FOLLOWS * abs(power)  # one law for all planes
+        alike = float(np.ptp(found[:-1])) < WORTH + FOLLOWS * abs(power)  # the same law in all planes
         law = np.exp(power * peaks)
         if not alike:
             law /= planes @ np.array([np.median(law[own > 0]) for own in planes.T])
@@ -62,7 +62,7 @@ class AutoExposure(Fault):
         order = np.argsort(peaks)
         yield FoundFault(
             self,
-            f"the light of patterns goes by their peaks to the power of {power:+.2f} ± {error:.2f}",
+            f"the light of patterns is proportional to their peaks to the power of {power:+.2f} ± {error:.2f}",
             abs(power) / error,
             before.scatter,
             picture=FaultPicture(

@@ -1,4 +1,4 @@
-"""Traces of a lossy compression: steps between blocks, and fine structure that is gone in them."""
+"""Traces of lossy compression: steps between blocks, and lost fine structure within them."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 BLOCK = 8
-"""Pixels along a block of the usual compressions."""
+"""Number of pixels along a block of the usual codecs."""
 
 DARK = 0.005
-"""Share of the brightest light below which neighbours are compared."""
+"""Share of the brightest light above which neighbours are not compared."""
 
 SPIKE = 4.0
-"""Times the mean difference of neighbours that counts at most."""
+"""Multiple of the mean difference of neighbours at which differences are limited."""
 
 STEPS = 1.1
-"""Times by which neighbours across blocks differ more than those within."""
+"""Ratio of differences across blocks to those within blocks that is reported."""
 
 OTHERS = (5, 6, 7, 9, 10, 11)
-"""Periods (pixels) that no compression has: structure of the lenslets repeats with any of them as well as with a
-block's."""
+"""Periods (pixels) that no codec has, but with which the structure of lenslets repeats as well as with that of
+blocks."""
 
 CLEARLY = 2.0
-"""Times as much more that neighbours differ across blocks than at any of those other periods."""
+"""Factor by which the difference across blocks must exceed that at any of those other periods."""
 
 LIT = 0.02
 """Share of the brightest light that a block needs for its finest structure to be informative."""
 
 SMALL = 0.3
-"""Times the usual size of a coefficient of the finest structure below which it is gone."""
+"""Multiple of the typical size of a fine-structure coefficient below which it counts as lost."""
 
 GONE = 0.15
-"""Share of lost structure in blocks of a compression, in excess of that in shifted blocks."""
+"""Smallest share of lost structure in the blocks of a codec, in excess of that in shifted blocks."""
 
 FEW = 500
-"""Number of coefficients for each place of blocks that determine it."""
+"""Number of coefficients needed for each offset of the blocks."""
 
 WINDOWS = 60_000
 """Largest number of blocks that are examined."""
@@ -80,23 +80,23 @@ class Compression(Fault):
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield by how much neighbours across blocks differ more than those within.
+        """Yield how much more neighbours differ across blocks than within.
 
-        Nothing where every frame was stored without loss, or was computed.
+        Nothing is yielded if all frames were stored without loss, or were computed.
         """
         if evidence.computed or _lossless(evidence.matrix.provenance):
             return
         left = evidence.left
-        # where there is light, lost detail is larger than what blocks are made of
+        # where there is light, lost detail is larger than the steps of blocks
         dark = evidence.valid & (evidence.light < DARK * float(evidence.light.max()))
-        most_of = SPIKE * float(np.abs(np.diff(left, axis=2)).mean())  # a single pixel makes no blocks
+        most_of = SPIKE * float(np.abs(np.diff(left, axis=2)).mean())  # a single pixel is not a sign of blocks
         for what, corners in (("sensor", evidence.corners()), ("cutout", np.zeros((len(left), 2), np.intp))):
             found = [_borders(left, dark, corners[:, axis], axis, most_of) for axis in (0, 1)]
             ratios, sigmas = ([one[k] for one in found] for k in (0, 1))
-            # lines with different offsets differ anywhere, and by chance at the edges of blocks
+            # lines with different offsets differ everywhere, and by chance at the edges of blocks
             if min(ratios) < STEPS or min(sigmas) < SURE or min(one[2] for one in found) < STEPS:
                 continue
-            # so does what the model leaves of small lenslets, with their own period
+            # the residual of a model for small lenslets also differs, with its own period
             others = (
                 min(_borders(left, dark, corners[:, axis], axis, most_of, other)[0] for axis in (0, 1))
                 for other in OTHERS
@@ -105,7 +105,7 @@ class Compression(Fault):
                 yield FoundFault(
                     self,
                     f"neighbours across blocks of {BLOCK} x {BLOCK} pixels of the {what} differ "
-                    f"{min(ratios):.2f} times as much as within",
+                    f"{min(ratios):.2f} times as much as within blocks",
                     float(min(sigmas)),
                     float(np.sqrt(np.square(left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
                     put_in=lambda patch: patch.recorded,
@@ -128,7 +128,7 @@ class Compression(Fault):
             yield FoundFault(
                 self,
                 f"{100 * gone[k]:.0f} % of the finest structure in blocks of {BLOCK} x {BLOCK} pixels of the {what} "
-                f"is gone, and {100 * beside[k]:.0f} % in neighbouring blocks",
+                f"is lost, and {100 * beside[k]:.0f} % in shifted blocks",
                 told,
                 float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
                 picture=FaultPicture(
@@ -183,7 +183,7 @@ def _borders(
         each = np.bincount(lines.ravel() % block, sums.ravel(), block) / np.maximum(many, 1)
         most = int(np.argmax(each))
         told.append(float(each[most] / max(float(np.delete(each, most).mean()), 1e-300)))
-    # means of so many magnitudes scatter by 0.75 over the root of their number; lost detail by more
+    # the mean of this number of magnitudes scatters by 0.75 over its square root; lost detail exceeds this
     return told[0], (told[0] - 1) * float(np.sqrt(max(float(many.min()), 1.0))) / 2.0, told[1]
 
 

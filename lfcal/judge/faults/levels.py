@@ -1,4 +1,4 @@
-"""Values that end at a ceiling, and a background under all of them."""
+"""Values that end at a ceiling, noise that was cut off, and a background."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ __all__ = ["FAULTS", "BackgroundFault", "CutOff", "Saturated"]
 F4 = NDArray[np.float32]
 
 BANDS = (0.01, 0.05)
-"""Parts of the highest value that samples at a ceiling lie within: as the sensor gave them, and divided by a white
-image."""
+"""Shares of the highest value within which samples are at a ceiling: for samples as the sensor gave them, and for
+samples divided by a white image."""
 
 CROWDED = 4.0
-"""Times as many samples as in the band below that a ceiling has."""
+"""Ratio of the number of samples at a ceiling to that in the band below."""
 
 FEW = 12
-"""Samples that make a ceiling at least."""
+"""Smallest number of samples at a ceiling."""
 
 HIGHER = 2.0
-"""Times that part by which their light should have been over the ceiling."""
+"""Multiple of that share by which their light should have exceeded the ceiling."""
 
 ALWAYS, SEVERAL = 0.9, 4
-"""Share of the patterns in which a hot pixel is at the ceiling, and the number needed to decide."""
+"""Share of the patterns in which a hot pixel is at the ceiling, and the number of patterns needed to decide."""
 
 BRIGHT = 2e-4
-"""Background over the brightest light that is worth a word."""
+"""Background, relative to the brightest light, above which it is reported."""
 
 MUCH = 0.005
-"""Share of the light that it adds or takes away at least."""
+"""Smallest share of the light that the background adds or removes."""
 
 
 UNEVEN = 2.0
-"""Scatter of the background over its error beyond which it is not the same everywhere."""
+"""Ratio of the background's scatter to its error above which it varies over the sensor."""
 
 DARK, MANY = 5e-4, 2000
-"""Share of the brightest light below which samples are dark, and the number that determines their noise."""
+"""Share of the brightest light below which samples are dark, and the number needed to determine their noise."""
 
 ZEROS = 0.1
-"""Share of them that is exactly zero, and that is not, where noise was cut off."""
+"""Shares of dark samples that are exactly zero, and that are not, if noise was cut off."""
 
 TAIL = 5.0
 """Standard deviations that such noise reaches."""
@@ -70,7 +70,7 @@ class Saturated(Fault):
     settles: ClassVar[tuple[str, ...]] = ("saturation", "jitter", "flicker", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the ceiling, where the camera has more light than that."""
+        """Yield the ceiling, if the camera's light exceeds it."""
         for band in BANDS:
             for one in self._within(evidence, band):
                 yield one
@@ -95,7 +95,7 @@ class Saturated(Fault):
         yield FoundFault(
             self,
             f"values end at {ceiling:.4g} in {len(some)} of {len(evidence)} patterns compared, "
-            f"where the light makes up to {float(light[at].max()):.4g}",
+            f"where the expected light is up to {float(light[at].max()):.4g}",
             float(np.sqrt(at.sum())) * 3,
             float(np.clip(lost.sum() / max(float(light.sum()), 1e-300), 0, 1)),
             positions=evidence.index[some],
@@ -130,7 +130,7 @@ class CutOff(Fault):
     settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield where the noise of dark samples ends, by how many of them are exactly zero and what the others are."""
+        """Yield the level at which noise of dark samples was cut off, from the share of zeros and the other values."""
         peak = float(evidence.light.max())
         dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
         if dark.size < MANY or float(evidence.data[evidence.valid].min()) < 0:
@@ -143,14 +143,14 @@ class CutOff(Fault):
         noise = float(dark.mean()) / (t * float(ndtr(t)) + math.exp(-(t**2) / 2) / math.sqrt(2 * math.pi))
         level = t * noise
         top = float(np.quantile(dark, 0.999))
-        if not top < TAIL * noise + max(level, 0.0):  # no such noise: light, or values in steps
+        if not top < TAIL * noise + max(level, 0.0):  # not such noise, but light, or values in steps
             return
         dim = evidence.valid & (evidence.light + min(level, 0.0) < DIM * noise)
         drawn = np.random.default_rng(0).standard_normal(evidence.data.shape, np.float32) * np.float32(noise)
         whole = np.where(dim, evidence.light + drawn, evidence.data - np.float32(level))
         yield FoundFault(
             self,
-            f"{100 * zeros:.0f} % of dark samples are zero and none is negative: noise of {noise:.3g} counts about "
+            f"{100 * zeros:.0f} % of dark samples are zero and none is negative: noise of {noise:.3g} counts around "
             f"{level:+.3g} was cut off",
             math.sqrt(dark.size) * zeros,
             float(np.abs(whole - evidence.data)[dim].sum() / max(float(evidence.light.sum()), 1e-300)),
@@ -168,7 +168,7 @@ class CutOff(Fault):
 
 def _cut_off(level: float) -> PutIn:
     def put_in(patch: Patch) -> F4:
-        # with the noise of H added again, nothing is negative
+        # when the noise of H is added again, there must be no negative values
         found: F4 = np.maximum(patch.light + patch.noise + np.float32(level), np.float32(0)) - patch.noise
         return found
 
@@ -186,7 +186,7 @@ class BackgroundFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("background", "leak", "truncation", "clipped")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the background in the middle of all patterns."""
+        """Yield the median background of all patterns."""
         values, sigmas = evidence.column("background")
         most = usual(values, sigmas)
         if most is None:
@@ -204,7 +204,7 @@ class BackgroundFault(Fault):
             picture=FaultPicture(values, "counts", "background of each pattern", ("pattern",)),
             repair=lambda index, patterns: (patterns - np.float32(level)).astype(np.float32),
             put_in=lambda patch: patch.light + np.float32(level),
-            # glow differs from place to place, and costs more than its middle
+            # glow varies over the sensor, and costs more than its median
             scatters=most.scatter > UNEVEN * float(np.median(sigmas[most.good])),
         )
 

@@ -1,4 +1,4 @@
-"""Light of the source over the scan: lamp, exposure, and focus that drifts."""
+"""Light of the source over the scan: drift of the lamp, exposure, flicker, and drift of the focus."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = ["FAULTS", "ExposureFault", "Flicker", "FocusDrift", "Lamp"]
 F8 = NDArray[np.float64]
 
 WORTH = 0.02
-"""Change of the light that is worth a word."""
+"""Change of the light above which it is reported."""
 
 STEEP = 4.0
-"""Times the usual step of the light that a single one counts at most."""
+"""Multiple of the typical change of the light at which single changes are limited."""
 
 ODD = 0.25
-"""Light of a single frame, relative to its neighbours, above which it is unusual."""
+"""Difference of a frame's light from its neighbours above which it is unusual."""
 
 
 def _gains(evidence: Evidence) -> tuple[F8, F8]:
@@ -75,7 +75,7 @@ class ExposureFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield frames whose light is far off that of all others."""
+        """Yield the frames whose light differs much from all others."""
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
         if most is None:
@@ -111,7 +111,7 @@ class Lamp(Fault):
     settles: ClassVar[tuple[str, ...]] = ("lamp", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the trend over each plane's scan, and the sharpest step."""
+        """Yield the trend over each plane's scan, and the sharpest jump."""
         gains, sigmas = _gains(evidence)
         z = evidence.index[:, 0]
         rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
@@ -126,7 +126,7 @@ class Lamp(Fault):
             step = each
         if step is not None and step.sigmas > SURE and abs(step.size) > WORTH:
             first = tuple(int(v) for v in evidence.index[step.after[0]])
-            where = f"{first[1:]} on in every plane" if step is each else f"{first} on"
+            where = f"{first[1:]} onwards in every plane" if step is each else f"{first} onwards"
             detail, told, size = f"{100 * step.size:+.1f} % from {where}", step.sigmas, abs(step.size)
         elif abs(trend) > SURE * error and abs(trend) > WORTH:
             detail, told, size = f"{100 * trend:+.1f} % over the scan of a plane", abs(trend) / error, abs(trend)
@@ -165,21 +165,21 @@ class Flicker(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the scatter of the light beyond its own error."""
+        """Yield the scatter of the light beyond its error."""
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
         if most is None:
             return
         order = scan_order(evidence.index)
-        # those that were asked for are the oddest of all
+        # suspect patterns are the most unusual of all
         order = order[(most.good & ~evidence.asked)[order]]
         if len(order) < ENOUGH:
             return
-        # of neighbours in time: what changes slowly is the lamp's course
+        # between neighbours in time, because slow changes are drift of the lamp
         steps = np.abs(np.diff(gains[order])) / np.sqrt(2)
         scatter = 1.4826 * float(np.median(steps))
         chance = float(np.median(sigmas[order]))
-        # medians detect flicker independent of single frames; the mean square measures its size better
+        # medians detect flicker without the influence of single frames; the mean square measures its size better
         mean = float(np.square(np.minimum(steps, STEEP * scatter)).mean())
         rms = float(np.sqrt(max(0.0, mean - chance**2)))
         if rms < WORTH or (scatter / chance - 1) * np.sqrt(len(order)) < SURE:

@@ -20,22 +20,22 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 CURVED = 0.02
-"""Difference of an exponent from 1 that is worth a word."""
+"""Difference of an exponent from 1 above which it is reported."""
 
 STRONG = 0.1
-"""Value of the same above which exponents are tried: a derivative is then not accurate enough."""
+"""The difference above which exponents are tried, because a derivative is not accurate enough."""
 
 EXPONENTS = np.geomspace(0.3, 3.0, 41)
 """Exponents that are tried."""
 
 LIKE, GAINED = 0.99, 4.0
-"""Correlation with the camera below which they are, and times as near to 1 that the best of them must bring it."""
+"""Correlation with the camera below which they are tried, and the factor of improvement that is required."""
 
 TURNS = 2
-"""Number of iterations with straightened values, because derivatives are those of a linear response."""
+"""Number of iterations with linearized values, because derivatives are those of a linear response."""
 
 MOST_SAG = 0.24
-"""Bend of values that fall behind: at a quarter the curve is level at the brightest."""
+"""Largest bend of values that saturate gradually; at a quarter, the curve is flat at the brightest value."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class _Law:
         raise NotImplementedError
 
     def column(self, light: F4) -> F4:
-        """Return the derivative of values by the bend, at 0."""
+        """Return the derivative of values with respect to the bend, at 0."""
         raise NotImplementedError
 
     def further(self, more: float) -> _Law:
-        """Return the law with the remaining bend, measured on straightened values, added to it."""
+        """Return the law with the remaining bend, measured on linearized values, added to it."""
         raise NotImplementedError
 
     def words(self, sigma: float) -> str:
@@ -85,7 +85,7 @@ class _Power(_Law):
         return _Power(self.peak, (1 + self.bend) * (1 + more) - 1)
 
     def words(self, sigma: float) -> str:
-        return f"values follow the light to the power of {1 + self.bend:.3f} ± {sigma:.3f}"
+        return f"values are proportional to the light to the power of {1 + self.bend:.3f} ± {sigma:.3f}"
 
 
 class _Sag(_Law):
@@ -118,7 +118,7 @@ class NotLinear(Fault):
     """Values that are not proportional to the light."""
 
     name = "not_linear"
-    # before lines and pixels: of bent values the model is off everywhere, and any line of them may stand out
+    # before lines and pixels: with nonlinear values the model is wrong everywhere, and any line may stand out
     strong_rank = 8
     rank = 9
     title = "values not proportional to the light"
@@ -127,7 +127,7 @@ class NotLinear(Fault):
     settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the law that values follow: that of two which explains them best."""
+        """Yield the law that explains the values best, of two."""
         peak = float(np.abs(evidence.data).max()) or 1.0
         bend, sigma = _told(evidence, _Power(peak))
         likely = _likeliest(evidence, peak)

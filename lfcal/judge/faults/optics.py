@@ -1,4 +1,4 @@
-"""Faults of the optics: planes at other depths than said, a ghost, a lens type of less light."""
+"""Faults of the optics: planes at other depths than stated, a ghost, a lens type with less light."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 DEEP, DEEP_NEAR = 0.004, 0.03
-"""Change of the virtual depth that is worth a word, as a share of it, and near the array as it is."""
+"""Change of the virtual depth above which it is reported: relative, and near the array absolute."""
 
 GHOSTLY = 0.003
-"""Share of the light that makes a ghost."""
+"""Smallest share of the light of a ghost."""
 
 BRIGHTEST = 0.5
-"""Share of the light that a ghost has at most: of bent values, a brighter one may be next to all that the fit has."""
+"""Largest share of the light of a ghost; brighter ones are usually an error of the fit of nonlinear values."""
 
 NEAR_PX = 3
 """Displacement within which a ghost cannot be distinguished from the pattern's tails (pixels)."""
@@ -51,11 +51,11 @@ VIEWS: dict[str, Callable[[F4], F4]] = {
     "mirrored up and down": lambda light: light[:, ::-1],
     "mirrored left and right": lambda light: light[:, :, ::-1],
 }
-"""What a ghost may look like, of patterns ``(n, nt, ns)``."""
+"""Possible shapes of a ghost, as functions of patterns ``(n, nt, ns)``."""
 
 
 class DepthLabel(Fault):
-    """Planes that were recorded at another depth than they are labelled with."""
+    """Planes that were recorded at another depth than stated."""
 
     name = "depth_label"
     title = "planes at other depths than stated"
@@ -65,7 +65,7 @@ class DepthLabel(Fault):
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the planes with the change of their virtual depths."""
+        """Yield the planes whose virtual depths differ."""
         values, sigmas = evidence.column("depth")
         z, camera = evidence.index[:, 0], evidence.plan.camera
         planes, words, worst, told = [], [], 0.0, 0.0
@@ -113,7 +113,7 @@ class GhostFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the displacement at which what is left looks most like the pattern."""
+        """Yield the displacement at which the residual resembles the pattern most."""
         left, light = evidence.left, evidence.light
         best: tuple[float, float, str, tuple[int, int], F8] | None = None
         for name, view in VIEWS.items():
@@ -125,7 +125,7 @@ class GhostFault(Fault):
         if not GHOSTLY < share < BRIGHTEST or sigmas < SURE:
             return
         copy = _aside(VIEWS[name](light), *place)
-        for _ in range(ROUNDS):  # what the fit of each pattern made up for at first comes out
+        for _ in range(ROUNDS):  # recovers what the fit of each pattern absorbed at first
             now = evidence.with_data(evidence.data - np.float32(share) * copy, evidence.valid)
             power = float(np.square(copy).sum(dtype=np.float64))
             share += float((now.left * copy).sum(dtype=np.float64)) / max(power, 1e-300)
@@ -139,7 +139,7 @@ class GhostFault(Fault):
             picture=FaultPicture(
                 100 * table,
                 "%",
-                "what is left, as a share of the displaced pattern",
+                "residual, as a share of the displaced pattern",
                 ("down (px)", "across (px)"),
                 origin=(-(table.shape[0] // 2), -(table.shape[1] // 2)),
             ),
@@ -189,10 +189,10 @@ def _in_most(left: F4, copy: F4, share: float) -> bool:
 
 
 class TypeLight(Fault):
-    """Lenslets of one type that pass less light than the others."""
+    """Lenslets of one type that transmit less light than the others."""
 
     name = "type_light"
-    title = "lens type of less light"
+    title = "lens type with less light"
     subject = "optics"
     rank = 56
     advice = "State the transmission of the lens types; check the white image, and the array for dirt or a coating."
@@ -206,13 +206,13 @@ class TypeLight(Fault):
         gains, errors = _of_types(evidence, which, types)
         lit, now = 1 + gains, evidence
         if np.abs(gains).max() > DIM:
-            for _ in range(TURNS):  # what the other unknowns made up for at first comes out
+            for _ in range(TURNS):  # recovers what the other unknowns absorbed at first
                 own = lit[which].astype(np.float32)
                 shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
                 now = shaded.with_data(evidence.data, evidence.valid)
                 lit = lit * (1 + np.clip(_of_types(now, which, types)[0], -0.5, 0.5))
         gains = lit / lit.max() - 1 if np.abs(gains).max() > DIM else gains
-        # each is relative to the light of all; the worst is reported, and the others compensate for it
+        # each is relative to the light of all; the worst one is reported, and the others compensate for it
         k = int(np.argmax(np.abs(gains)))
         if not np.isfinite(errors[k]) or abs(gains[k]) < max(DIM, SURE * errors[k]):
             return

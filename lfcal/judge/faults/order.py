@@ -1,4 +1,4 @@
-"""Scans whose positions run another way than they are numbered."""
+"""Scans whose positions run in another direction than they are numbered."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ __all__ = ["FAULTS", "WrongOrder"]
 F4 = NDArray[np.float32]
 
 TRIED = 8
-"""Number of patterns of a plane that are compared with those of mirrored positions."""
+"""Number of patterns of a plane that are compared with mirrored positions."""
 
 POOR = 0.75
-"""Correlation that patterns in the right order do not fall below."""
+"""Correlation above which patterns are in the right order."""
 
 GOOD = 0.85
-"""Correlation that patterns have in the right order at least."""
+"""Smallest correlation of patterns in the right order."""
 
 BETTER = 0.15
-"""Correlation that another order must bring."""
+"""Correlation that another order must reach."""
 
 LAGS = (1, 2, 3, 4, 5, 6, 8, 10)
-"""Frames that a scan may be late or early by."""
+"""Largest number of frames by which a scan may be late or early."""
 
 Index = NDArray[np.intp]
 Order = Callable[[Index], Index]
-"""Takes positions ``(n, 3)`` and returns those whose patterns they hold."""
+"""Takes positions ``(n, 3)``, and returns the positions whose patterns they contain."""
 
 
 def _flipped(period: tuple[int, int], axes: tuple[int, ...]) -> Order:
@@ -75,14 +75,14 @@ def _late(period: tuple[int, int], by: int) -> Order:
 
 def _orders(period: tuple[int, int]) -> dict[str, Order]:
     found = {
-        "rows of positions run the other way": _flipped(period, (1,)),
-        "columns of positions run the other way": _flipped(period, (2,)),
-        "rows and columns of positions run the other way": _flipped(period, (1, 2)),
+        "rows of positions are reversed": _flipped(period, (1,)),
+        "columns of positions are reversed": _flipped(period, (2,)),
+        "rows and columns of positions are reversed": _flipped(period, (1, 2)),
     }
     for by in LAGS:
         frames = "1 frame" if by == 1 else f"{by} frames"
-        found[f"all patterns come {frames} late"] = _late(period, by)
-        found[f"all patterns come {frames} early"] = _late(period, -by)
+        found[f"all patterns are {frames} late"] = _late(period, by)
+        found[f"all patterns are {frames} early"] = _late(period, -by)
     return found
 
 
@@ -135,12 +135,10 @@ class WrongOrder(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the planes with the order that their patterns are in."""
+        """Yield the planes with the order of their patterns."""
         period = evidence.plan.period
         orders = _orders(period)
-        back = {
-            f"every other {line} of positions runs the other way": axis for axis, line in ((1, "row"), (2, "column"))
-        }
+        back = {f"every other {line} of positions is reversed": axis for axis, line in ((1, "row"), (2, "column"))}
         lines = {name: _to_and_fro(period, axis) for name, axis in back.items()}
         turned: dict[int, str] = {}
         told = 0.0
@@ -176,7 +174,7 @@ def _best(evidence: Evidence, z: int, own: Index, orders: dict[str, Order]) -> t
     plane, still = plane_of(evidence.camera, z, 0.0), np.zeros((len(own), 2))
     usual = float(np.median(correlation(plane.patterns(index[:, 1:], still), data)))
     moved = evidence.starts.window[own]
-    if moved.any() and np.ptp(moved, axis=0).max() < 1:  # all cutouts alike: it is the anchor
+    if moved.any() and np.ptp(moved, axis=0).max() < 1:  # the same for all cutouts: the anchor is wrong
         usual = max(usual, float(np.median(evidence.alike[own])))
     if usual > POOR:
         return None

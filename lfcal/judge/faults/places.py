@@ -1,4 +1,4 @@
-"""What findings share: the light that a change is worth, positions that come late or are wrong, and maps of them."""
+"""Helpers of faults: the light that a change affects, wrong or late positions, and maps."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ F8 = NDArray[np.float64]
 
 
 def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
-    """Return the share of the light (relative L1) that so much of columns of `COLUMNS` changes."""
+    """Return the share of the light (relative L1) that changes of `COLUMNS` by these amounts affect."""
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
     change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
     return amount * float(np.mean(change)) / light
 
 
 def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which positions ``(n, 3)`` come no earlier than ``first``, plane by plane and row by row."""
+    """Return which positions ``(n, 3)`` are not earlier than ``first``, plane by plane and row by row."""
     shape = plan.shape[:3]
     found: NDArray[np.bool_] = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
     return found
 
 
 def only_recorded(positions: NDArray[np.intp]) -> PutIn:
-    """Return what puts the recorded patterns of some positions into those that the camera should give."""
+    """Return a function that replaces the camera's patterns at some positions by the recorded ones."""
     bad = set(map(tuple, positions.tolist()))
 
     def put_in(patch: Patch) -> F4:
@@ -42,7 +42,7 @@ def only_recorded(positions: NDArray[np.intp]) -> PutIn:
 
 
 def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> FaultPicture:
-    """Return values of patterns as a map over the positions of the plane that they stand out most in."""
+    """Return values of patterns as a map over the positions of the plane in which they stand out most."""
     z = evidence.index[:, 0]
     worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))
     found = np.full(evidence.plan.period, np.nan)

@@ -1,4 +1,4 @@
-"""A pupil that is dark in a part, and a lens type that is out of focus."""
+"""A pupil that is partly dark, and a lens type that is out of focus."""
 
 from __future__ import annotations
 
@@ -35,28 +35,28 @@ LIT = 0.02
 """Share of the light of the brightest part above which a part counts."""
 
 UNEVEN = 0.03
-"""Scatter of the light of parts that is worth a word."""
+"""Scatter of the parts' light above which it is reported."""
 
 DARKEST = 0.02
-"""Smallest share of the light of a part; smaller ones cannot be determined."""
+"""Smallest share of the light of a part that can be determined."""
 
 FOLLOWS = 6.0
-"""Times the share of the light that the camera is off by, that parts may scatter by: displacements make up for some."""
+"""Multiple of the camera's error by which parts may scatter, because displacements compensate for some of it."""
 
 EXPLAINS = 0.3
-"""Share of what is left of patterns that it must explain."""
+"""Share of the residual of patterns that it must explain."""
 
 LEFT = 0.02
-"""Misfit above which lens types are tried: a smaller one rules out a type that is out of focus."""
+"""Misfit above which lens types are tried; a smaller one rules out a type that is out of focus."""
 
 STEP = 0.01
-"""Change of a focal length that its derivative is made of."""
+"""Change of a focal length for its derivative."""
 
 ROUNDS, NEAR = 6, 0.001
-"""Largest number of iterations for the change, and the change that needs one: the derivative is for one length."""
+"""Largest number of iterations for the change, and the change above which another is needed."""
 
 BLUR = 0.005
-"""Change of a focal length that is worth a word."""
+"""Change of a focal length above which it is reported."""
 
 
 class Pupil(Fault):
@@ -90,11 +90,11 @@ class Pupil(Fault):
             lit = np.clip(lit * np.clip(1 + sure * gains, 0.2, 5.0), DARKEST, 2.0)
             now = _seen(here, lit)
             nearer = here.followed(now.values) if turn == 1 else here
-            if nearer is not here:  # light that is missing to one side looked displaced
+            if nearer is not here:  # light missing on one side looked like a displacement
                 here, now = nearer, _seen(nearer, lit)
         weight = np.stack([evidence.light[evidence.index[:, 0] == z].sum(0) for z in range(len(lit))]).clip(0)
         scatter = float(np.sqrt((weight * np.square(lit - 1)).sum() / max(float(weight.sum()), 1e-300)))
-        # where so much light is missing, the camera is off by some of it
+        # the missing light is part of the camera's error
         if scatter < UNEVEN or scatter > FOLLOWS * math.sqrt(before) or _excess(now) > (1 - EXPLAINS) * before:
             return
         z = int(np.argmax((weight * np.square(lit - 1)).sum((1, 2))))
@@ -104,7 +104,7 @@ class Pupil(Fault):
         if not lost.any():
             return
         light = weight[z] * (image > 0)
-        # from the middle of the light to that of what is missing
+        # from the middle of the light to that of the missing light
         down, across = ((lost * k).sum() / lost.sum() - (light * k).sum() / light.sum() for k in (y, x))
         side = np.degrees(np.arctan2(down, across))
         yield FoundFault(
@@ -163,7 +163,7 @@ def _parts(evidence: Evidence, blocks: int) -> tuple[F8, F8]:
 
 
 class TypeFocus(Fault):
-    """Lenslets of one type of another focal length than stated."""
+    """Lenslets of one type with another focal length than stated."""
 
     name = "type_focus"
     title = "lens type out of focus"
@@ -177,7 +177,7 @@ class TypeFocus(Fault):
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the type whose focal length explains most of what is left."""
+        """Yield the type whose focal length explains most of the residual."""
         types = len(evidence.plan.camera.lattice.types)
         if evidence.misfit < LEFT or types < 2:
             return

@@ -1,4 +1,4 @@
-"""Displacements of sources from their planned places: step, turn, shear, play, drift, jitter; moved cutouts."""
+"""Displacements of sources (step, rotation, shear, play, drift, jitter) and of cutouts from their planned places."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 FLOOR_PX = 0.004
-"""What displacements are known to at best: the model's own error (pixels)."""
+"""Smallest error of displacements, which is that of the model (pixels)."""
 
 WORTH_PX = 0.05
-"""Displacement of sources at the edge of the period that is worth a word (pixels)."""
+"""Displacement of sources at the edge of the period above which it is reported (pixels)."""
 
 ANCHOR_PX = 0.25
-"""Displacement of all cutouts that is worth a word: the camera's own offset is known no better as a rule (pixels)."""
+"""Displacement of all cutouts above which it is reported; the camera's offset is usually not more accurate (pixels)."""
 
 FAR_PX = 0.4
-"""Displacement of a single source beyond which its frame is not the one that was planned (pixels)."""
+"""Displacement of a single source above which its frame is not the planned one (pixels)."""
 
 UNLIKE = 0.3
-"""Correlation, relative to that of other patterns, below which one does not belong to its position."""
+"""Correlation, relative to that of other patterns, below which a pattern does not belong to its position."""
 
 FEW = 0.1
 """Share of positions with displaced cutouts up to which they count as foreign patterns."""
@@ -42,7 +42,7 @@ MANY = 0.45
 """Largest share of foreign patterns: more of them mean a scan in another order."""
 
 DARK = 0.25
-"""Gain over that of other patterns below which one is dark: that is its exposure."""
+"""Gain, relative to other patterns, below which a pattern is dark, which is a fault of exposure."""
 
 
 class Moved(NamedTuple):
@@ -59,7 +59,7 @@ def _fitted(evidence: Evidence, name: str) -> Moved:
     ny, nx = evidence.plan.period
     rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
     design = np.stack([*rows, (y - (ny - 1) / 2), (x - (nx - 1) / 2), np.where(evidence.index[:, 1] % 2, 0.5, -0.5)], 1)
-    # what was asked for as odd has no say in what is usual
+    # suspect patterns must not influence what is typical
     even = np.where(evidence.asked, np.inf, np.hypot(sigmas, FLOOR_PX))
     found, errors, left = robust(design, values, even)
     names = ("by_row", "by_column", "by_direction")
@@ -77,7 +77,7 @@ class StageAxesFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("stage_gain", "drift")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield what displacements do over the period."""
+        """Yield the change of displacements over the period."""
         down, across = (_fitted(evidence, name) for name in ("source_y", "source_x"))
         ny, nx = evidence.plan.period
         size = {"by_row": ny / 2, "by_column": nx / 2}
@@ -98,7 +98,7 @@ class StageAxesFault(Fault):
         values, _ = evidence.column("source_x" if any(a == "x" for a, _ in seen) else "source_y")
         yield FoundFault(
             self,
-            f"{_words(seen)}: sources up to {worst:.2f} px from their places",
+            f"{_words(seen)}: sources up to {worst:.2f} px from their planned positions",
             float(sigmas),
             share_of(evidence, worst / 2, ("source_y", "source_x")),
             picture=place_map(evidence, values, "px", "displacement of the source"),
@@ -134,7 +134,7 @@ def _words(seen: dict[tuple[str, str], float]) -> str:
         return "stage step " + ", ".join(parts) + ("" if xx else " (or a drift during the scan)")
     if xy and not (yx or xx):
         return "drift during the scan, or axes that are not square"
-    return "axes of the stage are not those of the sensor"
+    return "axes of the stage differ from those of the sensor"
 
 
 class BacklashFault(Fault):
@@ -184,12 +184,12 @@ class Jitter(Fault):
     settles: ClassVar[tuple[str, ...]] = ("jitter", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the scatter beyond the errors of the displacements themselves."""
+        """Yield the scatter beyond the errors of the displacements."""
         spread = []
         for name in ("source_y", "source_x"):
             left, (_, sigmas) = _fitted(evidence, name).left, evidence.column(name)
             known = np.isfinite(sigmas)
-            # by the median: single distant patterns are a separate fault
+            # by the median, because single distant patterns are a separate fault
             scatter = 1.4826 * float(np.median(np.abs(left[known])))
             chance = float(np.sqrt(np.median(np.square(sigmas[known])) + FLOOR_PX**2))
             spread.append(
@@ -199,7 +199,7 @@ class Jitter(Fault):
         if sigmas_out > SURE and rms > WORTH_PX:
             yield FoundFault(
                 self,
-                f"sources scatter by {rms:.2f} px (rms) about their places",
+                f"sources scatter by {rms:.2f} px (rms) about their positions",
                 float(sigmas_out),
                 share_of(evidence, rms, ("source_y", "source_x")),
                 picture=place_map(evidence, _fitted(evidence, "source_x").left, "px", "displacement of the source"),
@@ -228,7 +228,7 @@ class FrameShift(Fault):
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the sharpest step of the cutouts' displacements in the order of the scan."""
+        """Yield the sharpest jump of the cutouts' displacements in the order of the scan."""
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
             step: SeriesJump | None = sharpest_step(scan_order(evidence.index), values, np.hypot(sigmas, FLOOR_PX))
@@ -238,7 +238,7 @@ class FrameShift(Fault):
             after = evidence.index[step.after]
             yield FoundFault(
                 self,
-                f"{abs(step.size):.2f} px {along} from {tuple(int(v) for v in after[0])} on",
+                f"{abs(step.size):.2f} px {along} from {tuple(int(v) for v in after[0])} onwards",
                 step.sigmas,
                 share_of(evidence, abs(step.size) / 2, (name,)),
                 positions=after,
@@ -257,7 +257,7 @@ class FrameShift(Fault):
             return
         yield FoundFault(
             self,
-            f"{abs(middle):.2f} px {along} in all frames: the anchor is wrong, or frames are a part of the sensor",
+            f"{abs(middle):.2f} px {along} in all frames: the anchor is wrong, or frames show a part of the sensor",
             abs(middle) / error,
             share_of(evidence, abs(middle), (name,)),
             picture=place_map(evidence, values, "px", "displacement of the cutout"),
@@ -285,14 +285,14 @@ class Strangers(Fault):
     settles: ClassVar[tuple[str, ...]] = ("misplaced",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield patterns whose sources are far from their places, and those unlike their model."""
+        """Yield patterns whose sources are far from their positions, or that differ from their model."""
         alike, gains = evidence.alike, evidence.values[:, 0]
         lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))
         far = np.stack([_fitted(evidence, name).left for name in ("source_y", "source_x")], 1)
         unlike = evidence.unlike & (alike < np.median(alike) - UNLIKE)
         windows = np.stack([_fitted(evidence, name).left for name in ("window_y", "window_x")], 1)
         aside = (np.abs(windows) > FAR_PX).any(1)
-        # many cutouts that are displaced are a region of the sensor that moved
+        # if many cutouts are displaced, the region of the sensor moved
         aside &= evidence.extent(np.flatnonzero(aside)) < FEW
         bad = np.flatnonzero((unlike | aside | (np.abs(far) > FAR_PX).any(1)) & lit)
         if not bad.size or evidence.extent(bad) > MANY:
@@ -318,16 +318,18 @@ def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
     """Return a description of a foreign pattern."""
     place = tuple(int(v) for v in evidence.index[k])
     if unlike:
-        return f"{place} is unlike its place"
+        return f"{place} does not match its position"
     window = np.array([evidence.column(name)[0][k] for name in ("window_y", "window_x")])
     step = np.rint(far)
-    # a frame of another position has its source and its cutout there
+    # in a frame of another position, source and cutout belong to that position
     if step.any() and np.abs(far - step).max() < 0.2 and np.abs(window - step).max() < 0.2:
         own = (np.array(place[1:]) + step.astype(int)) % np.array(evidence.plan.period)
-        return f"{place} holds that of ({place[0]}, {int(own[0])}, {int(own[1])})"
+        return f"{place} contains that of ({place[0]}, {int(own[0])}, {int(own[1])})"
     if np.hypot(*window) > np.hypot(*far):
-        return f"{place} is that of another place: its light lies {np.hypot(*window):.1f} px off in its cutout"
-    return f"the source of {place} is {np.hypot(*far):.2f} px off"
+        return (
+            f"{place} belongs to another position: its light is displaced by {np.hypot(*window):.1f} px in its cutout"
+        )
+    return f"the source of {place} is {np.hypot(*far):.2f} px off its position"
 
 
 FAULTS = (StageAxesFault(), BacklashFault(), Jitter(), FrameShift(), Strangers())

@@ -1,4 +1,4 @@
-"""Rows and columns of the sensor that are dead, dim or hot, and offsets of every row or column."""
+"""Rows and columns of the sensor that are dead, dim or hot, and different offsets of all rows or columns."""
 
 from __future__ import annotations
 
@@ -23,28 +23,27 @@ F8 = NDArray[np.float64]
 AXES = ("row", "column")
 
 DIM = 0.08
-"""Share of the light that a line must lack: pixels themselves differ by a percent or two."""
+"""Smallest share of the light that a line must lack, because pixels differ by one or two percent."""
 
 NEAR = 9
-"""Number of neighbouring lines for comparison: errors of the model change slowly from line to line."""
+"""Number of neighbouring lines for comparison, because errors of the model change slowly from line to line."""
 
 LITTLE = 0.002
-"""Share of the light that lines must take away: at the patterns' edges the model itself is off by tens of percent."""
+"""Share of the light that lines must lack; at the patterns' edges, the model's error is tens of percent."""
 
 SEEN = 0.3
 """Share of the light of neighbouring lines that a line must receive to be called dead. Between small lenslets, and at
 the edges of the scanned part, the error of the model exceeds the light."""
 
 USUAL, PART = 0.02, 0.3
-"""Share of the light that a camera may be off by, and the part of what it is off by beyond that which lines must
-explain."""
+"""Share of the light by which a camera may be wrong, and the share of any larger error that lines must explain."""
 
 BRIGHT = 2e-4
-"""Offset of a line over the brightest light, from which it is worth a word."""
+"""Offset of a line, relative to the brightest light, above which it is reported."""
 
 
 def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
-    """Return lines less the median of those about them, and by how many standard deviations they differ from it.
+    """Return lines minus the median of their neighbours, and the difference in standard deviations.
 
     The scatter of lines among themselves counts as noise.
     """
@@ -58,7 +57,7 @@ def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
 
 
 def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
-    """Return what replaces lines of the sensor by the mean of the nearest sound ones on both sides."""
+    """Return a function that replaces lines of the sensor by the mean of the nearest good ones on both sides."""
     bad = set(lines.tolist())
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
@@ -80,7 +79,7 @@ def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
 
 
 def shifted(axis: int, offsets: F8) -> Repair:
-    """Return what takes the offsets of lines of the sensor away."""
+    """Return a function that removes the offsets of lines of the sensor."""
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
         size = patterns.shape[1 + axis]
@@ -92,13 +91,13 @@ def shifted(axis: int, offsets: F8) -> Repair:
 
 
 def lit(axis: int, gains: F8, shape: tuple[int, ...]) -> PutIn:
-    """Return what lets lines of the sensor see a share of the light."""
+    """Return a function that reduces the light of lines of the sensor to a share."""
     image = np.ones(shape) * (gains[:, None] if axis == 0 else gains)
     return lambda patch: patch.light * patch.seen(image)
 
 
 def added(image: F8) -> PutIn:
-    """Return what adds an image of the sensor."""
+    """Return a function that adds an image of the sensor."""
     return lambda patch: patch.light + patch.seen(image)
 
 
@@ -121,7 +120,7 @@ def _curve(values: F8, unit: str, title: str, axis: int) -> FaultPicture:
 
 
 class DeadLine(Fault):
-    """Lines whose pixels see less light than their neighbours."""
+    """Lines whose pixels receive less light than their neighbours."""
 
     name = "dead_line"
     title = "dead or dim line of the sensor"
@@ -138,7 +137,7 @@ class DeadLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield what is found along rows and along columns."""
+        """Yield the faults along rows and along columns."""
         if evidence.computed:
             return
         total = sensor_map(evidence)
@@ -191,7 +190,7 @@ class HotLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield what is found along rows and along columns."""
+        """Yield the faults along rows and along columns."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         for axis in (0, 1):
@@ -264,7 +263,7 @@ class _Offsets:
 
     @classmethod
     def of(cls, lines: Lines, axis: int, peak: float) -> _Offsets | None:
-        """Return them; None where there are none."""
+        """Return the offsets; None if there are none."""
         good = np.isfinite(lines.offset_sigma)
         off = lines.offset - np.median(lines.offset[good])
         spread = 1.4826 * float(np.median(np.abs(off[good])))

@@ -1,4 +1,4 @@
-"""Pixels of the sensor that are dead or hot, and a colour mosaic left in."""
+"""Pixels of the sensor that are dead or hot, and a colour mosaic that was not separated."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 DEAD, DUSTY = 0.3, 0.2
-"""Share of the light that a single pixel must lack, and that each of several together must."""
+"""Share of the light that a single pixel must lack, and that each of several adjacent ones must lack."""
 
 MOST = 0.02
-"""Share of the sensor's pixels that may be bad: more of them are none of single ones."""
+"""Largest share of bad pixels on the sensor; more of them are not a fault of single pixels."""
 
 TOGETHER = 4
-"""Pixels of three by three that make a spot of dust."""
+"""Number of pixels, of three by three, that make a spot of dust."""
 
 UNEVEN = 0.04
-"""Share by which the four pixels of a colour mosaic differ at least."""
+"""Smallest relative difference between the four pixels of a colour mosaic."""
 
 LITTLE = 1e-4
-"""Share of the light that pixels must add or take away."""
+"""Share of the light that pixels must add or remove."""
 
 WIDE = 9
-"""Number of pixels on each side for comparison: spots of dust are a few pixels wide."""
+"""Number of pixels on each side for comparison; spots of dust are a few pixels wide."""
 
 SEEN = 0.05
-"""Share of the light of the best lit pixel that one must have had to be called dead."""
+"""Share of the brightest pixel's light that a pixel should receive to be called dead."""
 
 AXES = ("row of the sensor (px)", "column of the sensor (px)")
 
@@ -56,7 +56,7 @@ class BadPixels(Fault):
     settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the pixels that stand out of their neighbours and of their row and column."""
+        """Yield the pixels that differ from their neighbours and from their row and column."""
         if evidence.computed:
             return
         total = sensor_map(evidence)
@@ -173,16 +173,16 @@ class MosaicFault(Fault):
 
     name = "mosaic"
     rank = 14
-    title = "colour mosaic left in"
+    title = "colour mosaic not separated"
     subject = "sensor"
     advice = "Assemble one channel, or demosaic the frames with the pattern of the sensor."
     settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield how much the four pixels of two by two differ."""
+        """Yield how much the four pixels of each two by two differ."""
         total = sensor_map(evidence)
         four = total.classes(2, 2)
-        # by the median over lines: a single one that is dead makes no mosaic
+        # by the median over lines, because a single dead line is not a mosaic
         gains = _by_lines(total)
         sigmas = four.gain_sigma
         told = float((np.abs(gains) / sigmas).max())
@@ -199,7 +199,7 @@ class MosaicFault(Fault):
 
         yield FoundFault(
             self,
-            f"pixels of two by two see {words} of the light",
+            f"pixels of two by two receive {words} of the light",
             told,
             float(np.abs(gains).mean()),
             picture=FaultPicture(

@@ -1,4 +1,4 @@
-"""Measured from the dark corners of the cutouts: background, noise, clipping."""
+"""Measure background, noise and clipping in the dark corners of the cutouts."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["DarkCorners", "dark_corners", "darkness"]
 MOST_SAMPLES = 2_000_000
 
 DARKEST = (0.02, 0.1)
-"""Shares of a pattern's samples that are darkest: the scatter between them is its noise."""
+"""Shares of a pattern's darkest samples; the difference between these quantiles gives the noise."""
 
 LIT = 0.008
-"""Share of the peak by which corners that are lit exceed the darkest samples, beyond noise."""
+"""Share of the peak by which corners exceed the darkest samples, beyond noise, if they are lit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class DarkCorners:
     Attributes
     ----------
     background
-        Median over the four corners of their means.
+        Mean background: the median of the means of the four corners.
     noise
         Standard deviation of a pixel.
     clipped
@@ -42,7 +42,7 @@ class DarkCorners:
 
 
 def dark_corners(plane: NDArray[np.float32]) -> DarkCorners:
-    """Measure the corners of all patterns ``(ny, nx, nt, ns)``, which should be dark."""
+    """Measure the corners, which should be dark, of all patterns ``(ny, nx, nt, ns)``."""
     nt, ns = plane.shape[2:]
     b = max(2, round(0.06 * min(nt, ns)))
     every = max(1, plane.shape[0] * plane.shape[1] * 4 * b * b // MOST_SAMPLES)
@@ -51,16 +51,17 @@ def dark_corners(plane: NDArray[np.float32]) -> DarkCorners:
     corners = [c[np.isfinite(c)].astype(np.float64) for c in blocks]
     if not all(c.size for c in corners):
         return DarkCorners(0.0, 0.0, 0.0, 0.0)
-    means = np.array([c.mean() for c in corners])  # a pattern that reaches one corner changes the mean of that one only
+    means = np.array([c.mean() for c in corners])  # a pattern that reaches one corner changes only its mean
     noise = float(np.median([_spread(c) for c in corners]))
     chance = 1.25 * noise / math.sqrt(sum(c.size for c in corners))
     return DarkCorners(float(np.median(means)), noise, _cut_off(np.stack(blocks)) if noise > 0 else 0.0, chance)
 
 
 def darkness(plane: NDArray[np.float32]) -> DarkCorners:
-    """Return `dark_corners`, or what gaps within the patterns ``(ny, nx, nt, ns)`` say where these fill the corners.
+    """Return `dark_corners`, or measure gaps within the patterns ``(ny, nx, nt, ns)`` if patterns fill the corners.
 
-    Light in the corners would be taken from every pattern as its background, and dim ones would have none left.
+    Otherwise light in the corners would be subtracted from every pattern as background, and dim patterns would have
+    no light left.
     """
     corners = dark_corners(plane)
     frames = plane.reshape(-1, plane.shape[2] * plane.shape[3])
@@ -69,7 +70,7 @@ def darkness(plane: NDArray[np.float32]) -> DarkCorners:
     if not len(frames):
         return corners
     lowest, low = np.median(np.quantile(frames, DARKEST, axis=1), axis=1)
-    # of Gaussian noise these quantiles lie 2.05 and 1.28 standard deviations below the mean
+    # for Gaussian noise, these quantiles are 2.05 and 1.28 standard deviations below the mean
     noise = float(low - lowest) / 0.772
     background = float(lowest) + 2.054 * noise
     peak = float(np.median(frames.max(1))) - background

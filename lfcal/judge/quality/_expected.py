@@ -20,7 +20,7 @@ from lfcal.camera import Camera, Microscope
 __all__ = ["expected_sum", "footprint_variance"]
 
 RAYS = 20_000
-"""Rays of the shadow: some tens in each pixel of a large one."""
+"""Number of rays of the shadow: some tens in each pixel of a large shadow."""
 
 Values = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class _Grid:
         return rows * self.pitch_um[0], columns * self.pitch_um[1]
 
     def deposit(self, y: Values, x: Values, weight: Values) -> Values:
-        """Return the pixels' sums of the weights at places (µm)."""
+        """Return the sums of the weights at given places over the pixels (µm)."""
         edges = [np.append(a - p / 2, a[-1] + p / 2) for a, p in zip(self.axes(), self.pitch_um, strict=True)]
         sums: Values = np.histogram2d(y, x, bins=edges, weights=weight)[0]
         return sums
@@ -61,12 +61,12 @@ def expected_sum(
         Cutout pixels per sensor pixel, for rows and columns.
     """
     pitch = camera.sensor.pixel_um / pixel_scale[0], camera.sensor.pixel_um / pixel_scale[1]
-    # odd and twice as large: what leaves the cutout by one effect may come back by the next
+    # odd and twice as large, because light that leaves the cutout by one effect may return by the next
     grid = _Grid((2 * cutout[0] + 1, 2 * cutout[1] + 1), pitch)
     shadow, pupil_tail = _pupil(camera, camera.image_shift_um(depth_um), grid)
     lens = _lens(camera, camera.image_shift_um(depth_um), grid)
     whole = _convolved(_convolved(shadow + pupil_tail, _footprint(camera, grid)), lens)
-    # pixel (n - 1)//2 of the cutout is the middle one, here and there
+    # pixel (n - 1)//2 of the cutout is the middle one, in both arrays
     top, left = (cutout[0] - (cutout[0] - 1) // 2, cutout[1] - (cutout[1] - 1) // 2)
     inside: Values = np.maximum(whole[top : top + cutout[0], left : left + cutout[1]], 0.0)
     return inside
@@ -74,7 +74,7 @@ def expected_sum(
 
 def _convolved(one: Values, other: Values) -> Values:
     """Return the middle of the convolution of two pictures of one shape; scipy.signal takes a second to load."""
-    from scipy.fft import irfft2, next_fast_len, rfft2  # a tenth of a second
+    from scipy.fft import irfft2, next_fast_len, rfft2  # the import takes a tenth of a second
 
     rows, columns = one.shape
     fast = next_fast_len(2 * rows - 1, real=True), next_fast_len(2 * columns - 1, real=True)
@@ -101,12 +101,12 @@ def _pupil(camera: Camera, shift: float, grid: _Grid) -> tuple[Values, Values]:
     edge = float(radii[-1])
     y, x = np.meshgrid(*grid.axes(), indexing="ij")
     r = np.hypot(y, x)
-    # the edge wave is not a tail within the first Fresnel zone, or within its image by a lenslet
+    # the edge wave is not a tail within the first Fresnel zone, or within the zone's image by a lenslet
     outside = r > edge + max(blur, camera.lattice.clear_diameter_um / 2, 4 * strength)
     near, far = r[outside] - edge, r[outside] + edge
     tail = np.zeros_like(r)
     tail[outside] = strength / (2 * math.pi * r[outside]) * (near**-2 + far**-2) * math.prod(grid.pitch_um)
-    # golden-angle spiral: even cover by few rays
+    # golden-angle spiral: uniform coverage with few rays
     angle = np.arange(radii.size) * math.pi * (3 - math.sqrt(5))
     core = grid.deposit(radii * np.sin(angle), radii * np.cos(angle), weights)
     return core * (1 - float(tail.sum())), tail
@@ -137,7 +137,7 @@ def _footprint(camera: Camera, grid: _Grid) -> Values:
         u = (np.arange(RAYS) + 0.5) / RAYS
         r, angle = np.sqrt(u) * lattice.clear_diameter_um / 2 * scale, np.arange(RAYS) * math.pi * (3 - math.sqrt(5))
         y, x = r * np.sin(angle), r * np.cos(angle)
-        # a disc that reaches beyond its cell ends there
+        # a disc that extends beyond its cell ends at the cell's edge
         own = lattice.in_cell(x / scale, y / scale)
         y, x = y[own], x[own]
     return grid.deposit(y, x, np.full(y.size, 1 / y.size))
@@ -148,7 +148,7 @@ def _lens(camera: Camera, shift: float, grid: _Grid) -> Values:
     lattice = camera.lattice
     width, gap = lattice.clear_diameter_um, lattice.gap_um
     bend = float(np.mean([1 - gap / kind.focal_length_um for kind in lattice.types]))
-    # the image of one lenslet's aperture; with a focus near the lenslets, the beam and not the lenslet bounds it
+    # the image of one lenslet's aperture; near a focus on the lenslets, the beam limits it and not the lenslet
     half = width / 2 * min(1.0, abs(bend - gap / shift) if shift else 1.0)
     touching = lattice.clear_um is None or lattice.clear_um >= lattice.pitch_um
     strength = camera.wavelength_um * gap / width / math.pi**2

@@ -1,4 +1,4 @@
-"""A quantity over the positions of a cell, split into what the lattice may do to it and what it may not."""
+"""Split a quantity over the positions of a cell into the part that the lattice may cause and the rest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 __all__ = ["Parts", "split"]
 
 SHARE = 0.12
-"""Harmonics of the cell that count as the lattice's own ripple, as a share of the positions."""
+"""Number of harmonics of the cell that count as ripple of the lattice, as a share of the positions."""
 
 MOST_TERMS = 90
 ROUNDS = 10
@@ -53,19 +53,19 @@ class Parts:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residual; NaN of fewer than two positions, that differ from nothing."""
+        """Root mean square of the residual; NaN for fewer than two positions."""
         used = self._used
         return float(np.sqrt(np.mean(used**2))) if used.size > 1 else math.nan
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the residual by its median deviation: blind to outliers; NaN of none."""
+        """Standard deviation of the residual from its median deviation, robust to outliers; NaN if empty."""
         used = self._used
         return 1.4826 * float(np.median(np.abs(used))) if used.size else math.nan
 
     @property
     def alternation(self) -> float:
-        """Half the difference of even and odd rows: what a stage with play does on the way back; NaN of none."""
+        """Half the difference of even and odd rows, as caused by a stage with play; NaN without positions."""
         rows = [(float(row[ok].mean()), k) for k, row in enumerate(self.residual) if (ok := np.isfinite(row)).any()]
         return abs(math.fsum(-mean if k % 2 else mean for mean, k in rows)) / len(rows) if rows else math.nan
 
@@ -96,7 +96,7 @@ def _basis(ny: int, nx: int) -> _Basis:
     for axis in ramps:
         # about the middle of the cell, so that mean and ramp are independent
         columns.append((((y, x)[axis] + 0.5) / (ny, nx)[axis] - 0.5).ravel())
-    # half of all waves: the others are their complex conjugates
+    # half of all waves, because the others are their complex conjugates
     waves = [(my, mx) for my in range(-(ny // 3), ny // 3 + 1) for mx in range(nx // 3 + 1) if (mx, my) > (0, 0)]
     # lowest frequencies first, ties by their numbers, so that the choice is repeatable
     waves.sort(key=lambda m: ((m[0] / ny) ** 2 + (m[1] / nx) ** 2, m))
@@ -104,7 +104,7 @@ def _basis(ny: int, nx: int) -> _Basis:
         phase = (2 * np.pi * (my * y / ny + mx * x / nx)).ravel()
         columns += [np.cos(phase), np.sin(phase)]
     terms = np.stack(columns, 1)
-    # with orthonormal columns each round of the robust fit is two products instead of a solution
+    # with orthonormal columns, each round of the robust fit is two products instead of a solution
     smooth, triangle = np.linalg.qr(terms)
     solve = np.linalg.inv(triangle)
     return _Basis(terms, smooth, solve, np.sqrt((solve**2).sum(1)), ramps)
@@ -128,7 +128,7 @@ def split(field: NDArray[np.float64], use: NDArray[np.bool_] | None = None) -> P
     good = np.isfinite(field) if use is None else use & np.isfinite(field)
     keep = good.ravel()
     basis = _basis(ny, nx)
-    if keep.sum() < max(4, basis.terms.shape[1]):  # too few positions to know a ripple
+    if keep.sum() < max(4, basis.terms.shape[1]):  # too few positions to determine a ripple
         mean = float(np.median(field[good])) if good.any() else math.nan
         unknown = (math.nan, math.nan)
         return Parts(mean, unknown, unknown, np.zeros((ny, nx)), np.where(good, field - mean, np.nan))
@@ -136,10 +136,10 @@ def split(field: NDArray[np.float64], use: NDArray[np.bool_] | None = None) -> P
     fit = np.full(values.size, values[keep].mean())
     scale = 0.0
     for _ in range(ROUNDS):
-        # Huber by modified residuals: far values are drawn in, unused ones take the fit's
+        # Huber by modified residuals: outliers are moved inwards, unused values are replaced by the fit
         left = np.where(keep, values - fit, 0.0)
         scale = 1.4826 * float(np.median(np.abs(left[keep])))
-        # an exact fit leaves no scale to clip by
+        # an exact fit has no scale for clipping
         if scale <= 1e-12 * float(np.abs(values).max()):
             break
         drawn = np.clip(left, -HUBER * scale, HUBER * scale)

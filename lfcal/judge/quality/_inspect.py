@@ -1,4 +1,4 @@
-"""The inspection: every plane read once, every metric judged."""
+"""Inspect an H: read every plane once and evaluate every metric."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ __all__ = ["Controls", "InspectedPlane", "inspect", "iter_inspect", "iter_inspec
 
 
 STEEP = 0.7
-"""Sine of the half angle at which the rim of a defocused shadow has a third of its middle's light (cos³)."""
+"""Sine of the half angle at which the rim of a defocused shadow has a third of the light of its middle (cos³)."""
 
 SIZE_ERROR = (0.02, 0.5)
-"""Error of a shadow's size by its second moment: so much of it, and so many pixels, whatever the noise."""
+"""Smallest error of a shadow's size from its second moment: a share of it, and a number of pixels."""
 
 Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
-"""Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` takes them."""
+"""Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` needs them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ def iter_inspect(
     controls
         Control frames by depth plane, if any, for the accuracy of the tiling over the field.
     workers
-        Number of threads; all processors by default.
+        Number of threads; None: all processors.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def iter_inspect_plane(
 
     ``clock`` counts `PASSES` per plane; ``before`` planes are done. The rest is as in `iter_inspect`.
     """
-    # of a distorted lattice the scanned cell shows what it is there
+    # with a distorted lattice, use the lattice at the scanned cell
     camera = None if H.camera is None else H.camera.local(H.anchor)
     waves = wave_vectors(camera, H.period, H.pixel_scale)
     patterns = np.ascontiguousarray(H.plane(z), np.float32)
@@ -124,7 +124,7 @@ def iter_inspect_plane(
 
 
 def judged(H: PSFMatrix, planes: Sequence[InspectedPlane], seconds: float) -> QualityReport:
-    """Return the quality of a straight H by all of its planes, in order; ``seconds`` is what they took."""
+    """Return the quality of a straight H from all of its planes, in order; ``seconds`` is the time taken."""
     readings: dict[str, list[Reading]] = {spec.key: [] for spec in METRICS}
     measures = MatrixMeasures.of(H, [plane.measures for plane in planes])
     for spec in METRICS:
@@ -138,7 +138,7 @@ def judged(H: PSFMatrix, planes: Sequence[InspectedPlane], seconds: float) -> Qu
 
 
 def straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
-    """Return the H that is inspected; raises `InputError` if it holds complex numbers."""
+    """Return the H to inspect; raises `InputError` if it contains complex numbers."""
     H = matrix if isinstance(matrix, PSFMatrix) else PSFMatrix(matrix)
     if H.dtype.kind == "c":
         raise InputError.expected("PSF matrix", "real numbers", "complex ones", "give intensities")
@@ -156,7 +156,7 @@ def _expected(H: PSFMatrix, z: int) -> NDArray[np.float64] | None:
         return None
     try:
         return expected_sum(H.camera, float(H.depths[z]), H.cutout, H.pixel_scale)
-    except InputError:  # a depth this camera cannot see: plane numbers, or another camera's depths
+    except InputError:  # a depth that this camera cannot image: plane numbers, or depths of another camera
         return None
 
 
@@ -217,7 +217,7 @@ def _inverted(H: PSFMatrix, z: int) -> bool | None:
         return None
     try:
         return H.camera.image_shift_um(float(H.depths[z])) < H.camera.lattice.gap_um
-    except InputError:  # a depth this camera cannot see: plane numbers, or another camera's depths
+    except InputError:  # a depth that this camera cannot image: plane numbers, or depths of another camera
         return None
 
 

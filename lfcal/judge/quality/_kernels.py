@@ -13,10 +13,10 @@ from lfcal.base import njit
 __all__ = ["FRAME_COLUMNS", "PatternSums", "frame_pass", "spot_pass", "step_pass"]
 
 FRAME_COLUMNS = ("energy", "squares", "top", "clipped", "nonfinite", "lit", "weight", "row", "column", "spread")
-"""Columns of the table that `frame_pass` fills, one line per pattern:
+"""Columns of the table that `frame_pass` fills, one row for each pattern:
 
-energy, sum of squares; highest value and how many pixels share it; pixels that are no number; lit pixels; their
-weight, its centroid from the cutout's centre, and the sum of their squared distances from it (pixels).
+energy, sum of squares; highest value and number of pixels with it; pixels that are NaN; lit pixels; their
+weight, its centroid relative to the cutout's centre, and the sum of their squared distances from it (pixels).
 """
 
 
@@ -26,7 +26,7 @@ class PatternSums(NamedTuple):
     Attributes
     ----------
     table
-        One line per pattern ``(nx, 10)`` by `FRAME_COLUMNS`.
+        One row for each pattern ``(nx, 10)`` with the columns `FRAME_COLUMNS`.
     digest
         A checksum of each pattern ``(nx,)``.
     lit
@@ -64,7 +64,7 @@ def frame_pass(
     for x in range(frames.shape[0]):
         line = out.table[x]
         out.digest[x] = _totals(frames[x], bits[x], line)
-        # the cutout of the next position starts one sensor pixel further right
+        # the cutout of the next position starts one sensor pixel further to the right
         _lit_pixels(frames[x], floor, line[2] - tolerance, out.lit, out.sensor[:, x : x + ns], line)
 
 
@@ -78,7 +78,7 @@ def _totals(frame: NDArray[np.float32], bits: NDArray[np.uint32], line: NDArray[
     # FNV-1a, 64 bits: offset basis, then a prime for each word
     h = np.uint64(14695981039346656037)
     for t in range(frame.shape[0]):
-        total = 0.0  # by rows: sums of many small values lose less
+        total = 0.0  # row by row, because sums of many small values lose less precision
         square = 0.0
         for s in range(frame.shape[1]):
             v = frame[t, s]
@@ -178,7 +178,7 @@ def spot_pass(
                     w = v - floor
                     for q in range(waves):
                         line[q] += w * across[s, q]
-            # separable waves: rows without light are most of a pattern, and cost no second product
+            # separable waves: most rows of a pattern have no light and need no second product
             if any_lit:
                 for q in range(waves):
                     out[k, q] += line[q] * down[t, q]
@@ -188,7 +188,7 @@ def spot_pass(
 def step_pass(
     a: NDArray[np.float32], b: NDArray[np.float32], rows: int, columns: int, out: NDArray[np.float64]
 ) -> None:
-    """Sum the squares of two patterns and their product to ``out (3,)``, where ``b`` is one step after ``a``.
+    """Add the squares of two patterns and their product to ``out (3,)``; ``b`` is one step after ``a``.
 
     The lenslets do not move on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` corresponds to
     ``a[t + rows, s + columns]``.
@@ -198,7 +198,7 @@ def step_pass(
     bb = 0.0
     ab = 0.0
     for t in range(nt - rows):
-        # float32 within a row lets the loop vectorise; rows add up in float64, so that rounding does not build up
+        # float32 within a row keeps the loop vectorized; rows are added in float64, so that rounding does not build up
         laa = np.float32(0.0)
         lbb = np.float32(0.0)
         lab = np.float32(0.0)

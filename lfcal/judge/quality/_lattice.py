@@ -1,4 +1,4 @@
-"""Where the spots of a pattern sit on the lenslet lattice: position errors from their phase."""
+"""Position errors from the phase of a pattern's spots relative to the lenslet lattice."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from lfcal.judge.quality._kernels import spot_pass
 __all__ = ["ORDERS", "SpotLattice", "displacements", "find_spots", "wave_vectors"]
 
 SCALES = np.concatenate([np.linspace(0.3, 0.9, 10), np.linspace(0.95, 2.4, 30), np.linspace(2.5, 5.0, 11)])
-"""Spot wave number over lattice wave number that are tried: 1 / (1 - 1/v)."""
+"""Ratios of spot to lattice wave number that are tried: 1 / (1 - 1/v)."""
 
 FASTEST = 2.6
 """Highest wave number tried (rad per pixel): below Nyquist's pi with a margin."""
 
 SAMPLE = 500
-"""Patterns on which spacing and order are searched, about."""
+"""Approximate number of patterns with which spacing and order are searched for."""
 
 BRIGHT = 0.92
-"""Where the lattice's wave is this strong, the pattern is fully lit and its phase is true."""
+"""Strength of the lattice's wave above which the pattern is fully lit and its phase is reliable."""
 
 STRONG = 0.4
-"""Modulation below which positions cannot be measured from the spots: too few lenslets are lit."""
+"""Modulation below which positions cannot be measured from the spots, because too few lenslets are lit."""
 
 ORDERS = {
     "as planned": "",
@@ -37,7 +37,7 @@ ORDERS = {
     "both reversed": "the scan runs backwards along both axes, or the frames are turned by half a turn",
     "axes swapped": "x and y of the scan are swapped",
 }
-"""Orders in which the positions may have been recorded, and the words for them."""
+"""Orders in which the positions may have been recorded, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +71,12 @@ class SpotLattice:
 
     @property
     def steady(self) -> bool:
-        """Whether the pattern's centroid stays with the source: not where it is the image of a single lenslet."""
+        """Whether the pattern's centroid follows the source; it does not if it is the image of a single lenslet."""
         return self.across >= 1.25 or self.modulation < STRONG
 
     @property
     def virtual_depth(self) -> float:
-        """Virtual depth v from the spots' spacing p (1 - 1/v)."""
+        """Virtual depth v from the spacing of the spots, p (1 - 1/v)."""
         turned = self.order == "both reversed"
         scale = -self.scale if turned else self.scale
         return scale / (scale - 1) if abs(scale - 1) > 1e-3 else math.inf
@@ -87,9 +87,9 @@ def wave_vectors(
 ) -> NDArray[np.float64]:
     """Return the wave vectors of the lenslet lattice, ``(2 or 3, 2)`` as (x, y) (rad per pixel of H).
 
-    With a camera they are its lattice's, unrounded, at ``scale`` (rows, columns) pixels of H to one of the sensor's.
-    Without, a lattice is read off the period: hexagonal where
-    one side is sqrt(3) times the other (three types if x is the longer), else rectangular.
+    With a camera, they are those of its lattice, unrounded, at ``scale`` (rows, columns) pixels of H for each sensor
+    pixel. Without a camera, they follow from the period: hexagonal if one side is sqrt(3) times the other (three
+    types if x is the longer side), else rectangular.
     """
     ny, nx = period
     if camera is not None:
@@ -111,7 +111,7 @@ def wave_vectors(
 def spot_waves(
     frames: NDArray[np.float32], floor: float, vectors: NDArray[np.float64], workers: int | None = None
 ) -> NDArray[np.complex128]:
-    """Return the lit pixels of each pattern summed against waves ``exp(-i q r)``, ``(n, waves)``."""
+    """Return the sums of each pattern's lit pixels times waves ``exp(-i q r)``, ``(n, waves)``."""
     n, nt, ns = frames.shape
     s = np.arange(ns) - (ns - 1) // 2
     t = np.arange(nt) - (nt - 1) // 2
@@ -126,7 +126,7 @@ def _ordered(y: NDArray[np.int64], x: NDArray[np.int64], period: tuple[int, int]
     """Return where position (y, x) would be, ``(n, 2)`` as (x, y), for each of `ORDERS`."""
     ny, nx = period
     swapped = (y, x)
-    if ny != nx:  # the frames ran along y first but were counted along x
+    if ny != nx:  # the frames were recorded along y first, but counted along x
         swapped = ((y * nx + x) // ny, (y * nx + x) % ny)
     places = {
         "as planned": (x, y),
@@ -222,7 +222,7 @@ def _spacing(
             a, b = (np.moveaxis(image, axis, 0)[s] for s in (slice(None, -1), slice(1, None)))
             both = np.moveaxis(bright, axis, 0)[:-1] & np.moveaxis(bright, axis, 0)[1:]
             product = complex((np.conj(a) * b)[both].sum())
-            # measured against the start, so that a phase beyond half a turn is not folded
+            # measured relative to the start, so that a phase beyond half a turn is not folded
             steps.append(start * k + cmath.phase(product * cmath.exp(-1j * start * k)) if product else start * k)
         found.append(float(np.dot(steps, wave) / (wave @ wave)))
     scale = float(np.mean(found))
@@ -250,7 +250,7 @@ def _search(
         agree = np.abs((sums * turn[:, None, :]).mean(0)) / energy
         score = agree.min(1)
         k = int(np.argmax(score))
-        # "as planned" comes first and must be beaten clearly: other orders fit a symmetric lattice nearly as well
+        # "as planned" comes first and must be exceeded clearly, because a symmetric lattice fits other orders too
         if best is None or score[k] > 1.15 * top:
             best, top = (float(scales[k]), name, float(size[k].min())), float(score[k])
     return best
@@ -270,7 +270,7 @@ def displacements(
     y, x = np.divmod(np.arange(ny * nx), nx)
     place = _ordered(y, x, (ny, nx))[spots.order]
     turned = sums * np.exp(-1j * (place @ spots.waves.T))
-    turned /= np.abs(turned) + 1e-300  # phases alone: bright patterns are not better placed
+    turned /= np.abs(turned) + 1e-300  # only phases: bright patterns are not placed more accurately
     phase = np.angle(turned * np.conj(turned.mean(0)))
     shift = phase @ np.linalg.pinv(spots.waves).T
     return np.ascontiguousarray(shift[:, ::-1].T.reshape(2, ny, nx))

@@ -108,7 +108,7 @@ def periodicity(
         )
     size = np.array(plane.shape[:2])
     steps = np.round(places - np.array(anchor)).astype(np.intp)
-    # floor division: a frame before the cell is -1 periods away, not 0
+    # floor division: a frame in front of the cell is -1 periods away, not 0
     index, away = steps % size, steps // size
     difference, best = np.empty(len(frames)), np.empty(len(frames))
     shift = np.zeros((len(frames), 2))
@@ -134,7 +134,7 @@ def _around(frame: NDArray[np.float64], plane: NDArray[Any], index: NDArray[np.i
         for j, dx in enumerate(reach):
             b = np.asarray(plane[(index[0] + dy) % ny, (index[1] + dx) % nx], np.float64)
             b = b - _dark(b)
-            # the normalised correlation needs no common brightness: control frames may have another exposure
+            # the normalized correlation is independent of brightness: control frames may have another exposure
             product, other = float((a * b).sum()), float((b * b).sum())
             if norm > 0 and other > 0 and product > 0:
                 out[i, j] = max(0.0, 1.0 - product * product / (norm * other))
@@ -143,7 +143,7 @@ def _around(frame: NDArray[np.float64], plane: NDArray[Any], index: NDArray[np.i
 
 def _dark(frame: NDArray[np.float64]) -> float:
     """Return the level of the corners."""
-    # the corners alone: the level under the pattern must not count its light
+    # only the corners: the background must not include light of the pattern
     n = max(1, round(0.06 * min(frame.shape)))
     return float(np.median([frame[:n, :n], frame[:n, -n:], frame[-n:, :n], frame[-n:, -n:]]))
 
@@ -157,10 +157,10 @@ def _lowest(squares: NDArray[np.float64], search: int) -> tuple[NDArray[np.float
     if search == 0:
         return place, lowest
     gain = 0.0
-    # near the border of the search the parabola takes the last three values there are
+    # near the border of the search, the parabola uses the last three values
     for axis, k in ((0, min(max(i, 1), top - 1)), (1, min(max(j, 1), top - 1))):
         line = squares[k - 1 : k + 2, j] if axis == 0 else squares[i, k - 1 : k + 2]
-        bend = float(line[0] - 2 * line[1] + line[2])  # squares, not their roots: these are a parabola near zero
+        bend = float(line[0] - 2 * line[1] + line[2])  # squares instead of roots: these are a parabola near zero
         if bend > 0:
             offset = float(np.clip((line[0] - line[2]) / (2 * bend), -1, 1))
             place[axis] = k - search + offset

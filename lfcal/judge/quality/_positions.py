@@ -1,4 +1,4 @@
-"""Where the patterns of a plane are: by the phase of the lenslet lattice, and by their centroids."""
+"""Positions of the patterns of a plane, from the phase of the lenslet lattice and from their centroids."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from lfcal.judge.quality.pattern_table import PatternTable
 __all__ = ["CentroidPath", "LatticePhases", "Positions", "measure_positions"]
 
 WILD = 0.1
-"""Share of jumping phases beyond which they do not give positions."""
+"""Share of jumping phases above which they do not give positions."""
 
 MISPLACED = 0.5
-"""Displacement of a frame's pattern that is too much (pixels)."""
+"""Displacement of a pattern above which its frame is misplaced (pixels)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +133,7 @@ def measure_positions(
     """
     turned = turned_frames(table, use)
     if turned != AS_IS:
-        # steps, drifts and places in the wrong direction would only report the same again
+        # steps, drifts and places in the wrong direction would only report the same fault again
         return Positions(turned=turned)
     spots = find_spots(patterns, use, table.floor, waves, diameter_px, workers)
     if spots is None:
@@ -157,7 +157,7 @@ def _wild(shift: NDArray[np.float64], spots: SpotLattice, use: NDArray[np.bool_]
 
     Faults shift frames by a few pixels at most, or few frames by more; phases that jump everywhere are no phases.
     """
-    # neighbours along x were recorded one after the other: a real fault moves few of them so far
+    # neighbours along x were recorded one after the other, and a real fault moves few of them so far
     both = use[:, 1:] & use[:, :-1]
     pitch = 2 * math.pi / float(np.hypot(*spots.waves[0]))
     jump = np.hypot(*np.diff(shift, axis=2)) > pitch / 4
@@ -175,12 +175,12 @@ def _path(table: PatternTable, use: NDArray[np.bool_]) -> CentroidPath:
     placed, jitter = use & ~wrong, math.nan
     if placed.any():
         rms = math.hypot(*(float(np.sqrt(np.mean(p.residual[placed] ** 2))) for p in move))
-        # scatter adds in squares, so noise and backlash are taken off in squares
+        # scatter adds in squares, so noise and backlash are subtracted in squares
         jitter = math.sqrt(max(0.0, rms**2 - float(np.mean(noise**2)) - swing**2))
     return CentroidPath(
         jitter,
         swing,
-        # along its own axis a centroid's ramp is a wrong step; across it, drift
+        # a ramp of the centroid along its own axis is a wrong step; across it, it is drift
         gain=max(move[0].sure_ramp(0), move[1].sure_ramp(1)),
         drift=max(move[0].sure_ramp(1), move[1].sure_ramp(0)),
         distance=np.hypot(row - np.median(row[use]), column - np.median(column[use])),

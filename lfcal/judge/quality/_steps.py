@@ -1,4 +1,4 @@
-"""How each pattern follows from its neighbours: seams and odd frames."""
+"""Change of each pattern from its neighbours: seams and unusual frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _pairs(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.flo
 
 
 def unlike_displaced(frames: NDArray[np.float32], by: NDArray[np.float64]) -> float:
-    """Return the root of 1 minus the correlation of patterns with the same displaced, their median.
+    """Return the median of the root of 1 minus the correlation between patterns and their displaced copies.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_], slip: NDArray
 
 
 def odd_frames(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return each pattern's median change to its four neighbours over what is usual around it, ``(ny, nx)``."""
+    """Return each pattern's median change to its neighbours, relative to the typical change, ``(ny, nx)``."""
     from scipy import ndimage
 
     pairs = _pairs(steps, use)
@@ -80,6 +80,6 @@ def odd_frames(steps: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np
     change[counted >= 2] = np.nanmedian(four[:, counted >= 2], axis=0)
     usual = float(np.nanmedian(change)) if (counted >= 2).any() else math.nan
     size = tuple(min(NEIGHBOURHOOD, n) for n in use.shape)
-    # the lattice's own ripple makes some steps larger than others: compare with the surroundings
+    # ripple of the lattice makes some steps larger than others, so compare with the surroundings
     around = ndimage.median_filter(np.where(np.isfinite(change), change, usual), size=size, mode="wrap")
     return change / np.maximum(around, 1e-12)

@@ -1,4 +1,4 @@
-"""What a depth-plane sum shows of a plane's quality."""
+"""Quality of a plane as shown by its depth-plane sum."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from lfcal.psf.aperture import Aperture
 __all__ = ["EdgeLight", "coverage", "diameter", "edge_light", "off_centre", "spread", "stuck_pixels"]
 
 STUCK = (0.9, 0.3)
-"""A hot pixel is lit in so many of the frames, and in so many more than its neighbours."""
+"""Share of the frames in which a hot pixel is lit, and the excess over its neighbours that is required."""
 
 REACH, MARGIN = 1.25, 3.0
-"""Beyond so many radii of the lit patch, and so many pixels, there should be no light."""
+"""Distance beyond which there should be no light: in radii of the lit patch, and in pixels."""
 
 DOUBT = 1.2
-"""Light that the camera explains may be so many times what is expected of it."""
+"""Ratio of light to the expected tails of the camera up to which the camera explains it."""
 
 CUT_OFF = 10.0
-"""Truncation beyond which the corners are no measure of darkness (per cent)."""
+"""Truncation (per cent) above which the corners do not show the dark level."""
 
 
 def _plateau(shown: NDArray[np.float64]) -> float:
     from scipy import ndimage
 
-    # the largest smoothed value and not the largest pixel, which may be hot
+    # the largest smoothed value, because the largest pixel may be hot
     return float(ndimage.gaussian_filter(shown, 2.0).max())
 
 
 def diameter(shown: NDArray[np.float64]) -> float:
-    """Return the diameter of the disc of the same second moment as a depth-plane sum's lit patch (pixels)."""
-    # an even disc of diameter D has the second moment D²/8 about its centre
+    """Return the diameter of the disc with the same second moment as the lit patch of a depth-plane sum (pixels)."""
+    # a uniform disc of diameter D has the second moment D²/8 about its centre
     return math.sqrt(8 * spread(shown))
 
 
 def spread(shown: NDArray[np.float64]) -> float:
     """Return the variance of the light about its centroid, rows and columns together (pixels squared).
 
-    Pixels far outside the lit patch, where only noise is left, do not count.
+    Pixels far outside the lit patch, which contain only noise, are excluded.
     """
     patch = _LitArea.of(shown)
     if patch is None:
@@ -76,7 +76,7 @@ class _LitArea:
         labels, count = ndimage.label(ndimage.gaussian_filter(shown, 1.0) > 0.1 * top)
         if count == 0:
             return None
-        # by light and not by area: noise makes large faint patches
+        # by light instead of area, because noise makes large faint patches
         sizes = np.bincount(labels.ravel(), weights=np.maximum(shown, 0).ravel(), minlength=count + 1)[1:]
         patch = labels == 1 + int(np.argmax(sizes))
         row, column = ndimage.center_of_mass(patch)
@@ -87,7 +87,7 @@ class _LitArea:
 
 @dataclass(frozen=True, slots=True)
 class EdgeLight:
-    """Light where a depth-plane sum should be dark (per cent); NaN if it cannot be measured.
+    """Light in parts of a depth-plane sum that should be dark (per cent); NaN if it cannot be measured.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class EdgeLight:
 
     @property
     def cut_off(self) -> bool:
-        """Whether so much light reaches the edge that the corners are no measure of darkness."""
+        """Whether so much light reaches the edge that the corners do not show the dark level."""
         return self.truncation > CUT_OFF
 
 
@@ -124,16 +124,16 @@ def edge_light(
     patch = _LitArea.of(shown)
     if patch is None:
         return EdgeLight()
-    # two rows or columns: one alone is noisy, and more would not be the edge any more
+    # two rows or columns: a single one is noisy, and more would no longer be the edge
     sides = (shown[:2], shown[-2:], shown[:, :2], shown[:, -2:])
     truncation = 100 * max(0.0, max(float(side.mean()) for side in sides)) / patch.plateau
     outside = patch.distance > REACH * patch.radius + MARGIN
     if not outside.mean() > 0.02:  # the patch fills the cutout
         return EdgeLight(truncation)
-    # sum of n noisy pixels: sqrt(n) times the noise of one, twice for certainty
+    # sum of n noisy pixels: sqrt(n) times the noise of one, doubled for certainty
     chance = 2 * noise * math.sqrt(outside.sum())
     leak = 100 * max(0.0, float(shown[outside].sum()) - chance) / float(shown.sum())
-    # the camera's own pattern, cut and weighed in the same way
+    # the camera's own pattern, cut and weighted in the same way
     tails = edge_light(expected).leak if expected is not None else math.nan
     return EdgeLight(truncation, max(0.0, leak - DOUBT * tails) if math.isfinite(tails) else leak)
 
@@ -154,7 +154,7 @@ def off_centre(shown: NDArray[np.float64], aperture: Aperture) -> float:
 
 
 def coverage(period: tuple[int, ...], cutout: tuple[int, ...]) -> NDArray[np.intp]:
-    """Return how many of the frames show each sensor pixel, ``(nt + ny - 1, ns + nx - 1)``."""
+    """Return the number of frames that show each sensor pixel, ``(nt + ny - 1, ns + nx - 1)``."""
     counts = [np.convolve(np.ones(n, np.intp), np.ones(m, np.intp)) for n, m in zip(period, cutout, strict=True)]
     return np.outer(counts[0], counts[1])
 
@@ -165,9 +165,9 @@ def stuck_pixels(lit: NDArray[np.int32], frames: NDArray[np.intp]) -> int:
     Parameters
     ----------
     lit
-        In how many frames each pixel is lit.
+        Number of frames in which each pixel is lit.
     frames
-        How many frames show it, of the same shape; pixels that few show are left out.
+        Number of frames that show each pixel, of the same shape; pixels that few frames show are left out.
     """
     from scipy import ndimage
 
@@ -177,7 +177,7 @@ def stuck_pixels(lit: NDArray[np.int32], frames: NDArray[np.intp]) -> int:
     # third highest and third lowest of the eight neighbours: two of them may be defects too
     bright = ndimage.rank_filter(share, -3, footprint=around, mode="nearest")
     dim = ndimage.rank_filter(share, 2, footprint=around, mode="nearest")
-    # pixels near the sensor region's edge appear in few cutouts, whose shares mean little
+    # pixels near the edge of the region appear in few cutouts, so their shares are unreliable
     seen = frames >= frames.max() / 2
     hot = (share > STUCK[0]) & (share - bright > STUCK[1])
     dead = (share < 1 - STUCK[0]) & (dim - share > STUCK[1])

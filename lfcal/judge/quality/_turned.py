@@ -1,4 +1,4 @@
-"""Whether the patterns of a plane run as those of flipped or turned frames do: by the way their centroids move."""
+"""Find out whether the frames of a plane are flipped or turned, from the motion of their centroids."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from lfcal.judge.quality.pattern_table import PatternTable
 __all__ = ["move_matrix", "turned_frames"]
 
 WHOLE = 0.8
-"""A pattern with this share of the highest usual energy is not cut off; the centroid of a cut-off one lags."""
+"""Share of the highest typical energy above which a pattern is not cut off; the centroid of a cut-off one lags."""
 
 FAR = 0.9
-"""Largest distance of the motion from that of an orientation: an image that stands still is 1.4 from all of them."""
+"""Largest distance of the motion from that of an orientation; it is 1.4 for all if the image does not move."""
 
 
 def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float64] | None:
     """Return how the image moved (down, right) for each planned pixel, ``(2, 2)``; ideally the unit matrix.
 
-    In a cutout that moves along with the source the pattern stands still; what its centroid moves is added to that.
-    None where the positions do not span the plane.
+    In a cutout that follows the source, the pattern does not move; the motion of its centroid is added to that of the
+    cutout. None if the positions do not span the plane.
     """
     light = np.where(use, table.light, 0.0)
     whole = use & (light > WHOLE * np.quantile(light, 0.9))
@@ -34,7 +34,7 @@ def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float
     for _ in range(3):
         slopes = np.linalg.lstsq(design[keep], seen[keep], rcond=None)[0]
         distance = np.hypot(*(seen - design @ slopes).T)
-        # single frames that are misplaced must not turn the plane
+        # single misplaced frames must not determine the orientation of the plane
         keep = distance <= np.quantile(distance, 0.8)
     moves: NDArray[np.float64] = np.eye(2) + slopes[:2].T
     return moves
@@ -43,7 +43,7 @@ def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float
 def turned_frames(table: PatternTable, use: NDArray[np.bool_]) -> str:
     """Return the orientation that would make the frames of a plane upright, by name.
 
-    ``"as is"`` unless another one is clearly nearer to the motion of the image.
+    ``"as is"`` unless another orientation is clearly closer to the motion of the image.
     """
     moves = move_matrix(table, use)
     if moves is None:

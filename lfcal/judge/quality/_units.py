@@ -1,4 +1,4 @@
-"""Inspection of H in units of a plane each: many at a time, and kept after a stop until the report is written.
+"""Inspect H in units of a plane: several at a time, and kept after a stop until the report is written.
 
 The comparison with the camera that follows is not split into units: each of its steps needs the result of the one
 before it.
@@ -28,14 +28,14 @@ __all__ = ["control_frames", "do_plane", "iter_inspect_units"]
 
 
 def control_frames(session: Path, H: PSFMatrix) -> Controls:
-    """Return the control frames of a session, cut out like H, and where they were taken, by depth plane."""
+    """Return the control frames of a session, cut out like H, and their positions, by depth plane."""
     found: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
     for check in read_checks(session):
         if check.kind != Kind.CONTROL or check.position.z >= len(H):
             continue
-        # control frames may have a margin around the cutout: the same pixels as in H are compared
+        # control frames may have a margin around the cutout: use the same pixels as in H
         top, left = ((n - m) // 2 for n, m in zip(check.frame.shape, H.cutout, strict=True))
-        # smaller frames cannot have been recorded with this H; padding them would invent light
+        # smaller frames cannot have been recorded with this H, and padding them would add wrong values
         if min(top, left) < 0:
             raise InputError.expected(
                 "control frames",
@@ -45,7 +45,7 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
             )
         frames, places = found.setdefault(check.position.z, ([], []))
         frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
-        # where the source was, in periods from H's own cell: the tiling is tested far from it
+        # position of the source in periods from H's own cell, because the tiling is tested far from it
         places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
     if not found:
         raise InputError.expected(
@@ -77,7 +77,7 @@ def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, run: Ru
     source = os.path.abspath(H.path)
     beside = None if session is None else os.path.abspath(session)
     inputs = (source, *sorted(os.path.abspath(path) for path in files_of(beside)))
-    # not the whole task: planes do not depend on the limits of the comparison, with which a run may continue
+    # not the whole task: planes do not depend on the limits of the comparison, which a resumed run may change
     shared = {"source": source, "region": H.region, "mat_order": mat_order_of(H), "session": beside}
     task = f"{__name__}:{do_plane.__name__}"
     units = [Unit(f"plane {z:04d}", task, shared | {"z": z}, inputs, ".record") for z in range(len(H))]

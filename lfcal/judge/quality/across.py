@@ -1,4 +1,4 @@
-"""Planes compared with each other: which are dark, which are copies, how large their shadows are."""
+"""Compare planes with each other: dark planes, copies, and the sizes of their shadows."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from lfcal.psf import PSFMatrix
 __all__ = ["MatrixMeasures", "shadow_sizes"]
 
 DARK_PLANE = 0.1
-"""A plane with less than this share of the usual energy is dark."""
+"""Share of the typical energy below which a plane is dark."""
 
 NOVEL = 0.05
-"""A plane that differs from another by less than this share of what neighbours differ by is its copy."""
+"""Share of the difference between neighbours below which a plane is a copy of another."""
 
 MOST_STEP = 0.2
-"""What neighbouring planes differ by counts up to this (1 - correlation)."""
+"""Largest difference (1 - correlation) of neighbouring planes that is taken into account."""
 
 MOST_NOISE, CLEARLY = 3.0, 6.0
-"""Differences of two recordings of one depth at most, and of two depths at least, over those of noise alone."""
+"""Largest difference of two recordings of one depth, and smallest of two depths, relative to that of noise alone."""
 
 SAME_NOISE, IDENTICAL = 0.05, 1e-12
-"""Difference of one recording stored twice: over that of noise alone, and without noise."""
+"""Difference of one recording that was stored twice: relative to that of noise alone, and without noise."""
 
 CLEAR = 4.0
-"""The shadow's second moment can be separated from the lenslets' own where the sum is so many times that."""
+"""Ratio of a sum's second moment to that of the lenslets above which the shadow's can be separated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ class MatrixMeasures:
 
     @classmethod
     def of(cls, matrix: PSFMatrix, planes: Sequence[PlaneMeasures]) -> MatrixMeasures:
-        """Return what follows from comparing the measured planes, given in the order of H."""
+        """Return the results of comparing the measured planes, given in the order of H."""
         energy = np.array([p.energy if p.lit else 0.0 for p in planes])
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)
@@ -103,17 +103,17 @@ def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDA
     noisy = [planes[z].dark.noise * math.sqrt((vectors[k] > 0).sum()) / norms[k] for k, z in enumerate(chosen)]
 
     def apart(a: int, b: int) -> float:
-        # of unit vectors, 1 minus the correlation; by differences, which equal patterns have none of
+        # for unit vectors, 1 minus the correlation; from differences, which are exactly 0 for equal patterns
         return float(np.square(vectors[a] / norms[a] - vectors[b] / norms[b]).sum()) / 2
 
     steps = [apart(k, k + 1) - noisy[k] * noisy[k + 1] for k in range(len(chosen) - 1)]
     spaces = np.abs(np.diff(places[chosen]))
-    # the medians over neighbours: one repeated plane must not set the usual step
+    # the medians over neighbours, so that one repeated plane does not set the typical step
     step, space = (min(float(np.median(steps)), MOST_STEP), float(np.median(spaces))) if len(steps) > 1 else (0.0, 0.0)
     for b in range(1, len(chosen)):
         for a in range(b):
             found, chance = apart(a, b), noisy[a] * noisy[b]
-            # patterns of near planes change with the square of their distance
+            # patterns of nearby planes change with the square of their distance
             ratio = abs(places[chosen[b]] - places[chosen[a]]) / space if space > 0 else 0.0
             wanted = step * min(1.0, ratio) ** 2
             again = CLEARLY * chance < wanted and found < max(NOVEL * wanted, MOST_NOISE * chance)
@@ -152,7 +152,7 @@ def shadow_sizes(
     own = footprint_variance(camera) / pixel**2 + 2 * airy**2 + 2 / 12
     for z, p in enumerate(planes):
         if p.lit and p.spread > CLEAR * own:
-            # an even disc of diameter D has the second moment D²/8
+            # a uniform disc of diameter D has the second moment D²/8
             sizes[z] = math.sqrt(8 * (p.spread - own)) * _paraxial(p, camera, own, pixel)
     return sizes
 

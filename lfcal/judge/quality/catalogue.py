@@ -26,4 +26,4 @@ METRICS: Registry[MetricSpec] = Registry(
     order=lambda spec: (-spec.cost.worst, -spec.cost.at_bad, spec.key),
     check=_check,
 )
-"""All metrics, worst consequences first."""
+"""All metrics, those with the worst consequences first."""

@@ -1,4 +1,4 @@
-"""What all metrics share of one depth plane, measured in one pass over its patterns."""
+"""Measurements of one depth plane that all metrics share, made in one pass over its patterns."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from lfcal.psf.aperture import Aperture
 __all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "iter_measure"]
 
 DARK_FRAME = 0.2
-"""A pattern with less than this share of the median energy is missing."""
+"""Share of the median energy below which a pattern counts as missing."""
 
 SLIPPED = 32
 """Number of patterns from which the effect of a displacement is estimated."""
@@ -64,7 +64,7 @@ class PlaneContext:
 
     @property
     def corner_tail(self) -> float:
-        """Light that the camera's own tails leave in a dark pixel, over the energy of a pattern; 0 if not known."""
+        """Light of the camera's own tails in a dark pixel, relative to the energy of a pattern; 0 if unknown."""
         if self.expected is None or not self.expected.any():
             return 0.0
         corners = dark_corners(self.expected[None, None].astype(np.float32)).background
@@ -73,7 +73,7 @@ class PlaneContext:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Faulty:
-    """Positions whose frames cannot be used, flags ``(ny, nx)`` each."""
+    """Positions whose frames cannot be used, as flags ``(ny, nx)`` for each fault."""
 
     missing: NDArray[np.bool_]
     nonfinite: NDArray[np.bool_]
@@ -115,7 +115,7 @@ class PlaneMeasures:
     patterns
         The patterns ``(ny, nx, nt, ns)``; empty after all metrics of the plane have been evaluated.
     table
-        Table of the patterns: energy, highest value, centroid … of each; noise and background.
+        Table of the patterns (energy, highest value, centroid and so on), noise and background.
     lit, energy
         Whether there is light in the plane, and the median energy of a good pattern.
     faulty
@@ -161,22 +161,22 @@ class PlaneMeasures:
 
     @property
     def dark(self) -> DarkCorners:
-        """Noise and background from the dark corners of the cutouts, or from gaps in patterns that fill these."""
+        """Noise and background from the dark corners of the cutouts, or from gaps in patterns that fill the corners."""
         return self.table.dark
 
     @property
     def background(self) -> float:
-        """Background of a pixel that the tails of the camera's own patterns do not explain."""
+        """Background of a pixel, without the tails of the camera's own patterns."""
         found = self.dark.background
         return found - min(max(0.0, found), self.energy * self.about.corner_tail)
 
     @property
     def sensor_noise(self) -> float | None:
-        """Noise of a pixel without light by the sensor's own figures, the median over positions; None: not known."""
+        """Noise of a pixel without light, from the sensor's values; the median over positions. None: unknown."""
         noise = self.about.matrix.facts.noise
         if noise is None:
             return None
-        # without a photon part it was taken from repeats, and is no figure of the sensor
+        # without a photon part, it comes from repeated frames and not from the sensor
         constant, slope = np.moveaxis(noise[self.about.z].astype(np.float64), -1, 0)
         known = np.isfinite(constant) & (slope > 0) & (constant > 0)
         return float(np.sqrt(np.median(constant[known]))) if known.any() else None
@@ -187,7 +187,7 @@ class PlaneMeasures:
         return ~self.faulty.any
 
     def released(self) -> PlaneMeasures:
-        """Return the same without the patterns, so that their memory can be used again."""
+        """Return the measurements without the patterns, so that their memory can be used again."""
         return replace(self, patterns=np.empty((0, 0, 0, 0), np.float32))
 
 
@@ -201,7 +201,7 @@ def iter_measure(
     yield clock.at(done + 2)
     unread = (table.column("nonfinite") > 0) | (table.column("lit") == 0)
     usual = float(np.median(table.light[~unread])) if (~unread).any() else 0.0
-    # lit if one pixel stands out of the noise, or if the usual sum of a pattern does
+    # lit if one pixel stands out from the noise, or if the typical sum of a pattern does
     lit = bool(table.peak > 6 * dark.noise) or usual > 3 * dark.noise * math.sqrt(table.lit.size)
     steps = _steps(patterns, dark, workers) if lit else None
     plane = _unmeasured(patterns, context, table, lit, usual, _faulty(context, table, steps, unread, usual))
@@ -254,7 +254,7 @@ def _faulty(
 ) -> Faulty:
     """Find missing, not-a-number and duplicate frames; ``steps`` is None in a plane without light."""
     nonfinite = table.column("nonfinite") > 0
-    # in a dark plane every frame is dim: that says nothing of single ones
+    # in a dark plane every frame is dim, which says nothing about single frames
     dim = unread | (table.light < DARK_FRAME * usual) if steps is not None else np.zeros_like(nonfinite)
     missing = ((context.matrix.recorded[context.z] == 0) | dim) & ~nonfinite
     duplicates = (
@@ -284,11 +284,11 @@ def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -
     variance = dark.noise**2
     noise = variance * np.array([(nt - 1) * ns, nt * (ns - 1)])[:, None, None]
     aa, bb, ab = np.moveaxis(products, -1, 0)
-    # noise adds to the sums of squares, and would make equal patterns look unlike
+    # noise adds to the sums of squares, and would make equal patterns look different
     norms = np.sqrt(np.maximum(aa - noise, 1e-150)) * np.sqrt(np.maximum(bb - noise, 1e-150))
     chance = np.sqrt(variance * (aa + bb) + variance * noise) / norms
     unlike = np.maximum(1 - ab / norms, np.maximum(chance, 1e-9))
-    # equal to the last bit is a copied frame: noise never repeats
+    # patterns that are equal to the last bit are copies, because noise never repeats
     same = (aa == bb) & (aa == ab)
     return np.where(same, 0.0, unlike)
 
@@ -300,7 +300,7 @@ def _duplicates(
 
     Patterns that are intentionally ``copied`` from another position do not count as frames.
     """
-    # checksums find copies anywhere in the plane, steps only those of neighbours
+    # checksums find copies anywhere in the plane, steps only copies of neighbours
     _, inverse = np.unique(table.digest.ravel(), return_inverse=True)
     counts = np.bincount(inverse, weights=~copied.ravel())
     same: NDArray[np.bool_] = (counts[inverse] > 1).reshape(ok.shape) & ok & ~copied
@@ -314,11 +314,11 @@ def _duplicates(
 def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
     """Add the energies over positions, and what the depth-plane sum shows."""
     light = plane.table.light
-    # of patterns with no light in sum nothing has a share
+    # if patterns have no light in total, shares are undefined
     shares = 100 * light / plane.energy if plane.energy > 0 else np.full(light.shape, np.nan)
     shown = _background_free(plane)
     edges = edge_light(shown, plane.dark.noise * math.sqrt(shares.size), plane.about.expected)
-    # a cut-off sum has lost its outer light, and its second moment with it
+    # a cut-off sum has lost its outer light, so its second moment is wrong
     spread = spread_of(shown) if edges.truncation < 2 else math.nan
     return replace(plane, shares=shares, shares_split=split(shares, plane.use), edges=edges, spread=spread)
 
@@ -335,7 +335,7 @@ def _diameter(plane: PlaneMeasures) -> float:
 def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity | None:
     if not plane.positions.as_planned:
         return None
-    # misplaced frames are reported on their own; they would show as odd a second time
+    # misplaced frames are reported separately; otherwise they would also be reported as unusual
     wrong = plane.positions.misplaced
     use = plane.use if wrong is None else plane.use & ~wrong
     slip = _slip(plane, use)
@@ -364,12 +364,12 @@ def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
 def _sample(plane: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
     """Return some whole patterns, without dark pixels, for comparison with other planes."""
     ny, nx = plane.shape[:2]
-    # a fixed seed: the same positions in every plane, so that planes can be compared
+    # a fixed seed gives the same positions in every plane, so that planes can be compared
     rng = np.random.default_rng(1)
     chosen = rng.choice(ny * nx, min(16, ny * nx), replace=False)
     y, x = np.divmod(np.sort(chosen), nx)
     values = plane[y, x]
-    # a pixel that is no number would make every product with it one
+    # a NaN pixel would make every product with it NaN
     values[~np.isfinite(values)] = 0
     kept: NDArray[np.float32] = np.maximum(values - np.float32(floor), np.float32(0)).ravel()
     return kept

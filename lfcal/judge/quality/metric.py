@@ -1,4 +1,4 @@
-"""A metric of quality: its measure, its limits, its cost and its remedy."""
+"""Definition of a quality metric: measurement, limits, cost and remedy."""
 
 from __future__ import annotations
 
@@ -54,15 +54,15 @@ class Reading:
 
 
 LARGEST = 1.0
-"""Error of a volume that has nothing in common with the true one, at its best brightness: none is larger."""
+"""Largest error of a volume: it has nothing in common with the true one, at its best brightness."""
 
 UNKNOWN = Reading()
-"""The value of a metric that could not be measured: never zero, which would be good."""
+"""Value of a metric that could not be measured; zero would mean a good value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Up to ``good`` a value is good, beyond ``bad`` it is bad, fair between; reversed where higher is better.
+    """Limits of a value: good up to ``good``, bad beyond ``bad``, fair in between; reversed if higher is better.
 
     Examples
     --------
@@ -103,7 +103,8 @@ class CostModel:
     worst
         Largest possible cost.
     per_frame
-        Whether the value counts frames: the cost then grows with the root of their share, and is ``at_bad`` for all
+        Whether the value counts frames. The cost then grows with the root of their share, and is ``at_bad`` for all
+        frames.
         frames.
 
     Examples
@@ -119,7 +120,7 @@ class CostModel:
     per_frame: bool = False
 
     def of(self, value: float, limits: Limits, frames: int = 1) -> float:
-        """Return the cost of ``value`` in an H with so many frames: 0 where it is good, NaN where it is unknown."""
+        """Return the cost of ``value`` in an H with a number of frames: 0 if it is good, NaN if it is unknown."""
         merit = limits.merit(value)
         if merit in ("good", "unknown"):
             return 0.0 if merit == "good" else math.nan
@@ -128,7 +129,7 @@ class CostModel:
         if limits.higher_is_better:
             share = limits.bad / value if value > 0 else math.inf
         else:
-            # a limit of 0 has no proportion: the value itself is the share
+            # a limit of 0 has no proportion, so the value itself is the share
             share = abs(value) / limits.bad if limits.bad > 0 else abs(value)
         return min(self.worst, self.at_bad * share)
 
@@ -149,28 +150,28 @@ class MetricSpec:
         Limits of good and bad, and the cost.
     of_plane
         Function of one plane's shared measurements, called while the plane's patterns are in memory.
-    of_matrix
-        Function of all planes' shared measurements, called once at the end; returns one `Reading` per plane, or a
-        single one for the whole matrix. A metric has one of the two functions.
+        of_matrix
+            Function of all planes' shared measurements, called once at the end. It returns one `Reading` for each
+            plane, or
+            a single one for the whole matrix. A metric has one of the two functions.
     needs_light
         Whether the value is unknown for a dark plane, without calling ``of_plane``.
     needs_all
-        Whether one unknown plane makes a good overall value unknown: for counts that must be complete.
+        Whether one unknown plane makes a good overall value unknown, as for counts that must be complete.
     plot
-        How it is displayed: a map over positions, a curve over planes, the depth-plane sum, or only the table.
+        How it is displayed: as a map over positions, a curve over planes, the depth-plane sum, or only in the table.
     map_unit
         Unit of the value of one position, if it differs from that of the overall value.
     always_shown
         Whether a report also draws its map if the value is good.
     overall
-        How the overall value follows from the planes: the ``worst``, or the ``sum``.
+        How the overall value follows from those of the planes: the ``worst``, or the ``sum``.
     redo
         Whether the affected positions should be recorded again.
     verdict_detail
         Whether the verdict contains the details instead of the title.
     if_unknown
-        Why the value may be unknown for an H although the metric applies; empty: an unknown value means that it does
-        not apply.
+        Why the value may be unknown although the metric applies. Empty: an unknown value means that it does not apply.
 
     Examples
     --------
@@ -220,7 +221,7 @@ class MetricSpec:
 
     @property
     def name(self) -> str:
-        """The key, as the registry asks for it."""
+        """The key, as the registry needs it."""
         return self.key
 
 
@@ -237,7 +238,7 @@ class Metric:
     cost
         Estimated reconstruction error (NRMSE); NaN if the value is unknown.
     measured
-        Whether the cost was measured on this H, and is not the typical cost of such a value.
+        Whether the cost was measured on this H; otherwise it is the typical cost of such a value.
     per_plane
         Value of each plane ``(nz,)``; NaN if unknown; a single one if planes have no separate values.
     map
@@ -276,12 +277,12 @@ class Metric:
 
     @property
     def applies(self) -> bool:
-        """Whether the metric says something of this H: a value, or why there is none."""
+        """Whether the metric has a result for this H: a value, or a reason why there is none."""
         return self.merit != "unknown" or bool(self.detail)
 
     @property
     def text(self) -> str:
-        """Value with its unit, for people."""
+        """Value with its unit, as text."""
         if math.isnan(self.value):
             return "unknown"
         digits = (
@@ -293,20 +294,20 @@ class Metric:
 
     @property
     def cost_text(self) -> str:
-        """Cost for people: a dash where there is none or it is unknown, and a word where it was not measured."""
+        """Cost as text: a dash if there is none or it is unknown, and a word if it was not measured."""
         if self.measured:
             return f"{self.cost:.3f}"
         return f"{self.cost:.2g} typical" if self.cost > 0 else "—"
 
     @property
     def limits(self) -> str:
-        """Thresholds, for people."""
+        """Thresholds as text."""
         better, worse = ("≥", "<") if self.spec.limits.higher_is_better else ("≤", ">")
         unit = f" {self.spec.unit}" if self.spec.unit else ""
         return f"{better} {self.spec.limits.good:g}{unit} good, {worse} {self.spec.limits.bad:g}{unit} bad"
 
     def to_dict(self) -> dict[str, object]:
-        """Return the metric as plain values, positions included and maps left out; NaN is what is unknown."""
+        """Return the metric as plain JSON types, with positions and without maps; NaN means unknown."""
         return {
             "key": self.key,
             "title": self.spec.title,
@@ -329,12 +330,12 @@ class Metric:
 
 
 def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, int]) -> Metric:
-    """Return the metric of an H of ``(nz, ny, nx)`` positions from its readings, one per plane or a single one.
+    """Return the metric of an H with ``(nz, ny, nx)`` positions from its readings, one for each plane or a single one.
 
     Raises
     ------
     ValueError
-        If the number of readings, a map or flags do not fit the shape: the metric's function is wrong.
+        If the number of readings, a map or flags do not match the shape, because the metric's function is wrong.
     """
     nz, ny, nx = shape
     if len(readings) not in (1, nz):
@@ -367,7 +368,7 @@ def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: i
     typical = spec.cost.of(value, spec.limits, frames)
     if told and typical > 0:
         typical = min(spec.cost.worst, math.sqrt(sum(cost**2 for cost in told) / len(readings)))
-    # not a number where the value is unknown
+    # NaN if the value is unknown
     return typical if math.isnan(typical) else min(LARGEST, typical)
 
 
@@ -379,7 +380,7 @@ def _overall(spec: MetricSpec, per_plane: NDArray[np.float64]) -> float:
         value = float(known.sum())
     else:
         value = float(known.min() if spec.limits.higher_is_better else known.max())
-    # a value from some planes can be bad for certain, but not good: a plane that is not known may be worse
+    # values of some planes are enough for a bad result, but not for a good one: an unknown plane may be worse
     incomplete = spec.needs_all and known.size < per_plane.size
     return math.nan if incomplete and spec.limits.merit(value) == "good" else value
 

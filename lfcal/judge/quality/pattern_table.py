@@ -15,7 +15,7 @@ __all__ = ["PatternTable"]
 
 
 NOISELESS = 3000.0
-"""Ratio of peak to noise above which a matrix was computed, not recorded."""
+"""Ratio of peak to noise above which a matrix was computed instead of recorded."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ class PatternTable:
     table, digest
         Columns ``(ny, nx, 10)`` and a checksum of each pattern ``(ny, nx)``.
     lit, sensor
-        How often each pixel is lit, of the cutout ``(nt, ns)`` and of the sensor ``(nt + ny - 1, ns + nx - 1)``.
+        Number of times each pixel is lit, of the cutout ``(nt, ns)`` and of the sensor ``(nt + ny - 1, ns + nx - 1)``.
     dark
         Measurements of the dark corners.
     floor, peak
@@ -47,13 +47,13 @@ class PatternTable:
 
     @staticmethod
     def of(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None = None) -> PatternTable:
-        """Return the table of plane ``(ny, nx, nt, ns)``, by rows of positions in threads."""
+        """Return the table of a plane ``(ny, nx, nt, ns)``, computed by rows of positions in threads."""
         ny, nx, nt, ns = plane.shape
         some = plane.reshape(ny * nx, -1)[:: max(1, ny * nx // 64)]
         tops = np.where(np.isfinite(some), some, -np.inf).max(1)
-        # the median over some patterns: a hot pixel or a reflex in one of them is no peak
+        # the median over some patterns, because a hot pixel or a reflection in one of them is not a peak
         peak = float(np.median(tops)) - dark.background
-        # noise stays out of the weights, and where there is none, the far tails of a model do
+        # weights exclude noise; without noise, they exclude the far tails of a model
         floor = dark.background + max(4 * dark.noise, 0.003 * peak)
         tolerance = 0.25 * dark.noise
         table = np.zeros((ny, nx, len(FRAME_COLUMNS)))
@@ -78,13 +78,13 @@ class PatternTable:
 
     @property
     def computed(self) -> bool:
-        """Whether the plane has so little noise that it was computed, not recorded.
+        """Whether the plane has so little noise that it was computed instead of recorded.
 
-        Equal peaks are no sign of saturation then, nor nulls of dead pixels.
+        Equal peaks are then no sign of saturation, and zeros no sign of dead pixels.
         """
         return self.peak >= NOISELESS * self.dark.noise
 
     @property
     def light(self) -> NDArray[np.float64]:
-        """Energy of each pattern, the background taken off, ``(ny, nx)``."""
+        """Energy of each pattern without the background, ``(ny, nx)``."""
         return self.column("energy") - self.dark.background * self.lit.size

@@ -1,4 +1,4 @@
-"""The inspection of an H without a camera: all metrics, ranked, and the positions to record again."""
+"""Result of the inspection of an H without a camera: all metrics, ranked, and the positions to record again."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class QualityReport:
     depths
         Depth of each plane (µm); NaN if H states none.
     metrics
-        All metrics, ranked: bad ones first, and among equals the most expensive for a reconstruction.
+        All metrics, ranked: bad ones first, and among equal merits the most expensive for a reconstruction.
     apertures
         The iris seen from each plane.
     virtual_depths
@@ -83,12 +83,12 @@ class QualityReport:
         raise KeyError(key)
 
     def plane_words(self, z: int, name: str = "") -> str:
-        """Return plane ``z`` in words: its depth, as a value of ``name`` where that is given, or else its number."""
+        """Return plane ``z`` in words: its depth, as a value of ``name`` if given, or else its number."""
         return format_plane(float(self.depths[z]), z, name)
 
     @property
     def extent(self) -> str:
-        """From which depth to which the planes lie, in words; empty where H states none."""
+        """Range of depths of the planes, in words; empty if H states none."""
         if not np.isfinite(self.depths).all():
             return ""
         ends = (self.depths[0], self.depths[-1])[: min(2, self.depths.size)]
@@ -96,12 +96,12 @@ class QualityReport:
 
     @property
     def alarms(self) -> tuple[Metric, ...]:
-        """The bad metrics, costliest first."""
+        """The bad metrics, most expensive first."""
         return tuple(m for m in self.metrics if m.merit == "bad")
 
     @property
     def merit(self) -> Merit:
-        """The merit of H by its metrics."""
+        """The merit of H according to its metrics."""
         return judgement_of(self).merit
 
     @property
@@ -116,28 +116,28 @@ class QualityReport:
 
     @property
     def known(self) -> str:
-        """How many metrics are good, for a verdict; empty: none."""
+        """Number of good metrics in words, for a verdict; empty if there are none."""
         good = sum(m.merit == "good" for m in self.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}; it was not compared with a camera"
         return by if good else ""
 
     @property
     def verdict(self) -> str:
-        """What is wrong with H, where, what it costs, what to do, and what remains then."""
+        """Findings about H: what is wrong, where, its cost and remedy."""
         return judgement_of(self).verdict
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
-        """Return positions (z, y, x) to record again with the reasons, in scan order, but for metrics ``without``."""
+        """Return positions (z, y, x) to record again with reasons, in scan order, except for metrics ``without``."""
         reasons: dict[tuple[int, int, int], list[str]] = {}
         for metric in self.metrics:
-            # a suspicion costs a frame to check, a missed fault a reconstruction
+            # checking a suspicion costs one frame, missing a fault costs a reconstruction
             if metric.spec.redo and metric.merit in ("bad", "fair") and metric.key not in without:
                 for z, y, x in metric.positions.tolist():
                     reasons.setdefault((z, y, x), []).append(metric.spec.title.lower())
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything except the maps as plain values; with ``every`` also metrics that do not apply."""
+        """Return everything except the maps as plain JSON types; with ``every``, also metrics that do not apply."""
         return {
             "format": "lfcal-quality",
             "version": 1,

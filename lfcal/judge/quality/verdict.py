@@ -1,4 +1,4 @@
-"""What metrics say is wrong with an H, and how many of them say what."""
+"""Findings of metrics about an H, and the number of metrics of each merit."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from lfcal.judge.quality.metric import Metric
 __all__ = ["BAD", "FAIR", "counted", "counted_words", "findings_of", "merit_of", "merit_word", "where"]
 
 FAIR, BAD = 0.03, 0.1
-"""Thresholds of the cost (NRMSE) of a fault: H is worth a look, H should not be used as it is."""
+"""Thresholds of a fault's cost (NRMSE): above the first, H deserves a look; above the second, it should not be used."""
 
 PLACES = 3
-"""Positions that a finding writes out."""
+"""Number of positions that a finding lists."""
 
 
 def merit_of(metric: Metric) -> Merit:
-    """Return the merit that a metric gives an H: of single frames by what they cost, as they can be recorded again."""
+    """Return the merit that a metric gives to an H; single frames, which can be repeated, count by their cost."""
     spec = metric.spec
     if metric.merit in ("bad", "fair") and spec.redo and spec.cost.per_frame and len(metric.positions):
         return "bad" if metric.cost >= BAD else "fair" if metric.cost >= FAIR else "good"
@@ -26,12 +26,12 @@ def merit_of(metric: Metric) -> Merit:
 
 
 def merit_word(metric: Metric) -> str:
-    """Return the merit of a metric for a table: ``repeat`` where positions to record again leave H good."""
+    """Return the merit of a metric for a table: ``repeat`` if H is good apart from positions to record again."""
     return "repeat" if merit_of(metric) == "good" != metric.merit else metric.merit
 
 
 def findings_of(metrics: Iterable[Metric], shape: Sequence[int]) -> tuple[Finding, ...]:
-    """Return what metrics say is wrong with an H of ``shape`` ``(nz, ny, nx, ...)``, the worst first."""
+    """Return the findings of metrics about an H of ``shape`` ``(nz, ny, nx, ...)``, the worst first."""
     found = (_finding(m, math.prod(shape[:3])) for m in metrics if m.merit in ("bad", "fair"))
     return tuple(sorted(found, key=lambda one: RANK[one.merit]))
 
@@ -61,7 +61,7 @@ def _finding(metric: Metric, frames: int) -> Finding:
 
 
 def where(positions: Sequence[Sequence[int]], frames: int) -> str:
-    """Return how many of the positions are concerned, and the first of them as (z, y, x); empty where none is named."""
+    """Return in words how many positions are affected, and the first of them as (z, y, x); empty if there are none."""
     if not positions:
         return ""
     if len(positions) >= frames:
@@ -72,7 +72,7 @@ def where(positions: Sequence[Sequence[int]], frames: int) -> str:
 
 
 def counted(metrics: Iterable[Metric]) -> dict[str, int]:
-    """Return how many metrics have which merit, and how many do not apply."""
+    """Return the number of metrics of each merit, and of those that do not apply."""
     found = dict.fromkeys(("bad", "fair", "good", "unknown", "not_applicable"), 0)
     for metric in metrics:
         found[merit_of(metric) if metric.applies else "not_applicable"] += 1
@@ -80,7 +80,7 @@ def counted(metrics: Iterable[Metric]) -> dict[str, int]:
 
 
 def counted_words(metrics: Iterable[Metric]) -> str:
-    """Return the same for people: ``26 good, 12 not applicable``."""
+    """Return the same numbers as text: ``26 good, 12 not applicable``."""
     found = counted(metrics)
     shown = [f"{many} {key.replace('_', ' ')}" for key, many in found.items() if many or key == "good"]
     return ", ".join(shown)

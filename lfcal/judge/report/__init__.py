@@ -1,6 +1,6 @@
 """The quality report: one HTML page with its pictures, and lists that programs read.
 
-- ``write``: writing of all files into a folder
+- ``write``: write all files into a folder
 - ``page``: the page as text; ``_pictures``: its pictures; ``_pdf``: the same as PDF
 - ``two``: comparison of two H
 """

@@ -1,4 +1,4 @@
-"""The report on paper: A4 pages with the verdict, what to do, faults, metrics, apertures and every picture."""
+"""The report as PDF: A4 pages with the verdict, what to do, faults, metrics, apertures and every picture."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ SIDE, TOP, BOTTOM = 0.75, 0.7, 0.75
 POINT = 1 / 72
 
 LETTER = 0.56
-"""Width of a letter on average, over the size of its font."""
+"""Average width of a letter, relative to the size of its font."""
 
 LISTED = 30
-"""Positions that are written out."""
+"""Number of positions that are listed."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class PageBlock:
         Words of a table row instead, and the start of each (inches from the left margin).
     picture, width
         PNG under the words, and its width (inches) at most.
-    gap
+    Space above the block (inches).
         Space above (inches).
     keep
         Whether the next block must be on the same page.
@@ -82,7 +82,7 @@ class PageBlock:
         ]
 
     def height(self) -> float:
-        """Return the room that it takes (inches)."""
+        """Return the height of the block (inches)."""
         rows = max((len(column) for column in self.lines()), default=0)
         size = _size_of(self)[1] if self.picture else 0.0
         return self.gap + rows * 1.3 * self.size * POINT + size
@@ -114,9 +114,9 @@ def blocks(
     *,
     every: bool = False,
 ) -> list[PageBlock]:
-    """Return everything that the pages hold, in their order: what a decision needs comes first.
+    """Return all blocks of the pages in their order, with what is needed for a decision first.
 
-    With ``every`` metrics that do not apply are listed, too.
+    With ``every``, metrics that do not apply are listed as well.
     """
     quality = inspection.quality
     nz, ny, nx, nt, ns = quality.shape

@@ -1,4 +1,4 @@
-"""The page as text: HTML with everything in it."""
+"""The report as a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FULL = 1190
 """Width of a picture of three panels, which fills the page (pixels)."""
 
 LISTED = 24
-"""Positions written out; the file redo.json has all."""
+"""Number of positions that are listed; the file redo.json has all."""
 
 
 def page(
@@ -48,9 +48,9 @@ def page(
     *,
     every: bool = False,
 ) -> str:
-    """Return the report of ``H`` as one HTML document without scripts or links to anything outside.
+    """Return the report of ``H`` as one HTML document without scripts or external links.
 
-    With ``every`` metrics that do not apply are listed, too.
+    With ``every``, metrics that do not apply are listed as well.
     """
     quality = inspection.quality
     name = one_line(Path(H.path).name) or "PSF matrix"
@@ -66,7 +66,7 @@ def page(
         html_section("Tiling over the field", _tilings(quality) + figures(pictures, "tiling")),
     ]
     if comparison is not None:
-        sections.append(html_section("Against the reference", _compared(H, comparison, reference, pictures)))
+        sections.append(html_section("Comparison with the reference", _compared(H, comparison, reference, pictures)))
     sections.append(html_section("Provenance", _provenance(H)))
     return html_page(
         name,
@@ -88,14 +88,14 @@ def _number(value: float, digits: int = 3) -> str:
 def _verdict(inspection: Inspection) -> str:
     quality = inspection.quality
     cost = f"Estimated error of a reconstruction from these faults: {quality.cost:.2f} NRMSE." if quality.cost else ""
-    none = "" if inspection.merit == "unknown" else "No fault found that would cost a reconstruction anything."
+    none = "" if inspection.merit == "unknown" else "No fault was found that affects a reconstruction."
     more = f"{_compared_sentence(inspection)}." if inspection.asked else cost or none
     verdict = html_text(inspection.verdict)
     return f'<section class="verdict {inspection.merit}">{verdict}<p>{html_text(more)}</p></section>'
 
 
 ERROR = "error of a reconstruction (NRMSE), by noise → with the fault"
-"""Head of the column of costs."""
+"""Heading of the column of costs."""
 
 
 def _compared_sentence(inspection: Inspection) -> str:
@@ -171,8 +171,8 @@ def _metrics(quality: QualityReport, every: bool) -> str:
         return [_merit(m), name, html_text(value_text(m)), html_text(best), html_text(worst), m.cost_text, words]
 
     note = (
-        '<p class="note">Cost: error of a reconstruction (NRMSE) that a fault of this size makes: measured with this '
-        "H, or typical, what it makes as a rule.</p>"
+        '<p class="note">Cost: error of a reconstruction (NRMSE) caused by a fault of this size: measured with this '
+        "H, or typical.</p>"
     )
     count = f"<p>{html_text(counted_words(quality.metrics))}.</p>"
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
@@ -181,14 +181,14 @@ def _metrics(quality: QualityReport, every: bool) -> str:
 
 
 def value_text(metric: Metric) -> str:
-    """Return the value with its unit; infinite where, as in a simulated H, there is no noise to divide by."""
+    """Return the value with its unit; infinite if there is no noise to divide by, as in a simulated H."""
     if math.isinf(metric.value):
         return f"∞ {metric.spec.unit}".strip()
     return metric.text
 
 
 def limits(metric: Metric) -> tuple[str, str]:
-    """Return where a metric is good and where it is bad, in the unit of its value."""
+    """Return the limits of good and bad in the unit of the metric's value."""
     limits = metric.spec.limits
     better, worse = ("≥", "<") if limits.higher_is_better else ("≤", ">")
     return f"{better} {limits.good:g}", f"{worse} {limits.bad:g}"

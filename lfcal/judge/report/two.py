@@ -59,28 +59,28 @@ COLUMNS = (
 """Headings of `figure_rows`."""
 
 SAME = 0.01
-"""Share that two H may differ by and still be called the same, unless they are noisier than that."""
+"""Difference up to which two H count as the same, unless they are noisier."""
 
 OTHER_UNITS = 10.0
-"""Scale between two H from which their values are of other units: counts and shares of the light."""
+"""Scale between two H above which their values have different units: counts, and shares of the light."""
 
 MOST_PERCENT = 1000.0
-"""Beyond it a difference says only that scales differ, and is not said in figures."""
+"""Difference above which it only shows that scales differ, and is not given in figures."""
 
 EVEN = 0.01
-"""Share of the largest difference over the positions up to which they are all as far apart."""
+"""Share of the largest difference up to which all positions count as equally different."""
 
 SHOWN, PLANES = 4, 4
-"""Positions, and planes, that are drawn."""
+"""Number of positions, and of planes, that are drawn."""
 
 
 def verdict(found: Comparison) -> str:
-    """Return one sentence on how far two H are apart."""
+    """Return one sentence on the difference between two H."""
     one = found.all
     if not math.isfinite(one.nrmse):
         return "Nothing could be compared: no position has light in both."
     row, column = one.shift_px
-    shifted = f"{_percent(one.left)} % at that and a shift of ({row:+z.3f}, {column:+z.3f}) px."
+    shifted = f"{_percent(one.left)} % at this scale and a shift of ({row:+z.3f}, {column:+z.3f}) px."
     if one.scale and not 1 / OTHER_UNITS < abs(one.scale) < OTHER_UNITS:
         how = f"in different units: the first are {format_number(one.scale, 4)} times those of the second"
         return f"Their values are {how}. At that scale they differ by {_percent(one.scaled)} % (NRMSE), {shifted}"
@@ -89,7 +89,7 @@ def verdict(found: Comparison) -> str:
 
 
 def compared_words(found: Comparison) -> str:
-    """Return what was compared."""
+    """Return in words what was compared."""
     n, ny, nx, nt, ns = found.pair.shape
     many, whole = sum(one.positions for one in found.planes), n * ny * nx
     share = f"{many:,}" if many == whole else f"{many:,} of {whole:,}"
@@ -100,7 +100,7 @@ def figure_rows(found: Comparison) -> list[tuple[str, ...]]:
     """Return the figures of all planes together, of each plane, and of each lens type, by `COLUMNS`."""
     rows = _rows("all", found.all, found.types)
     for one in found.planes:
-        # of planes whose numbers differ both are said
+        # if the numbers of planes differ, state both
         number = f"{one.planes[0]}" if one.planes[0] == one.planes[1] else f"{one.planes[0]}, {one.planes[1]}"
         if math.isfinite(one.depths_um[0]):
             number += f": {format_length(one.depths_um[0])}"
@@ -141,21 +141,21 @@ def _percent(share: float) -> str:
 
 
 def map_levels(error: NDArray[np.floating]) -> tuple[float, float]:
-    """Return the ends of the scale of a map of differences; where all are alike from 0, or rounding alone is seen."""
+    """Return the limits of the colour scale for a map of differences; from 0 if all are equal, to hide rounding."""
     known = error[np.isfinite(error)]
     low, top = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     return (0.0, top or 1.0) if top - low <= EVEN * top else (low, top)
 
 
 def compared_report_files(folder: Path) -> list[Path]:
-    """Return what a report in ``folder`` consists of."""
+    """Return the files of a report in ``folder``."""
     return [folder / name for name in (PAGE, NUMBERS, PATTERNS, MAPS)]
 
 
 def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seconds: float = 0.0) -> Work[Path]:
     """Write ``index.html``, its pictures and ``compare.json`` into ``folder``; return the page.
 
-    Each file appears whole or not at all, the page last.
+    Each file is complete when it appears, and the page is last.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seco
     """
     target = Path(folder)
     if target.exists() and not target.is_dir():
-        raise StorageError.expected(str(target), "a folder for the report", "a file", "name a folder")
+        raise StorageError.expected(str(target), "a folder for the report", "a file", "give a folder")
     draws: list[Callable[[], ReportPicture]] = [lambda: _patterns(found), lambda: _maps(found)]
     clock = Clock("drawing the report", len(draws) + 1)
     drawn = []
@@ -182,7 +182,7 @@ def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seco
 
 
 def names(found: Comparison) -> tuple[str, str]:
-    """Return the names of both: their files, with folders if the file names are equal."""
+    """Return the names of both H: their file names, with folders if the file names are equal."""
     paths = [Path(m.path) for m in (found.pair.a, found.pair.b)]
     told = [one_line(path.name) or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
     if told[0] == told[1]:
@@ -195,8 +195,8 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
     notes = "".join(f"<li>{html_text(note)}</li>" for note in found.notes)
     rows = [[html_text(cell) for cell in row] for row in figure_rows(found)]
     told = (
-        '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g for which |A − g B| is least, and |A − g B| / |A| '
-        "with it. Left: the same with B shifted, too. Lenslets: pixels behind those of one type.</p>"
+        '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g that minimizes |A − g B|, with |A − g B| / |A| '
+        "at this scale. Left: the residual with B shifted as well. Lenslets: pixels behind lenslets of one type.</p>"
     )
     return html_page(
         f"{first} and {second}",
@@ -204,7 +204,7 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
         "Comparison of two PSF matrices",
         [
             f'<section class="verdict">{html_text(verdict(found))}<p>{html_text(compared_words(found))}.</p></section>',
-            html_section("What is left out", f"<ul>{notes}</ul>" if notes else ""),
+            html_section("What was left out", f"<ul>{notes}</ul>" if notes else ""),
             html_section("Numbers", html_table(COLUMNS, rows, range(2, len(COLUMNS))) + told),
             html_section("Where they differ most", figures(drawn, "patterns")),
             html_section("Over source positions", figures(drawn, "maps")),

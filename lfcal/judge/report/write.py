@@ -1,4 +1,4 @@
-"""The report into a folder: the page, its pictures, and lists for programs."""
+"""Write the report into a folder: the page, its pictures, and lists for programs."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def iter_report(
     controls
         Control frames by depth plane for the inspection, see `lfcal.judge.quality.iter_inspect`.
     workers
-        Number of threads; all processors by default.
+        Number of threads; None: all processors.
     inspection
-        The inspection of this H, if it was done already; None: only its metrics.
+        The inspection of this H, if it was already done; None: only its metrics.
     every
         Whether to list metrics that do not apply.
 
@@ -75,7 +75,7 @@ def iter_report(
     """
     target = Path(folder)
     if target.exists() and not target.is_dir():
-        raise StorageError.expected(str(target), "a folder for the report", "a file", "name a folder")
+        raise StorageError.expected(str(target), "a folder for the report", "a file", "give a folder")
     H = _straight(matrix)
     other = None if reference is None else _straight(reference)
     if inspection is not None and inspection.shape != H.shape:
@@ -98,7 +98,7 @@ def iter_report(
     )
     yield clock.at(len(draws) + 1)
     text = page(H, inspection, drawn, comparison, other.path if other is not None else "", every=every)
-    # the page comes last: where it exists, every file that it links to exists
+    # the page is last: if it exists, all files that it links to exist
     files = {p.name: p.png for p in drawn}
     result = inspection.to_dict(every=every) | ({} if comparison is None else {"comparison": comparison.to_dict()})
     result |= {"inspected": datetime.now(UTC).isoformat(timespec="seconds")}
@@ -127,7 +127,7 @@ report = drained(
 
 
 def report_files(folder: Path) -> list[Path]:
-    """Return what a report in ``folder`` consists of: page, lists, and every picture that it may have.
+    """Return the files of a report in ``folder``: page, lists, and every picture that it may have.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def report_files(folder: Path) -> list[Path]:
 
 
 def redo_list(inspection: Inspection) -> dict[str, Any]:
-    """Return the positions to record again as ``lfcal acquire --redo`` takes them.
+    """Return the positions to record again, in the form that ``lfcal acquire --redo`` reads.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Sources of findings, one module for each kind of data; `lfcal.judge.source` says what a source is."""
+"""Sources of findings, one module for each kind of data; `lfcal.judge.source` defines a source."""

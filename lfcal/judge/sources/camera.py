@@ -1,4 +1,4 @@
-"""What of a camera's description is not what a white image shows."""
+"""Differences between a camera's description and a white image."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _differences(check: CameraCheck) -> Iterator[Finding]:
                 detail=f"{line.measured} in the white image, {line.expected} in the camera",
                 size=math.nan if line.edge_px is None else line.edge_px,
                 limit=FIT_PX,
-                remedy="Correct the camera, or take it as measured."
+                remedy="Correct the camera, or use the measured values."
                 if check.camera is not None
                 else "Correct the camera, or choose the white image of this one.",
                 merit="bad" if line.verdict == WRONG else "fair",

@@ -1,4 +1,4 @@
-"""What is damaged, missing or unlike its format in an H file and in a session."""
+"""Damaged or missing parts of H files and sessions, and deviations from their formats."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["FINDING_SOURCES", "places"]
 
 NAMED = 3
-"""Positions, files or planes that a finding names."""
+"""Number of positions, files or planes that a finding lists."""
 
 PLANES = {
     "damaged": "damaged planes",
@@ -25,7 +25,7 @@ PLANES = {
     "depth sum changed": "planes with a changed depth sum",
     "uncertainty damaged": "planes with damaged uncertainties",
 }
-"""What planes are called, by the words of the check of a file."""
+"""Names of damaged planes, by the result of the file check."""
 
 AGAIN = "Copy the file again from its source, or make it again."
 
@@ -54,7 +54,7 @@ def _planes(check: MatrixCheck) -> Iterator[Finding]:
 def _deviations(check: MatrixCheck) -> Iterator[Finding]:
     if check.deviations:
         detail = listed(check.deviations, NAMED)
-        yield Finding(kind="deviation", what="not as the format says", subject="file", detail=detail, remedy=AGAIN)
+        yield Finding(kind="deviation", what="not as the format requires", subject="file", detail=detail, remedy=AGAIN)
 
 
 def _not_recorded(check: MatrixCheck) -> Iterator[Finding]:
@@ -98,13 +98,13 @@ def _files(report: SessionReport) -> Iterator[Finding]:
                 subject="file",
                 detail=file.fault,
                 where=file.file,
-                remedy="Copy it again from its source, or record again what is lost (lfcal acquire --resume).",
+                remedy="Copy it again from its source, or record the lost frames again (lfcal acquire --resume).",
             )
 
 
 def _records(report: SessionReport) -> Iterator[Finding]:
     if report.lacking:
-        detail = format_count(report.lacking, "position was safe once", "positions were safe once")
+        detail = format_count(report.lacking, "position was stored earlier", "positions were stored earlier")
         what = "positions without a record"
         yield Finding(kind="lacking", what=what, subject="frames", detail=detail, remedy=RESUME)
 

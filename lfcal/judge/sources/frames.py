@@ -1,4 +1,4 @@
-"""What is wrong with the frames that an H was assembled from, and with the target that they show."""
+"""Problems of the frames that an H was assembled from, and of the target in them."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _saturation(report: AssemblyReport) -> Iterator[Finding]:
     if report.unknown_saturation:
         yield Finding(
             kind="unknown_saturation",
-            what="saturation that is not known",
+            what="unknown saturation",
             subject="light",
             detail=format_count(report.unknown_saturation, "position", "positions"),
             remedy="State the bit depth in the plan or manifest, or the saturation level.",

@@ -1,4 +1,4 @@
-"""What metrics, faults and a camera say is wrong with an H, and what new frames say of an old one."""
+"""Problems of an H found by metrics, faults and its camera, and of an old H found by new frames."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _camera(inspection: Inspection) -> Iterator[Finding]:
             detail=found.sentence.removesuffix("."),
             size=math.nan if found.misfit is None else found.misfit,
             remedy=found.advice,
-            # another camera, or frames that lie otherwise, are certain; a description may be what is wrong
+            # another camera or orientation is certain; otherwise the description may be wrong
             merit="bad" if found.certain else "unknown",
         )
 
@@ -92,7 +92,7 @@ def _strange(check: Check) -> Iterator[Finding]:
         if one.strange:
             yield Finding(
                 kind="strange",
-                what="frame that has nothing in common with H",
+                what="frame without similarity to H",
                 subject="frames",
                 detail=f"correlation {one.found.correlation:.2f}",
                 where=one.label,

@@ -14,7 +14,7 @@ def _truncation(plane: PlaneMeasures) -> Reading:
 
 
 def _centring(plane: PlaneMeasures) -> Reading:
-    if plane.edges.cut_off:  # the middle of what is left is not that of the aperture
+    if plane.edges.cut_off:  # the middle of the visible part is not that of the aperture
         return UNKNOWN
     shown = plane.about.depth_sum - plane.faulty.missing.size * plane.dark.background
     return Reading(off_centre(shown, plane.about.aperture))

@@ -1,4 +1,4 @@
-"""Whether the file agrees with itself: its depth-plane sums, and its transpose."""
+"""Consistency of the file: its depth-plane sums, and its transpose."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ METRICS = (
         cost=CostModel(at_bad=0.5, worst=2.0),
         meaning="Largest difference of sampled entries of HT from H, and of stored depth-plane sums from the "
         "patterns'.",
-        advice="The file does not hold what it says: write it again.",
+        advice="The file is not consistent: write it again.",
         of_plane=_identities,
     ),
 )

@@ -1,4 +1,4 @@
-"""Single frames: missing, duplicate, not finite, odd; and the seam from the last position to the first."""
+"""Metrics of single frames (missing, duplicate, not finite, unusual), and of the seam from last to first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, R
 __all__ = ["METRICS"]
 
 ODD = Limits(good=2.5, bad=4.0)
-"""Change of a frame to its neighbours over what is usual there; one that is bad is named."""
+"""Change of a frame to its neighbours relative to the typical one; bad frames are listed."""
 
 
 def _missing(plane: PlaneMeasures) -> Reading:
@@ -31,7 +31,7 @@ def _nonfinite(plane: PlaneMeasures) -> Reading:
 
 
 def _odd(plane: PlaneMeasures) -> Reading:
-    if plane.continuity is None or plane.positions.locked:  # the lattice alone makes a locked pattern jump
+    if plane.continuity is None or plane.positions.locked:  # the lattice makes a locked pattern jump
         return UNKNOWN
     odd = plane.continuity.odd
     value = float(np.nanmax(odd)) if np.isfinite(odd).any() else math.nan
@@ -70,7 +70,7 @@ METRICS = (
         cost=CostModel(at_bad=1.2, worst=2.0, per_frame=True),
         plot="map",
         map_unit="yes / no",
-        meaning="Positions that hold the very same frame as another position.",
+        meaning="Positions with exactly the same frame as another position.",
         advice="Record these positions again: the camera repeated a frame, or a file was copied.",
         overall="sum",
         redo=True,
@@ -84,7 +84,7 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.3, worst=3.0),
         plot="map",
-        meaning="Pixels that are not a number: a single one makes a whole reconstruction NaN.",
+        meaning="Pixels that are NaN: a single one makes a whole reconstruction NaN.",
         advice="Record these positions again, or assemble again with the corrections checked.",
         overall="sum",
         redo=True,
@@ -99,9 +99,9 @@ METRICS = (
         limits=ODD,
         cost=CostModel(at_bad=0.01, worst=0.1),
         plot="map",
-        map_unit="times the usual",
-        meaning="Largest change to all four neighbours, over what is usual around it.",
-        advice="Look at these frames; record them again.",
+        map_unit="times the typical change",
+        meaning="Largest change of a frame to all four neighbours, relative to the typical change around it.",
+        advice="Look at these frames, and record them again if they are wrong.",
         redo=True,
         of_plane=_odd,
     ),
@@ -113,12 +113,12 @@ METRICS = (
         limits=Limits(good=1.5, bad=3.0),
         cost=CostModel(at_bad=0.1, worst=0.8),
         plot="map",
-        map_unit="times the usual",
+        map_unit="times the typical change",
         always_shown=True,
-        meaning="Change from the last position to the first over the change between neighbours: 1 where the cell "
+        meaning="Change from the last position to the first, relative to the change between neighbours; 1 if the cell "
         "tiles.",
-        advice="The patterns do not repeat with this period: check period, step, drift, and how telecentric the lens "
-        "is.",
+        advice="The patterns do not repeat with this period: check period, step and drift, and whether the lens is "
+        "telecentric.",
         of_plane=_seam,
     ),
 )

@@ -1,4 +1,4 @@
-"""Signal, background and stray light, and the lamp over the scan."""
+"""Metrics of signal, background and stray light, and of the lamp over the scan."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _snr(plane: PlaneMeasures) -> Reading:
 
 
 def _background(plane: PlaneMeasures) -> Reading:
-    if plane.edges.cut_off or not plane.energy > 0:  # the corners are not dark, or nothing is: nothing follows
+    if plane.edges.cut_off or not plane.energy > 0:  # the corners are not dark, or there is no light: unknown
         return UNKNOWN
     # the random error of a mean is not a background
     sure = math.sqrt(max(0.0, plane.background**2 - (2 * plane.dark.chance) ** 2))
@@ -36,7 +36,7 @@ def _leak(plane: PlaneMeasures) -> Reading:
 
 
 def _flicker(plane: PlaneMeasures) -> Reading:
-    # the lattice alone makes the energy vary, and so does what of a pattern falls into a cutout that is too small
+    # the lattice makes the energy vary, and so does the part of a pattern that is inside a small cutout
     if plane.positions.locked or plane.edges.cut_off:
         return UNKNOWN
     return Reading(plane.shares_split.rms, map=plane.shares_split.residual)
@@ -57,7 +57,7 @@ METRICS = (
         limits=Limits(good=100.0, bad=20.0, higher_is_better=True),
         cost=CostModel(at_bad=0.5, worst=1.0),
         plot="planes",
-        meaning="Median peak of the patterns over the noise of a dark pixel.",
+        meaning="Median peak of the patterns, relative to the noise of a dark pixel.",
         advice="Expose longer, average more frames, or cool the sensor.",
         of_plane=_snr,
     ),
@@ -69,7 +69,7 @@ METRICS = (
         limits=Limits(good=0.5, bad=2.0),
         cost=CostModel(at_bad=0.046, worst=1.0),
         plot="planes",
-        meaning="Energy that a constant background adds to a pattern, or takes from it, beyond diffraction's tails.",
+        meaning="Energy that a constant background adds to a pattern or removes from it, without diffraction.",
         advice="Take a dark frame of the same exposure and temperature, and assemble again.",
         of_plane=_background,
     ),
@@ -80,7 +80,7 @@ METRICS = (
         unit="% of dark pixels",
         limits=Limits(good=2.0, bad=15.0),
         cost=CostModel(at_bad=0.04, worst=0.2),
-        meaning="Dark pixels that are exactly zero while none is negative: noise was cut off and its mean is now "
+        meaning="Dark pixels that are exactly zero while none is negative: noise was cut off, so its mean looks like "
         "light.",
         advice="Keep values signed when the dark frame is subtracted, and assemble again.",
         of_plane=_clipped,

@@ -1,4 +1,4 @@
-"""Whether frames and scan lie as the plan says, and the frames were recorded in the order of their positions."""
+"""Whether frames and scan have the planned orientation, and frames were recorded in the order of their positions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def _scan_order(plane: PlaneMeasures) -> Reading:
     turned, spots = plane.positions.turned, plane.positions.spots
     if turned != AS_IS:
         return Reading(1.0, detail=either_words(turned))
-    # spots of a mirrored array run as planned, too
+    # spots of a mirrored array also move as planned
     if spots is None or spots.order == "as planned":
         return UNKNOWN
     return Reading(1.0, detail=ORDERS[spots.order])
@@ -38,8 +38,8 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=3.6, worst=3.6),
         plot="map",
-        meaning="Planes in which the image moves another way, or the spots run over the lattice in another order, than "
-        "the positions say.",
+        meaning="Planes in which the image moves in another direction, or the spots move over the lattice in another "
+        "order, than the positions state.",
         advice="Assemble again with the frames turned upright (--orientation auto), or with the axes of the scan "
         "corrected; no new recording is needed.",
         overall="sum",
@@ -56,8 +56,8 @@ METRICS = (
         cost=CostModel(at_bad=0.6, worst=2.0, per_frame=True),
         plot="map",
         map_unit="px",
-        meaning="Positions whose pattern belongs half a pixel or more from where it is.",
-        advice="Record these positions again; whole rows or columns point at swapped files or a lost stage step.",
+        meaning="Positions whose pattern belongs to a place half a pixel or more away.",
+        advice="Record these positions again; whole rows or columns indicate swapped files or a lost stage step.",
         overall="sum",
         redo=True,
         of_plane=_misplaced,

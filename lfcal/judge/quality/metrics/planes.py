@@ -16,10 +16,10 @@ from lfcal.judge.quality.metric import CostModel, Limits, MetricSpec, Reading
 __all__ = ["METRICS"]
 
 FREEDOM = 0.1
-"""Virtual depth by which a shadow may seem off: the tails of diffraction, the exact place of the sensor."""
+"""Error of virtual depth that a shadow may have because of tails of diffraction and the exact place of the sensor."""
 
 NEAR = 0.6
-"""Nearer to v = 1 than this the shadow is too small to be measured."""
+"""Distance from v = 1 within which the shadow is too small to be measured."""
 
 Values = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def _dark(h: MatrixMeasures) -> tuple[Reading, ...]:
 def _copies(h: MatrixMeasures) -> tuple[Reading, ...]:
     every = np.ones(h.matrix.period, bool)
     return tuple(
-        Reading(0.0) if first < 0 else Reading(1.0, positions=every, detail=f"planes {first} and {z} are alike")
+        Reading(0.0) if first < 0 else Reading(1.0, positions=every, detail=f"planes {first} and {z} are equal")
         for z, first in enumerate(h.copies)
     )
 
@@ -40,7 +40,7 @@ def _copies(h: MatrixMeasures) -> tuple[Reading, ...]:
 def _energy(h: MatrixMeasures) -> tuple[Reading, ...]:
     """Return each plane's deviation from equal energy (per cent), or from 1/distance² where that fits better."""
     out = np.full(h.energy.size, math.nan)
-    # of patterns that are cut off a part of the light is not known
+    # if patterns are cut off, a part of the light is unknown
     lit = ~h.dark & ~np.array([plane.edges.cut_off for plane in h.planes], bool)
     if lit.sum() < 2:
         return _readings(out)
@@ -77,13 +77,13 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
     off, order = np.full(len(h.planes), math.nan), np.full(len(h.planes), math.nan)
     try:
         away = np.array([camera.virtual_depth(float(z)) - 1 for z in h.matrix.depths])
-    except InputError:  # a depth this camera cannot see: plane numbers, or another camera's depths
+    except InputError:  # a depth that this camera cannot image: plane numbers, or depths of another camera
         return off, order
     known = np.flatnonzero(np.isfinite(h.shadows_px) & (np.abs(away) > NEAR))
     if known.size < 2:
         return off, order
     wanted = np.abs(away[known])
-    # the f-number may not be what the camera states: one scale for all planes, found in any order
+    # the f-number may differ from the camera's: one scale for all planes, found in any order
     scale = float(np.median(np.sort(h.shadows_px[known]) / np.sort(wanted)))
     beyond = [_beyond(h.planes[z]) for z in known]
     for k, z in enumerate(known):
@@ -92,7 +92,7 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
             apart = np.where((away[known] > 0) == beyond[k], apart, apart + 1)
         off[z] = 100 * max(0.0, apart[k] - FREEDOM / wanted[k])
         order[z] = float(apart[k] > 3 * apart.min() + 0.05)
-    if np.nansum(order):  # depths in a wrong order are not wrong as well
+    if np.nansum(order):  # depths in a wrong order are not reported as wrong depths as well
         off[known] = math.nan
     return off, order
 
@@ -140,7 +140,7 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.55, worst=1.0),
         plot="planes",
-        meaning="Planes with hardly any light in them.",
+        meaning="Planes with hardly any light.",
         advice="Record these planes again; check lamp, shutter and pinhole.",
         overall="sum",
         redo=True,
@@ -154,7 +154,7 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.5, worst=1.0),
         plot="planes",
-        meaning="Planes that hold the same patterns as another one.",
+        meaning="Planes with the same patterns as another plane.",
         advice="Record these planes again: the stage did not move in depth, or files were copied.",
         overall="sum",
         redo=True,
@@ -180,7 +180,7 @@ METRICS = (
         limits=Limits(good=3.0, bad=8.0),
         cost=CostModel(at_bad=0.1, worst=1.0),
         plot="planes",
-        meaning="Difference of the aperture's size from the one that the plane's depth states, apart from a common "
+        meaning="Difference of the aperture's size from the size expected at the plane's depth, apart from a common "
         "scale.",
         advice="Check the depth of these planes and the camera's working distance and focal length.",
         of_matrix=_depth,
@@ -193,7 +193,7 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.6, worst=2.0),
         plot="planes",
-        meaning="Planes whose spots are spaced as in another plane: the depths do not belong to them.",
+        meaning="Planes whose spots have the spacing of another plane: their depths are wrong.",
         advice="Sort the planes by depth, or correct the list of depths.",
         overall="sum",
         of_matrix=_depth_order,

@@ -16,16 +16,16 @@ __all__ = ["METRICS"]
 LIMITS = Limits(good=2, bad=10)
 
 NEAR_TOP, RAREST = 0.85, 1.05
-"""Share of the highest value above which values show how rare higher ones are, and the least ratio of both counts that
-shows it."""
+"""Share of the highest value above which values show how rare higher ones are, and the smallest ratio of both counts
+that shows it."""
 
 FARTHEST = 0.35
-"""Share of the top by which light exceeds it on average at most: exposures are rarely so wrong."""
+"""Largest share of the top by which light exceeds it on average; exposures are rarely more wrong."""
 
 
 def _saturation(plane: PlaneMeasures) -> Reading:
     saturated = plane.about.matrix.saturated
-    # below zero marks a position whose saturated pixels were not counted
+    # a negative number marks a position whose saturated pixels were not counted
     counts = None if saturated is None else np.asarray(saturated[plane.about.z], float)
     if counts is None or (counts < 0).all():
         return _suspected(plane)
@@ -46,7 +46,7 @@ def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
     total = float(many.sum())
     near = float((plane.patterns >= NEAR_TOP * top).sum())
     step = (1 - NEAR_TOP) * top / math.log(max(near / total, RAREST)) if top > 0 else 0.0
-    # of an exponential beyond the top, the mean square is twice the square of its step
+    # for an exponential distribution above the top, the mean square is twice the square of its scale
     return math.sqrt(2 * total * min(step, FARTHEST * top) ** 2 / power)
 
 
@@ -66,7 +66,7 @@ def _suspected(plane: PlaneMeasures) -> Reading:
     Corrections, rescaling and averaging hide what the sensor clipped, so that none is never "no saturation".
     """
     table, use = plane.table, plane.use
-    if table.computed or plane.edges.cut_off or not use.any():  # or how much noise there is, is not known
+    if table.computed or plane.edges.cut_off or not use.any():  # also if the noise is unknown
         return UNKNOWN
     top = table.column("top")
     piled = np.where(top >= float(top[use].max()) - table.tolerance, table.column("clipped") - 1, 0.0)

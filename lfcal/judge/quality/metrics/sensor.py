@@ -13,11 +13,11 @@ __all__ = ["METRICS"]
 
 def _stuck(plane: PlaneMeasures) -> Reading:
     table = plane.table
-    # a model's nulls are no dead pixels, nor are those of a part of the patterns
+    # zeros of a model are not dead pixels, nor are those of only some patterns
     if table.computed or plane.edges.cut_off:
         return UNKNOWN
     period, cutout = plane.faulty.missing.shape, table.lit.shape
-    # fixed in the cutout, or fixed on the sensor and so walking through the cutouts
+    # fixed in the cutout; or fixed on the sensor, and therefore moving through the cutouts
     found = stuck_pixels(table.lit, np.full(cutout, plane.faulty.missing.size))
     return Reading(float(found + stuck_pixels(table.sensor, coverage(period, cutout))))
 

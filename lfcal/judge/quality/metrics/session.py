@@ -1,4 +1,4 @@
-"""What the recording itself found suspicious, frame by frame."""
+"""Frames that were suspicious during the recording."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=1.2, worst=2.0, per_frame=True),
         plot="map",
-        meaning="Frames whose content was suspicious when they were recorded, and again when they were retaken.",
+        meaning="Frames whose content was suspicious during the recording, and again when they were repeated.",
         advice="Remove the cause, then record these positions again.",
         overall="sum",
         redo=True,

@@ -1,4 +1,4 @@
-"""Whether the stage went where it should: from the lattice's phases and the patterns' centroids."""
+"""Accuracy of the stage, from the phases of the lattice and the patterns' centroids."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ METRICS = (
         cost=CostModel(at_bad=0.4, worst=3.5),
         plot="map",
         map_unit="px",
-        meaning="How far the source runs ahead of the cutout, or behind it, from the first position to the last.",
+        meaning="Change of the distance between source and cutout from the first position to the last.",
         advice="Correct the stage's step (step = pixel / magnification, with its sign) or the magnification; record "
         "again.",
         of_plane=_gain,
@@ -63,8 +63,8 @@ METRICS = (
         plot="map",
         map_unit="px",
         always_shown=True,
-        meaning="Scatter of the lenslet lattice's phase about what the position says.",
-        advice="Check that frames and positions are in step, and that the stage has settled before each exposure.",
+        meaning="Scatter of the lenslet lattice's phase about the value expected from the position.",
+        advice="Check that frames belong to their positions, and that the stage settles before each exposure.",
         of_plane=_position,
     ),
     MetricSpec(
@@ -89,8 +89,8 @@ METRICS = (
         limits=Limits(good=0.1, bad=0.3),
         cost=CostModel(at_bad=0.17, worst=1.0),
         plot="map",
-        meaning="Half the offset between even and odd rows: play of a stage that scans to and fro.",
-        advice="Scan all rows in the same direction, or give the stage's backlash to the plan, and record again.",
+        meaning="Half the offset between even and odd rows: play of a stage that scans in both directions.",
+        advice="Scan all rows in the same direction, or compensate the stage's play (--overshoot), and record again.",
         of_plane=_backlash,
     ),
     MetricSpec(
@@ -102,7 +102,7 @@ METRICS = (
         cost=CostModel(at_bad=0.2, worst=1.5),
         plot="map",
         map_unit="px",
-        meaning="How far the source wandered across its scan direction from the first row to the last.",
+        meaning="Drift of the source across its scan direction from the first row to the last.",
         advice="Let lamp and stage warm up, record faster, or align the stage's axes with the sensor's rows.",
         of_plane=_drift,
     ),
@@ -115,8 +115,8 @@ METRICS = (
         cost=CostModel(at_bad=0.1, worst=1.0),
         plot="map",
         map_unit="px",
-        meaning="How far the pattern's lattice runs away from the camera's over one cell.",
-        advice="Fit the lattice to a white image and use it as the camera's; check the stage step.",
+        meaning="Displacement of the pattern's lattice relative to the camera's over one cell.",
+        advice="Measure the lattice with a white image and use it in the camera; check the stage step.",
         of_plane=_pitch,
     ),
 )

@@ -1,4 +1,4 @@
-"""Of an H from frames of many points: what the target's frames said of themselves when its points were found."""
+"""Metrics of an H from frames of a target, as stated when its points were found."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _told(key: str, factor: float = 1.0) -> Callable[[MatrixMeasures], Sequence[
     def of_matrix(measures: MatrixMeasures) -> Sequence[Reading]:
         target: Any = measures.matrix.provenance.get("target")
         value = target.get(key) if isinstance(target, dict) else None
-        # provenance is what a file says, and may be anything
+        # provenance comes from a file, and may contain anything
         if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value) or value < 0:
             return [UNKNOWN]
         says = target.get("mistakes")
@@ -78,7 +78,7 @@ METRICS = (
         (
             "Points off the target's lattice",
             "Deviation of the holes' light from the common pose, pitch and distortion (rms).",
-            "Describe the target as it is: pitch, kind, depth; look for dirt and reflections.",
+            "Correct the description of the target (pitch, kind, depth); look for dirt and reflections.",
         ),
     ),
     _metric(
@@ -87,9 +87,9 @@ METRICS = (
         (0.2, 1.0),
         (0.02, 0.1),
         (
-            "Target moved otherwise than planned",
-            "Deviation of images from their planned places, without the part that all frames share (rms).",
-            "Points are used where they are found; to meet phases as planned check the stage's scale and axes.",
+            "Target not moved as planned",
+            "Deviation of images from their planned places, apart from the deviation common to all frames (rms).",
+            "Points are used where they are found. To meet the planned positions, check the stage's scale and axes.",
         ),
     ),
     _metric(
@@ -99,7 +99,7 @@ METRICS = (
         (0.05, 0.2),
         (
             "Holes of unequal brightness",
-            "Spread of the light of a target's holes; patterns are divided by it, dim ones keep more noise.",
+            "Spread of the light of a target's holes; patterns are divided by it, so dim ones have more noise.",
             "Light the target more evenly, clean it, and expose for its brightest holes.",
         ),
     ),
@@ -109,9 +109,9 @@ METRICS = (
         (1.0, 5.0),
         (0.6, 1.2),
         (
-            "Doubtful labels of points",
+            "Uncertain labels of points",
             "Share of a target's points whose label or place is uncertain: dim, doubled, or off the lattice.",
-            "Look at the frames where holes are named; clean the target, or leave these holes out with absent=.",
+            "Look at the frames with these holes; clean the target, or leave these holes out with absent=.",
         ),
         verdict_detail=True,
     ),
