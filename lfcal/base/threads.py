@@ -124,7 +124,7 @@ class _Helpers:
             os.register_at_fork(after_in_child=self.forget)
 
     def forget(self) -> None:
-        """Start without threads, for example in a forked process, which inherits none."""
+        """Forget all threads, for example in a forked process, which does not inherit them."""
         self.change = threading.Condition()
         self.asked: deque[tuple[Future[Any], Callable[[], Any]]] = deque()
         self.running: set[Future[Any]] = set()

@@ -276,7 +276,7 @@ class LatticeDistortion:
         return max(hypot(x, y) for x, y in self.displacement(points))
 
     def scaled(self, factor: float, shift: tuple[float, float] = (0.0, 0.0)) -> LatticeDistortion:
-        """Return the same distortion for points ``factor * (x, y) + shift``: another unit, another origin."""
+        """Return the same distortion in another unit and origin, for points ``factor * (x, y) + shift``."""
         check_number("factor of the distortion", factor, above=0)
         x, y = (factor * c + s for c, s in zip(self.centre, shift, strict=True))
         terms = tuple(tuple(factor * t for t in line) for line in self.terms)

@@ -46,7 +46,7 @@ class Earlier:
     depths_um
         Planes of its scan, as planned.
     complete
-        Whether the model suffices; otherwise more patterns do not help.
+        Whether the model is complete; otherwise more patterns do not help.
     """
 
     setup: Setup

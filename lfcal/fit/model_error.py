@@ -53,7 +53,7 @@ class ChiSquare:
 
     @property
     def complete(self) -> bool:
-        """Whether the model suffices."""
+        """Whether the model is complete."""
         return self.excess < INCOMPLETE
 
     def to_dict(self) -> dict[str, float]:

@@ -172,7 +172,7 @@ def test_fits_of_several_cameras_or_one_fit_alone_are_refused(tmp_path: Path) ->
         trend([read_dated_fit(one), read_dated_fit(two)])
     with pytest.raises(InputError, match="two or more"):
         trend([read_dated_fit(one)])
-    with pytest.raises(InputError, match="one at a time"):
+    with pytest.raises(InputError, match="fits with different times"):
         trend([read_dated_fit(one), read_dated_fit(one)])
     with pytest.raises(InputError, match="standard deviations of an alarm"):
         trend([read_dated_fit(one), read_dated_fit(one)], sigmas=0.0)

@@ -140,7 +140,7 @@ class _Child:
         return self._process
 
     def end(self) -> None:
-        """End the child."""
+        """End the child process."""
         process, self._process = self._process, None
         if process is None or self._owner != os.getpid():
             return
