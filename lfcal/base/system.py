@@ -158,7 +158,7 @@ _NOT_IN_NAMES = frozenset('<>:"|?*')
 
 
 def name_refused(path: Path) -> str:
-    """Return why Windows cannot have a file of this name, or would write elsewhere; empty on other systems."""
+    """Return why Windows does not allow a file of this name, or would write to a device; empty on other systems."""
     if sys.platform != "win32":
         return ""
     for part in path.parts[1:] if path.anchor else path.parts:

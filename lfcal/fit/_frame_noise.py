@@ -46,7 +46,7 @@ def _sound(noise: tuple[float, float]) -> bool:
 
 
 def _dark_variance(frame: NewFrame) -> float:
-    """Return the variance of neighbouring samples where there is next to no light."""
+    """Return the variance of neighbouring samples in areas with almost no light."""
     values = np.asarray(frame.values, np.float64)
     good = np.isfinite(values) if frame.valid is None else np.isfinite(values) & frame.valid
     steps = (values[:, 1:] - values[:, :-1])[good[:, 1:] & good[:, :-1] & (values[:, 1:] <= np.median(values[good]))]

@@ -299,7 +299,7 @@ def _not_negative(matrix: F8, gradient: F8) -> F8:
 
 
 def _deviation(x: F8, noise: F8) -> float:
-    """Return the standard deviation of a share of ``x`` where there is noise alone: its squares have 2 V²."""
+    """Return the standard deviation of a share of ``x`` for pure noise, whose squares have the variance 2 V²."""
     total = float((x * x / noise).sum())
     return math.sqrt(2.0 * float((x * x).sum())) / total if total > 0 else math.inf
 
@@ -496,7 +496,7 @@ def held_out_folds(part: PlaneResiduals) -> list[Flags]:
 
 
 def _middle(data: PlaneResiduals) -> tuple[slice, slice]:
-    """Return rows and columns of the cutout's middle that hold as much as is tried."""
+    """Return rows and columns in the middle of the cutout that contain the number of entries to try."""
     ny, nx, nt, ns = data.model.shape
     side = max(5, math.isqrt(ENTRIES_TRIED // (ny * nx)))
     rows, columns = (slice(max(0, (n - side) // 2), max(0, (n - side) // 2) + min(n, side)) for n in (nt, ns))
@@ -568,7 +568,7 @@ def _shares(part: PlaneResiduals, kind: ResidualKind, seed: int) -> F4:
 def _ratio(part: PlaneResiduals, field: ResidualField) -> NDArray[np.intp]:
     """Return which of `RATIOS` each entry's variance over noise is nearest to.
 
-    Of what is not recorded the noise is as it would be at this brightness.
+    For entries that were not recorded, the noise is that expected at this brightness.
     """
     recorded = part.precision > 0
     light = np.maximum(part.model, 0) + np.float32(1e-3) * part.model.max()

@@ -152,7 +152,7 @@ def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tu
 
 
 def _beside(at: LocatedPattern, offset: F8, place: tuple[float, float]) -> tuple[float, float]:
-    """Return how far a source is from where its frame says it was (dy, dx)."""
+    """Return the distance (dy, dx) of a source from the place that its frame states."""
     return float(at.row + offset[0] - place[0]), float(at.column + offset[1] - place[1])
 
 

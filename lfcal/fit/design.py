@@ -350,7 +350,7 @@ def _point(
     count: int,
     rates: dict[str, Any],
 ) -> CurvePoint:
-    """Return what the first ``count`` positions are expected to come to, and as many spread evenly."""
+    """Return the expected result of the first ``count`` positions, and of the same number spread evenly."""
     apart = min(_aside(count), len(aside))
     own = rows[: count - apart]
     spread = spread_out(information.index, count, plan.period)

@@ -367,7 +367,7 @@ TURN_RAD, GROWTH, ASIDE_UM = 5e-4, 2e-3, 1.0
 
 
 def _changes(seen: Sequence[_Laid], place: F8, setup: Setup) -> dict[str, float]:
-    """Return turn, growth and displacement at a ``place`` (x, y) of the array that lies so where it was seen."""
+    """Return rotation, scale and displacement of the array at a ``place`` (x, y), from its fitted lattice there."""
     rows, wanted = [[0.0, 0.0, 0.0, 1 / GROWTH]], [0.0]
     for one in seen:
         x, y = one.place / ASIDE_UM

@@ -104,7 +104,7 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
 
 
 def _header(fit: Fit, provenance: Mapping[str, Any] | None) -> Header:
-    """Return what an H file of the fitted camera says besides values; ``provenance`` is kept with the fit's own."""
+    """Return the description of an H file of the fitted camera; ``provenance`` is added to that of the fit."""
     return replace(fit.header, camera=measured_camera(fit), provenance={**fit.provenance, **(provenance or {})})
 
 

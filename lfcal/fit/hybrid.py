@@ -270,7 +270,7 @@ def _iter_remove_nuisance(fit: Fitted, data: PlaneResiduals, z: int, workers: in
 
 
 def _significant_nuisance(fit: Fitted, data: PlaneResiduals, places: NDArray[np.intp]) -> tuple[bool, bool]:
-    """Return whether lamp and stage change patterns by more than what the model lacks may look like them."""
+    """Return whether lamp and stage change patterns by more than errors of the model that look the same."""
     some = data.model[tuple(places[:: max(1, len(places) // PATTERNS_SAMPLED)].T)].astype(np.float64)
     slope = math.sqrt(sum(float(np.square(np.gradient(some, axis=axis)).sum()) for axis in (1, 2)) / 2)
     per_px = slope / max(math.sqrt(float(np.square(some).sum())), 1e-300)

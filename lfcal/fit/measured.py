@@ -173,7 +173,7 @@ def measured_of(
     noise
         Constant and slope of a sample's variance; None: as stated in H.
     cutout
-        Pixels about the middle to use, odd; None: all.
+        Pixels around the middle to use, odd; None: all.
     most
         Largest number of patterns, spread evenly.
     held_out

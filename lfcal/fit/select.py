@@ -146,7 +146,7 @@ def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[st
 def _cost_of_leaving(
     problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], name: str
 ) -> tuple[float, float]:
-    """Return by how much left-out squares grow where a group's unknowns go back to their start, and what is enough."""
+    """Return the increase of the held-out squares if a group's unknowns return to their start, and what is enough."""
     k = problem.vector.of_groups([name])
     back = np.tensordot(-point.u[k], columns.shared[k], axes=1)
     selection = GroupSelection(problem, point, columns)

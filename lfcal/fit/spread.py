@@ -93,7 +93,7 @@ class _Plane:
 
 
 def _folded(between: NDArray[np.intp], cell: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the squares of the shortest of the ways ``(..., 2)`` that are alike but for whole vectors of a cell."""
+    """Return the squared lengths of the shortest of the vectors ``(..., 2)`` that are equal modulo a cell."""
     steps = between @ np.linalg.inv(cell)
     steps -= np.rint(steps)
     near = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])

@@ -238,7 +238,7 @@ validate = drained(iter_validate)
 
 
 class _Image:
-    """A predicted frame as it is: nothing in it can be followed."""
+    """A predicted frame, in which no displacement of a source can be fitted."""
 
     def __init__(self, light: F8, margin: tuple[int, int]) -> None:
         self._light = light
@@ -288,7 +288,7 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
 
 
 def _models(fit: StoredFit, withheld: Measured, z: int, *, periodic: bool) -> tuple[PlaneModel, PlaneModel | None]:
-    """Return the fitted camera at the places of a plane's points, and where it was fitted."""
+    """Return the predictions of the fitted camera at the places of a plane's points, and where it was fitted."""
     depth = withheld.plan.depths_um[z]
     order = np.argsort(fit.depths_um)
     planes, errors = np.array(fit.depths_um)[order], np.array(fit.setup.depth_errors_um)[order]

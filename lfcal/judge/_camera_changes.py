@@ -182,7 +182,7 @@ def _sorted_suspects(found: Sequence[Suspect]) -> tuple[Suspect, ...]:
 
 
 def _is_significant(gained: float, unknowns: int) -> bool:
-    """Return whether a change of so many unknowns gains more than noise does."""
+    """Return whether a change of this number of unknowns gains more than noise would."""
     return gained > unknowns + SHOWS * math.sqrt(2.0 * unknowns) + SHOWS
 
 
@@ -196,7 +196,7 @@ def _best_step(x: F8, residual: F8) -> tuple[F8, F8]:
 
 
 def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: FrameResiduals) -> Suspect:
-    """Return what the columns ``own`` explain; ``x`` are these, and ``residual``, in sigmas without nuisances."""
+    """Return the part that the columns ``own`` explain; ``x`` and ``residual`` are in sigmas without nuisances."""
     good = left.weight.ravel() > 0
     power = float(np.square(left.light.ravel()[good]).sum())
     step, inverse = _best_step(x, residual)
@@ -352,7 +352,7 @@ def refined(
 
 
 def _refined_one(suspect: Suspect, frames: _Frames) -> Suspect:
-    """Return a suspect after further steps; as it is where there is no camera, or none is better."""
+    """Return a suspect after further steps; unchanged if there is no such camera, or none is better."""
     changes = frames.changes
     own = [k for k, name in enumerate(changes.names) if name == suspect.name]
     which = [changes.which[k] for k in own]
@@ -393,7 +393,7 @@ def _stepped(frames: _Frames, state: _State, which: Sequence[int], step: F8) -> 
 
 
 def _displaced(left: FrameResiduals, change: F8) -> F8:
-    """Return by how much each source lies elsewhere ``(n, 2)`` once the light has changed."""
+    """Return the displacement of each source ``(n, 2)`` that follows from the changed light."""
     found = np.empty((len(change), 2))
     for k in range(len(change)):
         made, *_ = np.linalg.lstsq(
@@ -413,7 +413,7 @@ def _step(state: _State, columns: F8) -> tuple[F8, F8, F8]:
 def _told(
     suspect: Suspect, frames: _Frames, begun: _State, best: _State, which: Sequence[int], own: Sequence[int]
 ) -> Suspect:
-    """Return what a suspect explains where it was followed to."""
+    """Return the explanation by a suspect after its last step."""
     changes, left = frames.changes, best.left
     _, inverse, x = _step(best, frames.columns(best, which))
     good = left.weight.ravel() > 0

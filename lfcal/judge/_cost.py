@@ -127,10 +127,10 @@ def _beyond(error: float, clean: float) -> float:
 
 
 def _consistent(costs: Sequence[float | None], faults: Sequence[FoundFault], all_of_it: float) -> list[float | None]:
-    """Return costs whose squares add to no more than that of ``all_of_it``, the cost of H as it is.
+    """Return costs whose squares add up to at most that of ``all_of_it``, the cost of the H itself.
 
-    What is missing from that goes to faults of which patterns are a sample: single frames, of which some were
-    compared, and what scatters. What larger cutouts show is not in H as it is.
+    The remainder is assigned to faults that the patterns only sample: single frames, of which some were compared, and
+    scatter. Light that only larger cutouts show is not part of the H.
     """
     here = [k for k, one in enumerate(faults) if one.wider == 1 and costs[k] is not None]
     sampled = [k for k in here if faults[k].extent is not None or faults[k].scatters]
@@ -156,7 +156,7 @@ def _own_trial(evidence: Evidence, finding: FoundFault, many: int | None) -> _Tr
 
 
 def _wider(evidence: Evidence, finding: FoundFault, many: int | None) -> float | None:
-    """Return what a fault costs that only larger cutouts show; None where the sensor has no room for them."""
+    """Return the cost of a fault that only larger cutouts show; None if they do not fit on the sensor."""
     try:
         own = _own_trial(evidence, finding, many)
     except (InputError, EnergyError):
@@ -166,7 +166,7 @@ def _wider(evidence: Evidence, finding: FoundFault, many: int | None) -> float |
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """A patch, and what a scene is reconstructed to with its patterns."""
+    """A patch, and the reconstruction of a scene with its patterns."""
 
     patch: Patch
     shape: tuple[int, int, int]
@@ -272,7 +272,7 @@ def _samples(evidence: Evidence, wider: float) -> int:
 
 
 def _block(period: tuple[int, int], many: int) -> tuple[int, int]:
-    """Return rows and columns of a block of at most so many positions, as square as the period allows."""
+    """Return rows and columns of a block with at most this number of positions, as square as the period allows."""
     ny, nx = period
     if many >= ny * nx:
         return period

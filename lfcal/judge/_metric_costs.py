@@ -135,7 +135,7 @@ def with_costs(
 
 
 def _unnamed(costs: Costs, faults: Sequence[float | None]) -> float | None:
-    """Return what H costs beyond its noise and the faults that have a name; None where that is not known."""
+    """Return the cost of H beyond its noise and its named faults; None if this is unknown."""
     if costs.clean is None or costs.as_it_is is None or not costs.whole or None in faults:
         return None
     named = sum(cost**2 for cost in faults if cost is not None)

@@ -208,7 +208,7 @@ def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
 
 
 def _of_other_planes(known: Behind, z: int) -> list[float]:
-    """Return by what share the depths of the next planes, and of the one counted from the other end, lie elsewhere."""
+    """Return the depths of the next planes, and of the one counted from the other end, as relative changes."""
     depths = known.plan.depths_um
     own = known.plan.camera.virtual_depth(float(depths[z]))
     others = sorted({z - 2, z - 1, z + 1, z + 2, len(depths) - 1 - z} & set(range(len(depths))) - {z})

@@ -73,7 +73,7 @@ class SensorMap:
 
 
 def _told(residual: F8, weight: F8, by_light: F8, light: F8, mixed: F8) -> Lines:
-    """Solve for offset and gain together: where there is little light, either looks like the other."""
+    """Solve for offset and gain together, which are hard to distinguish where there is little light."""
     inside = weight * light - mixed**2
     good = inside > 1e-9 * weight * light
     one = np.where(good, inside, 1.0)

@@ -139,7 +139,7 @@ class Check:
         return f"as the frames show it: error {self.figures}" if self.holds else ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain types, with the judgement."""
+        """Return all values as plain JSON types, with the judgement."""
         found: dict[str, Any] = plain(
             {
                 "format": "lfcal-check",
@@ -283,7 +283,7 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
 
 
 def _placed(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
-    """Return where a frame's source is: at its place, or where it fits much better."""
+    """Return the position of a frame's source: the stated one, or another that fits much better."""
     if frame.place is None:
         return find_source(matrix, frame)
     free = replace(frame, place=None, plane=None)
@@ -394,7 +394,7 @@ def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, st
 
 
 def _stated(matrix: PSFMatrix, planes: Sequence[int]) -> float:
-    """Return the largest error that H states of these planes, 0 where it states none."""
+    """Return the largest error that H states for these planes, 0 if it states none."""
     known = matrix.facts.error
     found = [] if known is None else [float(known[z]) for z in planes if math.isfinite(known[z])]
     fit = matrix.provenance.get("fit")

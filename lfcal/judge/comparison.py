@@ -135,19 +135,19 @@ class Comparison:
 
     @property
     def max_shift_px(self) -> float:
-        """Largest centroid shift (pixels); NaN where nothing was compared."""
+        """Largest centroid shift (pixels); NaN if nothing was compared."""
         shifts = self._shifts()
         return float(shifts.max()) if shifts.size else math.nan
 
     @property
     def rms_shift_px(self) -> float:
-        """Root mean square of the centroid shifts (pixels); NaN where nothing was compared."""
+        """Root mean square of the centroid shifts (pixels); NaN if nothing was compared."""
         shifts = self._shifts()
         return float(np.sqrt(np.mean(shifts**2))) if shifts.size else math.nan
 
     @property
     def rms_error(self) -> float:
-        """Root mean square of ``error``; NaN where nothing was compared."""
+        """Root mean square of ``error``; NaN if nothing was compared."""
         known = self.error[np.isfinite(self.error)].astype(np.float64)
         return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
@@ -398,7 +398,7 @@ def _together(sums: F8, planes: list[Figures]) -> Figures:
 
 
 def _more_like(both: Pair) -> list[int | None]:
-    """Return for each pair of planes which other plane of b shows more of what a shows, or None."""
+    """Return, for each pair of planes, another plane of b that matches the plane of a better, or None."""
     n, planes = len(both.planes), len(both.b)
     if planes < 2 or planes > MOST_PLANES:
         return [None] * n

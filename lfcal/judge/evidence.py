@@ -229,7 +229,7 @@ class Evidence:
 
     @property
     def _aside(self) -> Flags:
-        """Patterns ``(n,)`` whose cutouts lie elsewhere than those of their plane, where they are some of all."""
+        """Patterns ``(n,)`` whose cutouts are displaced from those of their plane, if they are a small share."""
         found = np.zeros(len(self), np.bool_)
         for name in ("window_y", "window_x"):
             values, sigmas = self.column(name)
@@ -475,7 +475,7 @@ def iter_evidence(
 
 
 def _camera_behind(matrix: PSFMatrix, recorded: NDArray[np.intp], setup: Setup | None) -> Behind | None:
-    """Return the camera behind H, or None where no engine computes it; raises for a description that fits no H."""
+    """Return the camera of H, or None if no engine can compute it; raises if the description does not fit H."""
     first = recorded[spread_out(recorded, LEAST_FEW, matrix.period)]
     plan = plan_of(matrix)  # raises an error if the description is wrong
     assert plan is not None

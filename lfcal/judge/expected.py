@@ -192,7 +192,7 @@ class ExpectedPattern:
         return sorted(found)
 
     def _left_out(self, axis: int) -> float:
-        """Return how far the position itself is from what its neighbours along an axis say of it, as a share.
+        """Return the difference between a position and the prediction by its neighbours along an axis, as a share.
 
         Spots are as sharp as pixels: the step of a position is too long for any interpolation, and this is how much.
         """

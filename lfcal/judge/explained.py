@@ -200,7 +200,7 @@ class Disagreement:
 
 @dataclass(frozen=True, eq=False)
 class _Few:
-    """A few patterns of H, and what the camera as described leaves of them unexplained."""
+    """A few patterns of H, and the residual that the described camera leaves in them."""
 
     matrix: PSFMatrix
     known: Behind
@@ -309,12 +309,12 @@ def _orientation(few: _Few) -> Work[Explanation | None]:
 
 
 def _far(best: OrientationMatch) -> float:
-    """Return what is not alike (1 - correlation²) up to which an orientation may be the best one."""
+    """Return the dissimilarity (1 - correlation²) up to which an orientation may be the best one."""
     return 4 * (1 - best.alike**2) + 0.02
 
 
 def _upright(few: _Few, match: OrientationMatch) -> tuple[F4, NDArray[np.bool_]]:
-    """Return the patterns of a match upright; of oblong cutouts that lie on their side the middle."""
+    """Return the upright patterns of a match; of oblong cutouts turned by 90°, only the middle."""
     turn = ORIENTATIONS[match.name]
     data, valid = patterns_of(few.matrix, match.found)
     if not turn.transposed or data.shape[1] == data.shape[2]:
@@ -411,7 +411,7 @@ def _every_other(few: _Few, values: NDArray, axis: int, shift: int, of_sensor: b
 
 
 def _part(few: _Few) -> Work[Explanation | None]:
-    """Return where on the sensor the cutouts lie, if that is elsewhere: frames may be a part of it."""
+    """Return the actual place of the cutouts on the sensor if it differs, as when frames show a part of it."""
     yield Clock(_STAGE, 0).at(0)
     model = _models(few, few.known)
     if model is None:
@@ -452,7 +452,7 @@ def _elsewhere(data: F4, model: F4) -> tuple[int, int]:
 
 
 def _moved_back(patterns: NDArray, by: tuple[int, int]) -> NDArray:  # type: ignore[type-arg]
-    """Return patterns ``(n, nt, ns)`` as cutouts at their planned places would show them; 0 beyond what was seen."""
+    """Return patterns ``(n, nt, ns)`` as cutouts at their planned places would show them, padded with zeros."""
     out = np.zeros_like(patterns)
     sizes = tuple(zip(by, patterns.shape[1:], strict=True))
     to = [slice(max(0, k), n + min(0, k)) for k, n in sizes]
@@ -537,7 +537,7 @@ def _blades(few: _Few, iris: Iris | None) -> Work[Explanation | None]:
 
 
 def _nearest(few: _Few, factors: Sequence[float], scaled: Callable[[float], Camera]) -> Work[tuple[float, float]]:
-    """Return the factor that explains most, refined, and what it leaves unexplained."""
+    """Return the factor that explains most, refined, and the remaining residual."""
     best = yield from _best(few, factors, scaled)
     if best is None:
         return 1.0, math.inf
@@ -550,7 +550,7 @@ def _nearest(few: _Few, factors: Sequence[float], scaled: Callable[[float], Came
 
 
 def _best(few: _Few, tried: Sequence[T], camera: Callable[[T], Camera]) -> Work[T | None]:
-    """Return the one of those tried whose patterns are most like H's; None where none is computed."""
+    """Return the tried variant whose patterns resemble H's most; None if none can be computed."""
     best: T | None = None
     top = -math.inf
     for done, one in enumerate(tried):
@@ -577,7 +577,7 @@ def _with(known: Behind, camera: Camera) -> Behind:
 
 
 def _models(few: _Few, known: Behind) -> F4 | None:
-    """Return the patterns of the last plane's positions by a camera; None where none is computed."""
+    """Return the patterns of the last plane's positions by a camera; None if they cannot be computed."""
     own = few.last
     try:
         plane = plane_of(known, int(few.index[own, 0][0]), 0.0)
@@ -588,7 +588,7 @@ def _models(few: _Few, known: Behind) -> F4 | None:
 
 # -- a blocked pupil ---------------------------------------------------------------------------------------
 def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
-    """Return which share of the pupil is dark in all patterns of a plane, and what is left with it so."""
+    """Return the share of the pupil that is dark in all patterns of a plane, and the residual with this share dark."""
     del few
     yield Clock(_STAGE, 0).at(0)
     if evidence is None:

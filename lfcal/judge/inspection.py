@@ -170,7 +170,7 @@ class Inspection:
 
     @property
     def _shown(self) -> str:
-        """What was found in patterns besides what is named: nothing, or faults that are there and do not matter."""
+        """Findings in the patterns besides the named ones, in words: none, or faults that do not matter."""
         source = f"{self.compared} patterns compared with the camera show" if self.compared else "its patterns show"
         found = [one for one in self.faults if not (is_bad(one) or is_fair(one) or is_of_single_frames(one))]
         if not found:
@@ -308,7 +308,7 @@ def iter_inspection(
 
 
 def _iter_stages(matrix: PSFMatrix, kept: list[Inspection], setup: Setup | None, patterns: int) -> Work[None]:
-    """Add what is known to ``kept``, stage by stage; the last one is the whole."""
+    """Add results to ``kept``, stage by stage; the last one is complete."""
     quality, fitted = kept[0].quality, setup is not None
     odd = suspects(quality)
     evidence = yield from iter_evidence(
@@ -368,7 +368,7 @@ def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitt
 def _iter_unexplained(
     quality: QualityReport, evidence: Evidence, found: Sequence[FoundFault], disagreement: Disagreement
 ) -> Work[Inspection]:
-    """Return what is said where the camera leaves too much unexplained, or something else explains more."""
+    """Return the result if the camera leaves too much unexplained, or another explanation is better."""
     # residuals of an unsuitable model look like any fault, so its findings must not be removed from H
     sure = () if disagreement.certain else tuple(one for one in found if not one.fault.needs_camera)
     costs = yield from iter_costs(evidence, sure)
@@ -394,5 +394,5 @@ def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[FoundFau
 
 
 def _doubtful(cleaned: Evidence, found: Sequence[FoundFault]) -> bool:
-    """Return whether other depths may not be what is wrong: a wrong gap moves all planes, and blurs them besides."""
+    """Return whether other depths may not be the cause, because a wrong gap moves all planes and blurs them."""
     return cleaned.misfit > LEFT and any(one.name in DEPTHS for one in found)

@@ -249,7 +249,7 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def _candidates(place: Path, entries: Iterable[os.DirEntry[str]]) -> Iterator[Path]:
-    """Yield what may be a result among the entries of a folder, and the folder itself where it may be one."""
+    """Yield the entries of a folder that may be results, and the folder itself if it may be one."""
     names = {one.name for one in entries}
     if names & _OF_FOLDERS.keys():
         yield place
@@ -423,7 +423,7 @@ def _hdf5(path: Path, bare: StoredResult) -> StoredResult | None:
 
 
 def _made(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return how H was made, as far as its provenance says so in the expected form."""
+    """Return how H was made, if its provenance states it in the expected form."""
     said = {name: one for name, one in provenance.items() if isinstance(one, str | Mapping)}
     task, frames, devices = (said.get(name) for name in ("task", "frames", "devices"))
     facts = []

@@ -60,7 +60,7 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Eviden
 
 
 def _looks() -> list[tuple[Fault, bool]]:
-    """Return every fault in the order of the search; those that are looked for as strong ones come a second time."""
+    """Return every fault in the order of the search; strong faults that are searched for first appear twice."""
     both = [(fault.rank, fault.name, fault, False) for fault in FAULTS]
     both += [(fault.strong_rank, fault.name, fault, True) for fault in FAULTS if fault.strong_rank is not None]
     return [(fault, strong) for _, _, fault, strong in sorted(both, key=lambda one: one[:2])]

@@ -388,7 +388,7 @@ def _ranked(courses: list[Course]) -> tuple[Course, ...]:
 
 # -- both --------------------------------------------------------------------------------------------------
 def _followed(course: Course, sessions: Sequence[DatedFit | DatedInspection], sigmas: float) -> Course:
-    """Return a course with its slope, its change, and what is remarkable about them."""
+    """Return a course with its slope, its change, and its jumps."""
     used = [
         (one.label, one.when, point)
         for one, point in zip(sessions, course.points, strict=True)

@@ -95,7 +95,7 @@ class _Check:
 
 
 def _own_faults(value: Any, schema: Schema, names: dict[str, int]) -> Iterator[str]:
-    """Yield what is wrong with ``value`` itself, not with its parts."""
+    """Yield the deviations of ``value`` itself, without those of its parts."""
     if "type" in schema and not (isinstance(value, _TYPES[schema["type"]]) and not isinstance(value, bool)):
         yield f"expected {schema['type']}, got {_shown(value)}"
         return
@@ -129,7 +129,7 @@ def _words(schema: Schema) -> str:
 
 
 def _sizes_fault(what: str, sizes: list[int], wanted: list[str | int], names: dict[str, int]) -> str:
-    """Return what is wrong with ``sizes``, empty where nothing is; names without a number take theirs from here."""
+    """Return the deviation of ``sizes`` in words, empty if there is none; names without a size get theirs from here."""
     told = f"({', '.join(map(str, wanted))})"
     if len(sizes) != len(wanted):
         return f"expected {what} {told}, got {tuple(sizes)}"

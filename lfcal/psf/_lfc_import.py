@@ -54,7 +54,7 @@ def open_lfc(path: Path) -> PSFMatrix:
 
 
 def _nothing(file: H5File) -> FileFormatError:
-    """Return the error for a file without PSFs; it says what is there."""
+    """Return the error for a file without PSFs, which states what the file contains."""
     parts = [name for name in ("optics", "geometry", "radiometry", "rayspread") if name in file]
     held = " and ".join(parts) or ", ".join(file.names()[:8]) or "nothing"
     if "rayspread" in file and "rayspread_db" in file.names("rayspread"):
@@ -136,7 +136,7 @@ def _wrong(where: str, wanted: str, got: object) -> FileFormatError:
 
 
 class _SplatPlanes:
-    """Planes made of splats ``(x, y, z)`` of the voxels of a lenslet, as they are asked for."""
+    """Planes made from splats ``(x, y, z)`` of the voxels of a lenslet when they are read."""
 
     def __init__(self, splats: dict[tuple[int, ...], Splat], period: tuple[int, int], share: int) -> None:
         ny, nx = period

@@ -149,7 +149,7 @@ def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
         raise UnsafeFileError.expected(
             where, "numbers and arrays", f"a pickle that asks for {error}", "get the file from its source again"
         ) from error
-    except Exception as error:  # a damaged pickle raises whatever the step does that it broke
+    except Exception as error:  # a damaged pickle may raise any error
         raise FileFormatError.expected(
             where, "an intact pickle", type(error).__name__, "get the file from its source again"
         ) from error

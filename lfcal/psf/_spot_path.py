@@ -115,7 +115,7 @@ def iter_spot_path(source: FrameSource, shape: tuple[int, int, int], cutout: tup
 
 
 def _averaged(frame: NDArray[Any], block: int) -> NDArray[np.float32]:
-    """Return the means of ``block`` by ``block`` pixels; what is left over at the end is left out."""
+    """Return the means of ``block`` by ``block`` pixels; an incomplete block at the end is left out."""
     values = np.nan_to_num(np.asarray(frame, np.float32), copy=False, posinf=0.0, neginf=0.0)
     if block == 1:
         return values
@@ -126,7 +126,7 @@ def _averaged(frame: NDArray[Any], block: int) -> NDArray[np.float32]:
 
 
 def _place(frame: NDArray[np.float32], side: int) -> tuple[float, float] | None:
-    """Return row and column of the pattern's centroid in a window of ``side`` pixels; None where no light is."""
+    """Return row and column of the pattern's centroid in a window of ``side`` pixels; None without light."""
     from scipy import ndimage
 
     smooth = ndimage.gaussian_filter(frame, 1.0, mode="nearest")

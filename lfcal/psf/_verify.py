@@ -187,7 +187,7 @@ verify = drained(
 
 
 class _Stored(NamedTuple):
-    """What a file from version 2 on says of its planes: checksums, sums over all positions, how values are stored."""
+    """What files since version 2 state about planes: checksums, sums over all positions, stored form of values."""
 
     checksum: NDArray[np.uint32]
     depth_sum: NDArray[np.float64]
@@ -214,7 +214,7 @@ class _Stored(NamedTuple):
 
 
 def _look(data: H5Data, z: int, stored: _Stored | None, region: str, workers: int | None) -> Iterator[DamagedPlane]:
-    """Yield what is wrong with plane ``z``."""
+    """Yield the damage of plane ``z``."""
     try:
         plane = parallel_read(data, z, workers=workers)
     except (FileFormatError, StorageError):  # a bad sector is damage too

@@ -144,7 +144,7 @@ def codes_for(matrix: PSFMatrix) -> tuple[Code, ...]:
 
 # -- files -------------------------------------------------------------------------------------------------
 def _written(matrix: PSFMatrix) -> PSFMatrix:
-    """Return H with a lens where the codes expect it, as far as H says where its lenses are."""
+    """Return H with a lens where the codes expect it, if H states where its lenses are."""
     lens = lens_centre_of(matrix)
     return matrix if lens is None else lens_centred(matrix, lens)
 

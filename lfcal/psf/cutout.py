@@ -343,7 +343,7 @@ class Gatherer:
         return Noise(noise.constant * square, noise.slope * square / weight)
 
     def _moved(self, valid: NDArray[np.bool_], window: Window) -> NDArray[np.bool_]:
-        """Return the mask as the values are moved: a sample is valid where no invalid one enters it."""
+        """Return the mask moved like the values: a sample is valid if no invalid one contributes to it."""
         entered = self.cutout.resample((~valid).astype(np.float32), window)
         clean: NDArray[np.bool_] = np.abs(entered) < 0.05
         return clean
@@ -359,7 +359,7 @@ class Gatherer:
 
 @lru_cache(maxsize=512)
 def _weights_of(cutout: Cutout, row: float, column: float) -> tuple[float, float]:
-    """Return sum and sum of squares of the weights with which a small ``cutout`` blends a sample, moved by so much."""
+    """Return the sum and the sum of squares of the weights with which a small ``cutout`` is moved by this shift."""
     window = Window(0, 0, row, column)
     rows, columns = cutout.region(window)
     point = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.float32)
@@ -393,7 +393,7 @@ def _padded(found: Samples, region: Region, inside: Region) -> tuple[NDArray[np.
 
 
 def _mean(cuts: list[Samples]) -> Pattern:
-    """Return the mean of repeated cutouts, each weighted by the inverse of its variance where that is known.
+    """Return the mean of repeated cutouts, each weighted by the inverse of its variance if that is known.
 
     With weights w_i the variance of the mean is sum w_i^2 var_i / (sum w_i)^2. Where the noise is not stated it is
     estimated from the repeats, alike for all samples of the pattern.
@@ -424,7 +424,7 @@ def _mean(cuts: list[Samples]) -> Pattern:
 
 
 def _weights(cuts: list[Samples]) -> NDArray[np.float64]:
-    """Return the inverse variance of a typical sample of each cutout, or 1 for all where it is not known of all."""
+    """Return the inverse variance of a typical sample of each cutout, or 1 for all if it is not known for all."""
     variances = []
     for cut in cuts:
         if cut.noise is None:
@@ -454,7 +454,7 @@ def by_position(
     Raises
     ------
     InputError
-        If a frame lies outside the plan.
+        If a frame is outside the plan.
     """
     flat = np.empty(len(infos), np.int64)
     for index, info in enumerate(infos):

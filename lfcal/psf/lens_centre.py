@@ -73,7 +73,7 @@ class LensCentre:
         return max(map(abs, self.rest)) <= TOLERANCE_PX
 
     def _off(self) -> tuple[float, float]:
-        """Return how far the centre is from where it is expected, by the shorter way round the period."""
+        """Return the distance of the centre from its expected place, by the shorter way around the period."""
         rows, columns = (
             (at - wanted + n / 2) % n - n / 2
             for at, wanted, n in zip(self.position, self.expected, self.period, strict=True)
@@ -117,7 +117,7 @@ def sampling(matrix: PSFMatrix) -> tuple[bool, Pair]:
 
 
 def _pair(value: Any) -> Pair | None:
-    """Return two finite numbers out of a file's provenance, None where it holds anything else."""
+    """Return two finite numbers from a file's provenance, None if it contains anything else."""
     numbers = value if isinstance(value, list | tuple) and len(value) == 2 else ()
     if not numbers or not all(isinstance(v, int | float) and math.isfinite(v) for v in numbers):
         return None

@@ -277,7 +277,7 @@ def _iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, 
 
 
 def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManager[None]:
-    """Let threads of this process use what it has open already, where others have to open it."""
+    """Let threads of this process use objects that are already open; other processes have to open them."""
     first = units[0].arguments if units else {"held": False}
     return _HELD.using(_key(first), source) if first["held"] else nullcontext()
 
@@ -338,7 +338,7 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
 @contextmanager
 def _opened(arguments: Mapping[str, Any], workers: int) -> Iterator[PlaneSource]:
-    """Give what makes the plane of a unit: what this process has open, or what the unit says how to open."""
+    """Yield the source of a unit's plane: the one open in this process, or one opened as the unit states."""
 
     def opened() -> PlaneSource:
         module, _, name = arguments["opener"].partition(":")

@@ -86,7 +86,7 @@ def _check_version(path: Path) -> None:
 
 
 class _Reader:
-    """One file: whose it is, and what that means for its H."""
+    """One MATLAB file: the program that wrote it, and what this means for its H."""
 
     def __init__(self, file: H5File, stated: str = "") -> None:
         self._file = file
@@ -103,7 +103,7 @@ class _Reader:
         self._notes: list[str] = [self._order_note(taken, stated, known)]
 
     def _order_note(self, taken: str, stated: str, known: list[str]) -> str:
-        """Return which order the axes were read in, and why; where it was inferred, how to state the other one."""
+        """Return the order in which the axes were read and the reason; if inferred, also how to state the other."""
         read = f"read as {_WORDS[taken][1]}"
         if self._order or stated:
             return f"{read}, as {'its axisOrder states' if self._order else 'stated'}"
@@ -161,7 +161,7 @@ class _Reader:
         return PlacedPlanes(base, (nt, ns), windows, swapped=self._swapped)
 
     def _cutout(self, shape: tuple[int, ...]) -> tuple[int, int] | None:
-        """Return the cutout before it was padded to the file's square of ``shape``, None where none is stated."""
+        """Return the cutout before it was padded to the file's square of ``shape``, None if it is not stated."""
         stated = self._pair("cutout")
         if stated is None:
             return None
@@ -195,7 +195,7 @@ class _Reader:
             )
         return whole
 
-    # -- what else the file says -----------------------------------------------------------------------
+    # -- other variables of the file -------------------------------------------------------------------
     def _depths(self, nz: int) -> NDArray[np.float64] | None:
         """Return the depths (µm); None if the file has none, or another number than planes."""
         if "x3objspace" not in self._file:

@@ -141,7 +141,7 @@ class PSFMatrix:
         values = [one for one in (self._planes, self._uncertainty) if one is not None]
         return reduced(type(self), self.__dict__, values, self._opened, self._is_transposed)
 
-    # -- what it is ------------------------------------------------------------------------------------
+    # -- description -----------------------------------------------------------------------------------
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
         """Shape ``(nz, ny, nx, nt, ns)``."""
@@ -290,7 +290,7 @@ class PSFMatrix:
         return str(stored.path) if isinstance(stored, DatasetPlanes | FilePlanes) else ""
 
     def _stored(self) -> Planes:
-        """Return the planes as they are stored, before scales, transposes and another code's order."""
+        """Return the planes as they are stored, before scales, transposes and the order of another code are applied."""
         return as_stored(self._planes)
 
     @property
@@ -419,7 +419,7 @@ class PSFMatrix:
 
 
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a view that cannot be written through: kept planes and users' arrays stay as they are."""
+    """Return a read-only view, which protects kept planes and the user's arrays."""
     view = values.view()
     view.flags.writeable = False
     return view

@@ -357,7 +357,7 @@ def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float3
 
 
 def _check_conventions(file: H5File, attributes: Attributes) -> None:
-    """Raise where the file says that it counts otherwise than lfcal does."""
+    """Raise an error if the file states conventions that differ from those of lfcal."""
     for key, wanted in (("matrix", ("H", "HT")), ("axes", (",".join(AXES),)), ("centre", (CENTRE_RULE,))):
         found = attributes.text(key, wanted[0])
         if found not in wanted:
@@ -400,7 +400,7 @@ def facts_in(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapp
 
 
 def _uncertainty(file: H5File, prefix: str, data: H5Data) -> Planes | None:
-    """Return the stated standard deviations of every entry, read when asked for; None where there are none."""
+    """Return the stated standard deviations of every entry, read when needed; None if there are none."""
     name = f"{prefix}uncertainty"
     if name not in file:
         return None
@@ -418,7 +418,7 @@ def _uncertainty(file: H5File, prefix: str, data: H5Data) -> Planes | None:
 
 
 def _check_planes(file: H5File, group: str) -> None:
-    """Raise `FileFormatError` unless every plane is what its checksum says."""
+    """Raise `FileFormatError` unless every plane has its stated checksum."""
     prefix = f"{group}/" if group else ""
     if f"{prefix}checksum" not in file:
         raise FileFormatError.expected(str(file.path), "checksums", "version 1 without them", "save it again")

@@ -206,7 +206,7 @@ def _fits(path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int])
 def _residual(seen: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
     """Return the rms distance of a path from the expected one, with offset and step free, of the frames that agree.
 
-    The same for all where there are too few frames to say anything.
+    The same for all if there are too few frames to decide.
     """
     if len(seen) < FEW:
         return FLOOR_PX
@@ -229,7 +229,7 @@ def _by_place(
     frame: tuple[int, int],
     sensor: tuple[int, int],
 ) -> tuple[str, str]:
-    """Return the one of the orientations that move alike whose path lies where the plan has it, or why none does."""
+    """Return the orientation, of those with the same motion, whose path is where planned; or why there is none."""
     # frames whose shape fits the sensor are never turned by 90 degrees
     shaped = [one for one in alike if ORIENTATIONS[one].shape(frame) == sensor] or alike
     away = sorted((math.hypot(*fits[name].offset_px), name) for name in shaped)

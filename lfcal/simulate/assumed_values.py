@@ -137,7 +137,7 @@ def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
 
 @dataclass(frozen=True, eq=False)
 class _Outcome:
-    """What a plan leads to: recording time (s), side of the cutout (px), and patterns by rays."""
+    """Consequences of a plan: recording time (s), side of the cutout (px), and patterns by rays."""
 
     seconds: float
     cutout: float
@@ -167,7 +167,7 @@ class _Outcome:
 
 
 def _variants(camera: Camera, path: str) -> Iterator[Camera]:
-    """Yield the camera with the value at a path as far off as it plausibly may be; nothing where it changes nothing."""
+    """Yield cameras with the value at a path changed by its uncertainty; none if it has no effect."""
     value = value_at(camera, path)
     given: tuple[Any, ...] = ()
     if path == "lattice.types":

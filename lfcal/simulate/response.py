@@ -166,7 +166,7 @@ class PlaneResponse:
         places: tuple[NDArray[np.intp], NDArray[np.intp]],
         workers: int | None,
     ) -> PlaneEngine:
-        """Add rows ``part``; return the engine that computed them, finer than ``engine`` where that was too coarse."""
+        """Add rows ``part``; return the engine that computed them, which is finer if ``engine`` was too coarse."""
         # if one engine run fills consecutive rows, it may write into the result without a copy
         in_order = bool((np.diff(part) == 1).all())
         if self.runs == 1 and self.kernel is None and in_order and out.flags.c_contiguous:

@@ -46,7 +46,7 @@ class _Stored:
 
 
 class _Simulated:
-    """Responses computed when asked for; one plane's tables are kept."""
+    """Responses computed when needed; the tables of one plane are kept."""
 
     def __init__(
         self, plan: ScanPlan, effects: EffectsLike, level: str, tolerance: float | None, sampling: Sampling | None

@@ -51,7 +51,7 @@ def parts_of(
     Parameters
     ----------
     channel
-        Name of a colour, ``"each"``, or empty for the frames as they are.
+        Name of a colour, ``"each"``, or empty to use the frames unchanged.
     source, plan
         The frames, opened with the component ``channel`` (green for ``"each"``), and the plan of their scan.
     out

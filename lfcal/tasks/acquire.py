@@ -395,7 +395,7 @@ class _Acquire(Task):
         return list_suspects(self.out, outcome)
 
     def _iter_assembled(self, out: Path, run: RunSettings) -> Work[dict[str, Any]]:
-        """Make H of the session; return what was made."""
+        """Assemble H of the session; return the report."""
         (made,) = yield from self._assembly(out).work(run)
         with made.report.matrix as matrix:
             found = {"H": out, "shape": matrix.shape, "saturated_positions": made.report.saturated}
@@ -594,7 +594,7 @@ class AcquireUntil(_AcquireScan):
 
     @property
     def goal(self) -> Goal:
-        """Stopping rule, and what is fitted."""
+        """Stopping rule, and the groups that are fitted."""
         from lfcal.campaign import Goal
 
         groups: Any = "auto" if self.unknowns in ((), ("auto",)) else self.unknowns

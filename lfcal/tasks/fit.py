@@ -256,7 +256,7 @@ class FitMatrix(_Fit):
         return PatternReading(camera, self.positions, self.noise, self.plan)
 
     def _choice(self, run: RunSettings) -> RunChoice | None:
-        """Return how H is made in units; the choice for the first of several applies to all."""
+        """Return how H is made in units. For several H, the choice for the first applies to all."""
         if self.hybrid or not self.write_h:
             if run.executor or run.scheduler or run.resume:
                 got = "--hybrid" if self.hybrid else "--no-h"

@@ -451,7 +451,7 @@ D = TypeVar("D")
 
 
 class Attributes:
-    """Attributes of one object in a file; an absent one gives the default, one of another kind an error.
+    """Attributes of one object in a file. A missing one gives the default, one of another kind raises an error.
 
     Parameters
     ----------
@@ -534,9 +534,9 @@ _OF_THE_DISK = {errno.EIO, errno.EACCES, errno.EPERM, errno.ESTALE, errno.ENODEV
 
 
 class damage:
-    """Context that turns whatever h5py raises on damaged data into a `FileFormatError` naming ``where``.
+    """Context that converts all errors of h5py on damaged data to a `FileFormatError` with the name ``where``.
 
-    h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError alike.
+    h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError.
     """
 
     # a class: it is entered for every pattern, and a generator would cost as much as the read

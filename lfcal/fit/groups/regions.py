@@ -60,7 +60,7 @@ class FieldWavefront(Group):
         return setup.with_effect(replace(self._start(setup, frame), **found))
 
     def _start(self, setup: Setup, frame: ScanScales) -> FieldAberrations:
-        """Return what the setup has, at the farthest region's distance."""
+        """Return the present values of the setup at the distance of the farthest region."""
         own, radius = setup.effect(FieldAberrations), farthest_um(frame)
         if own is None:
             return FieldAberrations(0.0, 0.0, radius_um=radius)

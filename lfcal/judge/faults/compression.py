@@ -140,7 +140,7 @@ class Compression(Fault):
 
 
 def _lossless(provenance: Mapping[str, Any]) -> bool:
-    """Return whether the provenance of H says that every frame was stored without loss."""
+    """Return whether the provenance of H states that every frame was stored without loss."""
     # from a file that anyone may have written
     frames = provenance.get("frames")
     codec = frames.get("codec") if isinstance(frames, Mapping) else None
@@ -155,7 +155,7 @@ def _borders(
     Parameters
     ----------
     left, dark
-        Residuals of patterns ``(n, nt, ns)``, and where there is hardly any light.
+        Residuals of patterns ``(n, nt, ns)``, and the entries with hardly any light.
     first
         Line of each pattern's first sample ``(n,)``.
     axis

@@ -77,7 +77,7 @@ class Saturated(Fault):
                 return
 
     def _within(self, evidence: Evidence, band: float) -> Iterable[FoundFault]:
-        """Yield a ceiling whose samples lie within a part of the highest value."""
+        """Yield a ceiling whose samples are within a share of the highest value."""
         data = np.where(evidence.valid, evidence.data, -np.inf)
         top = float(data.max())
         level = np.float32((1 - band) * top)
@@ -107,7 +107,7 @@ class Saturated(Fault):
 
 
 def _spread(evidence: Evidence, at: NDArray[np.bool_]) -> bool:
-    """Return whether most samples lie on pixels that are not always at the ceiling: a hot one is in all patterns."""
+    """Return whether most samples are at pixels that are not always at the ceiling, unlike hot pixels."""
     ny, nx = evidence.plan.period
     nt, ns = evidence.plan.cutout
     hits, seen = np.zeros((2, ny + nt - 1, nx + ns - 1))

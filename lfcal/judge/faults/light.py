@@ -42,7 +42,7 @@ def _gains(evidence: Evidence) -> tuple[F8, F8]:
 
 
 def _amid(evidence: Evidence) -> tuple[F8, F8]:
-    """Return the light of each pattern over the middle of what that of its plane ranges over, less 1, and its sigma.
+    """Return the light of each pattern relative to the middle of its plane's range, minus 1, and its sigma.
 
     Where light jumps in all planes, the median of a plane is that of the side on which more patterns were compared.
     """

@@ -185,7 +185,7 @@ def _likeliest(evidence: Evidence, peak: float) -> tuple[_Law, float] | None:
 
 
 def _without_mean(patterns: F4, valid: NDArray[np.bool_]) -> F4:
-    """Return patterns ``(n, nt, ns)`` less the mean of what is valid of each: a background is no bend."""
+    """Return patterns ``(n, nt, ns)`` minus the mean of their valid samples, because a background is not a bend."""
     mean = np.where(valid, patterns, 0).sum((1, 2)) / np.maximum(valid.sum((1, 2)), 1)
     found: F4 = np.where(valid, patterns - mean[:, None, None], 0).astype(np.float32)
     return found
@@ -197,7 +197,7 @@ def _to_power(light: F4, exponent: float, peak: float) -> F4:
 
 
 def _mean(values: F8, sigmas: F8) -> tuple[float, float]:
-    """Return the weighted mean and its standard deviation, by the scatter where that is larger."""
+    """Return the weighted mean and its standard deviation, which is that of the scatter if this is larger."""
     good = np.isfinite(sigmas)
     weight = 1 / np.square(sigmas[good])
     mean = float((weight * values[good]).sum() / weight.sum())

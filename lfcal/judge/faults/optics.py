@@ -229,7 +229,7 @@ class TypeLight(Fault):
 
 
 def _of_types(evidence: Evidence, which: NDArray[np.intp], types: int) -> tuple[F8, F8]:
-    """Return by what share the light of each type is off, and the standard deviations ``(types,)``."""
+    """Return the relative deviation of the light of each type, and its standard deviations ``(types,)``."""
     gains, errors = np.zeros(types), np.full(types, np.inf)
     for kind in range(types):
         values, sigmas = evidence.beyond(np.where(which == kind, evidence.light, np.float32(0)))

@@ -49,7 +49,7 @@ def _flipped(period: tuple[int, int], axes: tuple[int, ...]) -> Order:
 
 
 def _to_and_fro(period: tuple[int, int], axis: int) -> Order:
-    """Return the order of a scan to and fro that is read as one way, or the other way about: odd lines run back."""
+    """Return the order of a serpentine scan that is read as a raster scan, or the reverse: odd lines run back."""
 
     def order(index: Index) -> Index:
         other, along = index.copy(), 3 - axis
@@ -61,7 +61,7 @@ def _to_and_fro(period: tuple[int, int], axis: int) -> Order:
 
 
 def _late(period: tuple[int, int], by: int) -> Order:
-    """Return the order of a scan to and fro whose frames come so many late."""
+    """Return the order of a serpentine scan whose frames are late by this number."""
     ny, nx = period
 
     def order(index: Index) -> Index:

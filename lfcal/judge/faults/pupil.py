@@ -144,7 +144,7 @@ def _excess(evidence: Evidence) -> float:
 
 
 def _parts(evidence: Evidence, blocks: int) -> tuple[F8, F8]:
-    """Return what the light of each part of the cutouts is off by ``(nz, nt, ns)``, and its standard deviation."""
+    """Return the relative deviation of the light of each part of the cutouts ``(nz, nt, ns)``, and its error."""
     shape = (evidence.plan.shape[0], *evidence.plan.cutout)
     gains, sigmas = np.zeros(shape), np.full(shape, np.inf)
     rows, columns = (np.minimum(np.arange(n) * min(blocks, n) // n, blocks - 1) for n in shape[1:])

@@ -53,7 +53,7 @@ class Moved(NamedTuple):
 
 
 def _fitted(evidence: Evidence, name: str) -> Moved:
-    """Return coefficients with sigmas of the displacement ``name``, robustly, and what is left of each pattern."""
+    """Return a robust fit of the displacement ``name``: coefficients with sigmas, and the residual of each pattern."""
     values, sigmas = evidence.column(name)
     z, y, x = evidence.index.T.astype(np.float64)
     ny, nx = evidence.plan.period

@@ -315,7 +315,7 @@ def _many(lines: Lines, off: F8) -> bool:
 
 
 def _explain(evidence: Evidence, axis: int, lines: NDArray[np.intp]) -> bool:
-    """Return whether lines explain their part of what the camera is off by: without them it is off by less.
+    """Return whether lines explain their part of the camera's error, which is smaller without them.
 
     Their share of the light does not show it: a column through the brightest spots is far more of the misfit.
     """

@@ -101,7 +101,7 @@ class BadPixels(Fault):
 
 
 def _in_most(evidence: Evidence, bad: NDArray[np.bool_], hot: F8, dim: F8) -> NDArray[np.bool_]:
-    """Return which of the bad pixels are bad in most patterns, by weight, because an error elsewhere also makes spots.
+    """Return the bad pixels that are bad in most patterns by weight, because an error elsewhere also causes spots.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def _in_most(evidence: Evidence, bad: NDArray[np.bool_], hot: F8, dim: F8) -> ND
 
 
 def _recorded_at(bad: NDArray[np.bool_]) -> PutIn:
-    """Return what puts the recorded values of pixels into patterns: what is divided by may be their noise."""
+    """Return a function that puts the recorded values of pixels into patterns, where they may be only noise."""
 
     def put_in(patch: Patch) -> F4:
         return np.where(patch.seen(bad.astype(np.float64)) > 0, patch.recorded, patch.light)

@@ -80,7 +80,7 @@ def darkness(plane: NDArray[np.float32]) -> DarkCorners:
 
 
 def _spread(values: NDArray[np.float64]) -> float:
-    """Return the standard deviation by the median deviation, or without the farthest where that is zero."""
+    """Return the standard deviation from the median deviation; if that is zero, without the largest deviation."""
     away = np.abs(values - np.median(values))
     half = 1.4826 * float(np.median(away))
     return half if half > 0 else float(values[away <= np.quantile(away, 0.98)].std())

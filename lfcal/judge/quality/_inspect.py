@@ -199,7 +199,7 @@ def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: floa
 
 
 def _told(plane: PlaneMeasures, shadow_px: float) -> Aperture:
-    """Return the plane's aperture, refused where its sum shows the lenslets and not the shadow."""
+    """Return the plane's aperture, which is refused if its sum shows the lenslets and not the shadow."""
     aperture, edges = plane.about.aperture, plane.edges
     known = plane.about.matrix.camera is not None and math.isfinite(plane.spread) and plane.lit
     if not known or math.isfinite(shadow_px) or aperture.refusal or edges.cut_off:
@@ -212,7 +212,7 @@ def _iris(H: PSFMatrix, apertures: tuple[Aperture, ...]) -> Iris | None:
 
 
 def _inverted(H: PSFMatrix, z: int) -> bool | None:
-    """Return whether the image lies before the sensor, and shows the iris upside down; None where it is not known."""
+    """Return whether the image is in front of the sensor and shows the iris inverted; None if unknown."""
     if H.camera is None:
         return None
     try:
@@ -241,7 +241,7 @@ def _steep(camera: Camera) -> bool:
 
 
 def _f_number(measures: MatrixMeasures) -> FNumber | None:
-    """Return the working f-number from the shadow's sizes over depth, or None where it cannot be measured."""
+    """Return the working f-number from the shadow's sizes over depth, or None if it cannot be measured."""
     H, sizes = measures.matrix, measures.shadows_px
     if H.camera is None or _steep(H.camera):
         return None

@@ -237,7 +237,7 @@ def _search(
     scales: NDArray[np.float64],
     workers: int | None,
 ) -> tuple[float, str, float] | None:
-    """Return spacing, order of the scan and modulation that agree best, or None where nothing is lit."""
+    """Return spacing, order of the scan and modulation with the best agreement, or None if nothing is lit."""
     vectors = (scales[:, None, None] * waves).reshape(-1, 2)
     sums = spot_waves(frames, floor, vectors, workers).reshape(len(frames), len(scales), len(waves))
     energy = float(spot_waves(frames, floor, np.zeros((1, 2)), workers).real.mean())

@@ -200,6 +200,6 @@ def _phases(shift: NDArray[np.float64], use: NDArray[np.bool_]) -> LatticePhases
 
 
 def _misplaced(away: NDArray[np.float64], parts: list[Parts]) -> NDArray[np.bool_]:
-    """Return what is away by more than `MISPLACED`, and by more than the usual scatter explains."""
+    """Return the positions that are off by more than `MISPLACED`, and by more than the typical scatter explains."""
     wrong: NDArray[np.bool_] = away > max(MISPLACED, 8 * math.hypot(*(p.spread for p in parts)))
     return wrong

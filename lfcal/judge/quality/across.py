@@ -124,7 +124,7 @@ def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDA
 
 
 def _places(matrix: PSFMatrix) -> NDArray[np.float64]:
-    """Return where the planes' images lie ``(nz,)``; without a camera that sees them, the depths."""
+    """Return the distances of the planes' images ``(nz,)``; without a camera that images them, the depths."""
     if matrix.camera is not None:
         try:
             return np.array([matrix.camera.image_shift_um(float(depth)) for depth in matrix.depths])

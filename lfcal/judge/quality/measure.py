@@ -226,7 +226,7 @@ def _unmeasured(
     energy: float,
     faulty: Faulty,
 ) -> PlaneMeasures:
-    """Return the measures of which only those that need no light are known."""
+    """Return the measurements of a plane without light, of which only some are known."""
     blank = np.full(faulty.missing.shape, np.nan)
     return PlaneMeasures(
         about=context,
@@ -312,7 +312,7 @@ def _duplicates(
 
 
 def _with_light(plane: PlaneMeasures) -> PlaneMeasures:
-    """Add the energies over positions, and what the depth-plane sum shows."""
+    """Add the energies over positions, and the measurements of the depth-plane sum."""
     light = plane.table.light
     # if patterns have no light in total, shares are undefined
     shares = 100 * light / plane.energy if plane.energy > 0 else np.full(light.shape, np.nan)
@@ -343,7 +343,7 @@ def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity 
 
 
 def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return what the rounding of the period to whole pixels changes across the wrap along y and x ``(2,)``.
+    """Return the change across the wrap along y and x ``(2,)`` due to rounding of the period to whole pixels.
 
     As the root of 1 minus the correlation of patterns with the same, displaced by what the camera's lattice misses
     the period by, and as a share of a step.

@@ -37,7 +37,7 @@ PICTURES = (
 """Names of the pictures a report may have, besides ``map_METRIC.png``."""
 
 PANELS = 12
-"""Planes shown of a deep H, evenly chosen."""
+"""Number of planes shown of a deep H, evenly spaced."""
 
 PANEL = 3.05
 """Width of a panel with its colour bar (inches)."""
@@ -45,7 +45,7 @@ PANEL = 3.05
 
 @dataclass(frozen=True, slots=True)
 class ReportPicture:
-    """A picture of the report: where it stands, what it is called and what it shows."""
+    """A picture of the report: its section, file name and caption."""
 
     section: str
     name: str
@@ -70,7 +70,7 @@ def figures(pictures: Sequence[ReportPicture], section: str) -> str:
 def pictures(
     H: PSFMatrix, quality: QualityReport, reference: PSFMatrix | None, comparison: Comparison | None
 ) -> list[Callable[[], ReportPicture]]:
-    """Return what draws each picture, in the page's order."""
+    """Return the functions that draw the pictures, in the order of the page."""
     draw: list[Callable[[], ReportPicture]] = [
         lambda: _depth_sums(H, quality),
         lambda: _transposed_sum(H),
@@ -88,14 +88,14 @@ def pictures(
 
 
 class _Sheet:
-    """A figure that becomes PNG when its block ends."""
+    """A figure that is converted to PNG at the end of its block."""
 
     def __init__(self, fig: Figure) -> None:
         self.fig = fig
         self.png = b""
 
     def grid(self, n: int, columns: int) -> Iterator[Axes]:
-        """Give ``n`` axes in rows of ``columns``."""
+        """Yield ``n`` axes in rows of ``columns``."""
         rows = -(-n // columns)
         for k in range(n):
             yield self.fig.add_subplot(rows, columns, k + 1)
@@ -149,9 +149,9 @@ def _depth_sums(H: PSFMatrix, quality: QualityReport) -> ReportPicture:
                 axes.plot(np.r_[line[:, 1], line[0, 1]], np.r_[line[:, 0], line[0, 0]], style, color="white", lw=1.3)
                 corners = aperture.vertices() if aperture.confident else np.empty((0, 2))
                 axes.plot(corners[:, 1], corners[:, 0], "o", color=LINES[1], ms=3.5)
-    text = "Depth-plane sums: the aperture seen from each depth, with the fitted iris (dotted where it is not certain)"
+    text = "Depth-plane sums: the aperture seen from each depth, with the fitted iris (dotted if uncertain)"
     if H.camera is not None:
-        text += " and, dashed, the one that the camera's description lets expect"
+        text += " and the iris expected from the camera's description (dashed)"
     return ReportPicture("aperture", "depth_sums.png", f"{text}{_of(len(planes), len(H))}.", sheet.png)
 
 
@@ -162,7 +162,7 @@ def _expected(H: PSFMatrix, z: int) -> Aperture | None:
 
 
 def _shape(aperture: Aperture) -> str:
-    """Return an aperture's shape in a few words."""
+    """Return a short description of an aperture's shape."""
     if not aperture.confident:
         return aperture.refusal or "unknown"
     return f"{aperture.blades} blades" if aperture.kind in ("polygon", "rounded polygon") else KINDS[aperture.kind]
@@ -181,7 +181,7 @@ def _unspoilt(image: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
 
 
 def _transposed_sum(H: PSFMatrix) -> ReportPicture:
-    """Draw the sum of the transposed plane itself, not the stored one turned."""
+    """Draw the sum of the transposed plane, computed from HT itself."""
     z = len(H) // 2
     straight = np.nan_to_num(H.depth_sum(z))
     turned = np.nan_to_num(depth_sum(H.T.plane(z)))[::-1, ::-1]
@@ -264,7 +264,7 @@ def _metric_map(metric: Metric, quality: QualityReport) -> ReportPicture:
 
 
 def _range(metric: Metric) -> tuple[float, float]:
-    """Return the range that the maps of all planes share: about zero where values have a sign."""
+    """Return the common range of the maps of all planes: symmetric about zero for values with a sign."""
     known = np.zeros(0) if metric.map is None else metric.map[np.isfinite(metric.map)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     if low < 0:
@@ -279,7 +279,7 @@ def _positions_map(axes: Axes, values: NDArray[np.floating], title: str, unit: s
 
 
 def _tiling(quality: QualityReport) -> ReportPicture:
-    """Draw the control frames where they were taken: how far each is from the cell, and which place fits best."""
+    """Draw the control frames at their places: their difference from the cell, and the place that fits best."""
     known = [(z, t) for z, t in enumerate(quality.tilings) if t is not None]
     shown = [known[k] for k in chosen(len(known), 4)]
     with _sheet(2, len(shown) * 2.7) as sheet:
@@ -298,7 +298,7 @@ def _tiling(quality: QualityReport) -> ReportPicture:
                 axes.set_xlabel("sensor column (px)")
                 axes.set_ylabel("sensor row (px)")
                 sheet.fig.colorbar(dots, ax=axes, shrink=0.85).set_label(unit)
-    text = "Control frames over the field against the same position of the cell, and how far away the position is that"
+    text = "Control frames over the field: difference from the same position of the cell, and distance of the position that"
     return ReportPicture("tiling", "tiling.png", f"{text} fits best{_of(len(shown), len(known))}.", sheet.png)
 
 

@@ -238,7 +238,7 @@ def _curvature(a: Aperture) -> str:
 
 
 def _answer(a: Aperture) -> str:
-    """Return whether the shape is certain, and what is wrong with the aperture or why it is not known."""
+    """Return whether the shape is certain, and the fault of the aperture, or why the shape is unknown."""
     if not a.confident:
         return html_text(a.reason or "not certain")
     return '<b class="advice good">certain</b>' + (f": {html_text(a.fault)}" if a.fault else "")

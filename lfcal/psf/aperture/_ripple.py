@@ -135,7 +135,7 @@ def find_ripple(flat: Values, row: float, column: float, radius: float) -> Rippl
 
 
 class _WaveFit:
-    """Least squares of plane waves and a paraboloid on the pixels of a disc; ``left`` is what the last fit left."""
+    """Least-squares fit of plane waves and a paraboloid to a disc's pixels; ``left`` is the last fit's residual."""
 
     def __init__(self, x: Values, y: Values, value: Values, radius: float) -> None:
         self.x, self.y, self.value, self.radius = x, y, value, radius

@@ -168,7 +168,7 @@ def _outline(blades: int, rotation: float, apothem: float, curvature: float, fau
     for direction, distance, bend in arcs:
         c, s = np.cos(RAYS - direction), np.sin(RAYS - direction)
         if bend > 0:
-            # a circle of radius 1/bend whose centre lies behind by its radius less the distance
+            # a circle of radius 1/bend, whose centre is behind by its radius minus the distance
             behind = distance - 1 / bend
             inside = 1 / bend**2 - (behind * s) ** 2
             reach = np.where(inside > 0, behind * c + np.sqrt(np.maximum(inside, 0)), np.inf)

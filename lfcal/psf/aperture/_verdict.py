@@ -205,7 +205,7 @@ def _faintest(edge: Edge) -> float:
 
 
 def _refused(fits: _Fits, chosen: tuple[str, OutlineFit, float], snr: float) -> EdgeVerdict:
-    """Return the verdict, with the reason where it cannot be relied on."""
+    """Return the verdict, with the reason if it is not reliable."""
     kind, fit, margin = chosen
     outline = _about(fit)
     damped = np.fft.irfft(np.fft.rfft(outline)[: HIGHEST + 1] * fits.edge.damping, ANGLES.size)

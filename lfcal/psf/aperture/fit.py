@@ -66,7 +66,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
     >>> print(iris.blades, "blades,", round(iris.diameter_px), "px,", round(iris.rotation_rad, 1), "rad")
     7 blades, 32 px, 0.2 rad
     >>> fit_aperture(np.zeros((31, 31))).reason
-    'no lit patch stands out of the noise'
+    'no lit patch stands out from the noise'
     """
     return plane_verdict(depth_sum, footprint_px=footprint_px)[0]
 
@@ -136,7 +136,7 @@ def _snr(level: float, noise: float) -> float:
 
 
 def _aperture(verdict: EdgeVerdict, patch: LitPatch) -> Aperture:
-    """Return the aperture of a verdict, with what lies inside it."""
+    """Return the aperture of a verdict, with the objects inside it."""
     fit, edge = verdict.fit, verdict.edge
     kind, refusal = verdict.kind, verdict.refusal
     if edge.blur_px > WIDEST_BLUR * edge.radius:

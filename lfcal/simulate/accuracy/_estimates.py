@@ -77,7 +77,7 @@ def _is_run_without(effect: Effect, planes: Sequence[Outlook]) -> bool:
 
 
 def _hashable(*values: object) -> bool:
-    """Return whether measurements can be kept under these: effects of other distributions may hold arrays."""
+    """Return whether measurements can be stored with these keys; effects of other distributions may hold arrays."""
     try:
         hash(values)
     except TypeError:
@@ -184,7 +184,7 @@ class Influence:
         return float(np.abs(with_it - without).sum()) / light if light > 0 else None
 
     def _seconds(self, runs: int) -> float:
-        """Return the processor time of a number of runs, as it is reckoned."""
+        """Return the forecast processor time of a number of runs."""
         level = resolve_level(self._scene(self._unspread))[1]
         return few_seconds(self._outlook, level, FINENESS, runs * len(self._ys) * len(self._xs))
 
@@ -199,7 +199,7 @@ class Influence:
         return scene_for(self._plan, self._z, effects)
 
     def _response_pair(self, changed: tuple[Effect, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the responses with all effects and with ``changed``, sampled alike and as finely as energy needs."""
+        """Return the responses with all effects and with ``changed``, both with the sampling that the energy needs."""
         step = self._common_step(self._unspread, changed)
         for attempt in range(ATTEMPTS):
             try:

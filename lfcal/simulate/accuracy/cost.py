@@ -22,39 +22,39 @@ from lfcal.simulate.engines import Sampling
 __all__ = ["correct_rate", "engine_seconds", "engine_times", "few_seconds", "machine_rate", "table_seconds"]
 
 FITTED_RATE = 2e10
-"""Complex multiply-adds per second of the machine the constants come from."""
+"""Complex multiply-adds per second of the machine on which the constants were measured."""
 
 PER_LENSLET = 1.1e-5
 PER_NODE = 6e-9
 PER_COHERENT_NODE = 7.5e-9
 SET_UP, PROBED = 0.4, 12
-"""Seconds of the tables, twice as a probe judges them, and positions that it computes, in all."""
+"""Time for the tables, counted twice because of the probe, and total number of positions that it computes."""
 
 DEBYE_SIDE = 200.0
-"""Side of a microscope's cutout (px) up to which a pixel costs the same."""
+"""Side of a microscope's cutout (px) up to which each pixel costs the same."""
 
 MIRRORED = 6
-"""Positions of a microscope's period for each that is computed."""
+"""Positions of a microscope's period for each position that is computed."""
 
 REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 65.0
 PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 4.2e-10, 7e-7, 0.15
 
 
 TIMINGS, INTERVAL_S = 12, 0.5
-"""Timings of the machine in a process, and seconds between two of them: a single moment may be a slow one."""
+"""Number of timings of the machine in a process, and seconds between them, because a single timing may be too slow."""
 
 TICKS = 20
-"""Ticks of the clock that a timing takes at least."""
+"""Smallest duration of a timing in ticks of the clock."""
 
 LEAST_RUN_S = 1.0
-"""CPU-seconds of a simulated plane, forecast or taken, from which the rate is corrected: tables rule shorter ones."""
+"""Smallest CPU-time of a plane, forecast or measured, that corrects the rate; tables dominate shorter ones."""
 
 MAX_CORRECTION = 5.0
 """Largest factor by which simulations correct the rate."""
 
 
 class _Rate:
-    """The speed of this machine, as far as this process knows it."""
+    """The speed of this machine, as estimated in this process."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -62,7 +62,7 @@ class _Rate:
         self.slowness = 1.0
 
     def measure(self) -> None:
-        """Time the machine for a moment, at the first calls and then at some distance; the best is kept."""
+        """Measure the speed at the first calls, and then at intervals; the best result is kept."""
         with self.lock:
             if self.timings >= TIMINGS or (self.timings and time.monotonic() - self.last < INTERVAL_S):
                 return
@@ -71,7 +71,7 @@ class _Rate:
             self.timings, self.last = self.timings + 1, time.monotonic()
 
     def correct_rate(self, forecast_s: float, took_s: float) -> None:
-        """Correct the rate by half of what a simulated plane took more or less than forecast, on a log scale."""
+        """Correct the rate by half of the difference between actual and forecast time, on a logarithmic scale."""
         if max(forecast_s, took_s) >= LEAST_RUN_S and min(forecast_s, took_s) > 0:
             with self.lock:
                 found = self.slowness * math.sqrt(took_s / forecast_s)
@@ -82,7 +82,7 @@ _RATE = _Rate()
 
 
 def _timed_rate() -> float:
-    """Return complex multiply-adds per CPU-second of this thread: what other programs take is not counted."""
+    """Return complex multiply-adds per CPU-second of this thread; the time of other programs is not counted."""
     n, count = 96, 0
     a = np.ones((n, n), np.complex64)
     least = max(2e-3, TICKS * time.get_clock_info("thread_time").resolution)
@@ -105,7 +105,7 @@ def machine_rate() -> float:
 
 
 def correct_rate(outlook: Outlook, level: str, tolerance: float, runs: int, took_s: float) -> None:
-    """Correct forecasts by a plane that was simulated at ``level`` in ``runs`` samples of the light.
+    """Correct forecasts by the time of a plane that was simulated at ``level`` with ``runs`` samples of the light.
 
     Parameters
     ----------
@@ -126,22 +126,22 @@ def _slowness() -> float:
 def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> float:
     """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
     positions = outlook.period[0] * outlook.period[1]
-    # of a whole period of a microscope most positions are mirror images of others
+    # most positions of a whole period of a microscope are mirror images of others
     return _slowness() * _estimated_seconds(
         outlook, level, tolerance, positions / (MIRRORED if level == "debye" else 1)
     )
 
 
 def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) -> float:
-    """Return CPU-seconds of a few positions, tables included, of the machine that the constants come from.
+    """Return CPU-seconds of a few positions, including tables, on the machine on which the constants were measured.
 
-    What is decided by it is decided alike on every machine.
+    Decisions based on it are the same on every machine.
     """
     return _estimated_seconds(outlook, level, tolerance, positions)
 
 
 def _estimated_seconds(outlook: Outlook, level: str, tolerance: float, positions: float) -> float:
-    """Return CPU-seconds of positions, none of them another's mirror image, by the constants as they are."""
+    """Return CPU-seconds of positions that are not mirror images of each other, by the uncorrected constants."""
     if level == "geometric":
         widest = math.ceil(max(_spots_px(outlook)))
         seen = _lit_lenslets(outlook, widest)
@@ -149,7 +149,7 @@ def _estimated_seconds(outlook: Outlook, level: str, tolerance: float, positions
     # the reference has no separate sampling here: its cost is a multiple of that of the wave engine
     step = step_for(outlook, "wave" if level == "reference" else level, tolerance)
     if level == "debye":
-        # of large cutouts the products of matrices grow with a side more than with the pixels
+        # for large cutouts, the time of matrix products grows with the side rather than with the number of pixels
         larger = max(1.0, math.sqrt(outlook.pixels) / DEBYE_SIDE)
         return 0.05 + positions * outlook.pixels * step.sampling.nodes_per_px**2 * 2.8e-8 * larger
     if step.level == "grid":
@@ -162,7 +162,7 @@ def _estimated_seconds(outlook: Outlook, level: str, tolerance: float, positions
 
 
 def _grid_seconds(outlook: Outlook, sampling: Sampling) -> tuple[float, float]:
-    """Return the seconds of one position on a grid, and of its tables and those of the grid that judges it."""
+    """Return the seconds of one position on a grid, of its tables, and of those of the grid for comparison."""
     per = int(sampling.samples_per_px or 4)
     side = grid_extent(outlook).side(per, sampling.margin_px)
     rows, columns = (side + per * n for n in outlook.period)
@@ -170,12 +170,12 @@ def _grid_seconds(outlook: Outlook, sampling: Sampling) -> tuple[float, float]:
 
 
 def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
-    """Return the seconds of one position: per lenslet, per sample on it, per node of its window and of the cutout."""
+    """Return the seconds of one position, from its lenslets, samples on them, and nodes of windows and cutout."""
     nodes, widest = 0.0, 0
     for spot in _spots_px(outlook):
         half = math.ceil(spot + sampling.margin_px)
         widest = max(widest, half)
-        # samples per pixel on a lenslet that its window on the sensor needs (Nyquist), in steps of a half.
+        # samples per pixel on a lenslet that the window on the sensor needs (Nyquist), in steps of a half
         need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
         samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
         window = (2 * half + 1) * sampling.nodes_per_px + 2
@@ -185,7 +185,7 @@ def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
 
 
 def _spots_px(outlook: Outlook) -> tuple[float, ...]:
-    """Return the radius of each type's spot (pixels); near the native plane that of the pupil's image."""
+    """Return the radius of each type's spot (pixels); near the native plane, that of the pupil's image."""
     cone, gap = 1 / (2 * outlook.f_number), outlook.gap_um
     spots = []
     for kind, spot in zip(outlook.camera.lattice.types, outlook.geometric_px, strict=True):
@@ -197,26 +197,26 @@ def _spots_px(outlook: Outlook) -> tuple[float, ...]:
 
 
 def _lit_lenslets(outlook: Outlook, half_px: int) -> float:
-    """Return how many lenslets have a window of ``half_px`` on either side that reaches into the cutout."""
+    """Return the number of lenslets whose windows, ``half_px`` on either side, reach into the cutout."""
     pitch, px = outlook.camera.pitch_px, outlook.pixel_um
     rows, columns = (n + 2 * half_px + 0.5 * pitch for n in outlook.cutout)
-    # spots lie 1 - B/a times as far apart as their lenslets
+    # spots are 1 - B/a times as far apart as their lenslets
     apart = abs(1 - 1 / outlook.virtual_depth) if abs(outlook.virtual_depth) > 1e-3 else math.inf
     cell = pitch * outlook.camera.lattice.row_step_um / px
-    # lenslets at the shadow's edge are lit in part, and by its fringes
+    # lenslets at the shadow's edge are partly lit, and lit by its fringes
     radius = outlook.shadow_px + 0.25 * pitch + 0.5 * math.sqrt(outlook.wavelength_um * abs(outlook.shift_um)) / px
     lit = max(1.0, math.pi * radius * radius / cell)
     return min(lit, max(1.0, rows * columns / max(cell * apart * apart, 1e-9)))
 
 
 def table_seconds(outlook: Outlook) -> float:
-    """Return CPU-seconds of the Fourier transform that makes a plane's table of the main iris's fringes."""
+    """Return CPU-seconds of the Fourier transform for a plane's table of the main iris's fringes."""
     side = 4 * (outlook.shadow_px + 4 * outlook.camera.pitch_px)
     return _slowness() * 2.5e-7 * side**2
 
 
 def engine_times(outlook: Outlook, waves: str, tolerance: float) -> EngineSeconds:
-    """Return what one plane costs by rays and at the level ``waves``: what the costs of effects are reckoned from."""
+    """Return the cost of one plane by rays and at the level ``waves``, from which the costs of effects follow."""
     return EngineSeconds(
         engine_seconds(outlook, "geometric"), engine_seconds(outlook, waves, tolerance), table_seconds(outlook)
     )

@@ -194,7 +194,7 @@ def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
 
 
 def _cell_bytes(scene: Scene, dx: float, reach: float, bent: bool = False) -> tuple[float, float]:
-    """Return the bytes of the table of a lenslet's cell while it is made and afterwards; none of a disc.
+    """Return the bytes of the table of a lenslet's cell while it is made and afterwards; 0 for a disc.
 
     Bent ones, of a grid, are complex.
     """

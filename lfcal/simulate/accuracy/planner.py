@@ -330,7 +330,7 @@ def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict
 
 
 def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Decision]) -> float:
-    """Put the bandwidth on where another effect spreads the wavelengths anyway; return what is left out no longer."""
+    """Switch the bandwidth on if another effect spreads the wavelengths; return what is then no longer left out."""
     coloured = [d.effect.title for d in drafts if found[d.effect.name].on and d.effect.by_wavelength]
     width = next(d for d in drafts if d.effect.name == Bandwidth.name)
     if not coloured or width.setting != "auto" or found[Bandwidth.name].on or not width.at(plane).size:
@@ -340,7 +340,7 @@ def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Deci
 
 
 def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str, _Decision]]) -> PlannedEffect:
-    """Return the row of an effect; its reason is that of the plane where it matters most."""
+    """Return the row of an effect; its reason is that at the plane where it matters most."""
     on = tuple(found[draft.effect.name].on for found in decided)
     # among the planes where it is on, if any: a slightly larger estimate elsewhere may have been within the tolerance
     worst = max(range(len(planes)), key=lambda k: (on[k], draft.at(k).error))
@@ -361,7 +361,7 @@ class _Decision(NamedTuple):
 
 
 def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decision:
-    """Return on or off with the reason, where ``used`` of what is allowed is left out already."""
+    """Return on or off with the reason; ``used`` is the share of the allowed error that is already used."""
     effect = draft.effect
     size = f"{e.size:.3g} {e.unit}"
     share = f"{'at most ' if e.upper_bound else ''}{format_share(e.error)} of the image"

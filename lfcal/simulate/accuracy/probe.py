@@ -203,7 +203,7 @@ class _ErrorProbe:
         return Settled(engine, step.level, sampling, self._improved(step, before))
 
     def _improved(self, step: LevelSampling, before: Settled | None) -> float:
-        """Return the error of a step that nothing judges: better than the one before by as much as steps are."""
+        """Return the error of a sampling without comparison: better than the one before by the expected factor."""
         known = [s.expected for s in self.steps if before and (s.level, s.sampling) == (before.level, before.sampling)]
         if before is None or not known:
             return step.expected
@@ -215,7 +215,7 @@ class _ErrorProbe:
         return self._computed[level, sampling]
 
     def _references(self, step: LevelSampling, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
-        """Yield what a step may be compared with, the best first, and the share of its error that shows against it.
+        """Yield samplings to compare one with, the best first, and the share of its error that each shows.
 
         What changes from a step to a finer one is the error less that of the finer one. ``level`` is the engine's.
         """

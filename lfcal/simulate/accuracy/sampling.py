@@ -255,7 +255,7 @@ def _separable(scene: Scene) -> bool:
 
 
 def _near(described: Scene | Outlook) -> bool:
-    """Return whether the field near the native plane is computed as it is, without its sphere."""
+    """Return whether the field near the native plane is computed without removing its sphere."""
     if isinstance(described, Outlook):
         return described.fresnel_main < SWITCH
     from lfcal.simulate.engines import choose_mode

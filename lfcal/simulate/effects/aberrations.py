@@ -28,7 +28,7 @@ def _mean_shift(outlook: Outlook, rim_slope: float) -> float:
 
 
 class _Aberration(SceneEffect):
-    """What the aberrations share: Zernike terms on the pupil, and a table of the aberrated field per plane."""
+    """Base of the aberrations: Zernike terms on the pupil, and a table of the aberrated field for each plane."""
 
     __slots__ = ()
     deviation: ClassVar[bool] = True

@@ -194,7 +194,7 @@ def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
 
 
 def _frozen(what: str, kind: str, value: Any) -> Any:
-    """Return a value of a file as a field of type ``kind`` holds it; raise where it is no magnitude."""
+    """Return a value from a file in the form of a field of type ``kind``; raise an error if it is not a magnitude."""
     triples = f"triples ({TRIPLES[kind][0]})" if kind in TRIPLES else ""
     if triples and isinstance(value, list | tuple):
         try:

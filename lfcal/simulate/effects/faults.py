@@ -138,7 +138,7 @@ class Ghost(FrameEffect):
 def _gathered(light: NDArray[np.float32], edges: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return the light of ``light`` (n, m) between neighbouring ``edges``, which fall: ``(edges - 1, m)``.
 
-    By differences of its running sum, so that no light is lost or made whatever the scale.
+    It uses differences of a running sum, so that light is conserved at any scale.
     """
     at = np.clip(edges + 0.5, 0, len(light))
     low = min(int(at[-1]), len(light) - 1)

@@ -164,7 +164,7 @@ class Bandwidth(LightEffect):
 
     @staticmethod
     def _between(outlook: Outlook, x: float) -> float:
-        """Return what is washed out of the interference of neighbouring lenslets: most - most exp(-c x²/most)."""
+        """Return the light washed out of the interference of neighbouring lenslets: most - most exp(-c x²/most)."""
         n = outlook.lenslets
         share = (11.0 / outlook.camera.pitch_px) ** 2 * min(1.0, 0.08 + (n - 1.0) / 4.0)
         steep, most = 6.0 * share, 0.006 * share

@@ -277,7 +277,7 @@ class ShotNoise(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class Saturation(FrameEffect):
-    """A pixel holds no more than the full well.
+    """The signal of a pixel is limited to the full well.
 
     Examples
     --------

@@ -126,7 +126,7 @@ class GeometricPlane:
             self._ledger.add(*draw_spots(out[part], source[part], pixel[part], seen, self._shapes, self._drawing))
 
     def _visible_reach(self) -> float:
-        """Return how far from the source a lenslet may lie and still be lit and draw into the cutout (µm)."""
+        """Return the largest distance from the source at which a lenslet is lit and draws into the cutout (µm)."""
         scene = self.scene
         pull, size = self._spread
         rate = float(np.abs(1 - pull).min())

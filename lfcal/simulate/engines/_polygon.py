@@ -174,7 +174,7 @@ def _diameter(outline: Points) -> float:
 
 
 def _sinc_less_one(a: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return sin(a)/a - 1, by Taylor where that cancels."""
+    """Return sin(a)/a - 1, by a Taylor series where the difference would cancel."""
     a2 = a * a
     near = -a2 / 6 * (1 - a2 / 20 * (1 - a2 / 42 * (1 - a2 / 72)))
     value: NDArray[np.float64] = np.where(a2 > 0.01, np.sin(a) / np.where(a2 > 0.01, a, 1.0) - 1, near)

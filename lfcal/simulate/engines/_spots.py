@@ -58,7 +58,7 @@ class SpotDrawing(NamedTuple):
 
 @njit()
 def _cut(source: Array, n: int, target: Array, nx: float, ny: float, limit: float) -> int:
-    """Keep what of a convex polygon lies in nx x + ny y <= limit; return its number of vertices."""
+    """Clip a convex polygon to nx x + ny y <= limit; return its number of vertices."""
     m = 0
     for i in range(n):
         j = i + 1 if i + 1 < n else 0
@@ -167,7 +167,8 @@ def _bounds(p: Array, n: int) -> tuple[float, float, float, float]:
 def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) -> tuple[float, float]:
     """Add a spot of irradiance ``gain``, in pixels from the cutout's corner, to ``image`` (nt, ns).
 
-    Returns the energy of the spot's part in the cutout, and what was drawn; both are 0 if it is outside. They are
+    Returns the energy of the spot's part in the cutout, and the energy that was drawn; both are 0 if it is outside.
+    They are
     computed by two different sums and agree up to rounding. ``a`` holds the polygon, ``b`` and ``acc`` are scratch.
     """
     nt, ns = image.shape

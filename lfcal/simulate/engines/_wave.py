@@ -215,7 +215,7 @@ class WavePlane:
         return spots, missed
 
     def _optics(self, lens: LensTable) -> Optics:
-        """Return what a kernel needs of the plane; no exact rays near the native plane, where rays cross."""
+        """Return the plane's values for a kernel; no exact rays near the native plane, where rays cross."""
         scene, tables = self.scene, self.tables
         share = (tables.spread_um2 / (lens.field.dx_um * scene.reduced_pixel_um)) ** 2
         flat = 1 / tables.spread_um2, share, 1 - tables.ratio

@@ -189,7 +189,7 @@ def _side(length: float, dx: float) -> int:
 
 
 def _centre(spectrum: Complex) -> None:
-    """Move the origin of what has this spectrum to sample n // 2 (n even)."""
+    """Move the origin of the field with this spectrum to sample n // 2 (n even)."""
     spectrum[1::2] *= -1
     spectrum[:, 1::2] *= -1
 
@@ -265,7 +265,7 @@ def _aberrate(pupil: Complex, scene: Scene, u: NDArray[np.float64]) -> None:
 
 
 def _turns(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> Complex:
-    """Return what the aberration, and the lens law at exact angles, multiply the pupil by on the grid uy x ux."""
+    """Return the factor of the pupil due to aberration, and to the lens law at exact angles, on the grid uy x ux."""
     waves = wavefront_waves(scene, ux[None, :], uy[:, None])
     assert waves is not None
     found: Complex = np.exp(2j * np.pi * waves)

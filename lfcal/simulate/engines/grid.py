@@ -151,7 +151,7 @@ class GridPlane:
         return math.ceil(aperture_radius(self.scene) / self._dx) + RING
 
     def _transmission(self, first: tuple[int, int], count: tuple[int, int]) -> Complex:
-        """Return what the array lets through of the grids of positions from ``first`` (y, x) on, ``count`` of them."""
+        """Return the array's transmission on the grids of ``count`` positions, starting from ``first`` (y, x)."""
         scene, dx, half = self.scene, self._dx, self._half_lenslet
         rows, columns = ((c - 1) * self.per_px + self._n for c in count)
         if max(rows, columns) > MAX_SIDE:
@@ -317,7 +317,7 @@ class GridPlane:
         return float(np.vdot(work, work).real), self._tilted.left(work, heights)
 
     def _farther(self, pixel: tuple[int, int]) -> NDArray[np.float64]:
-        """Return how much farther from the sensor the array lies at the samples of the grid about a pixel (µm)."""
+        """Return the additional distance of the array from the sensor at the samples of the grid about a pixel (µm)."""
         axis = np.arange(self._n, dtype=np.float64) - self._n // 2 + self._between
         y, x = ((p * self.per_px + axis) * self._dx for p in pixel)
         return self.scene.farther_at(y[:, None], x[None, :])
@@ -373,7 +373,7 @@ class GridPlane:
 
 
 def _lay(piece: Complex, row: int, column: int, on: Complex) -> None:
-    """Add ``piece`` to an array, its first sample at a row and column that may lie outside."""
+    """Add ``piece`` to an array, with its first sample at a row and column that may be outside."""
     top, left = max(0, -row), max(0, -column)
     bottom, right = min(piece.shape[0], on.shape[0] - row), min(piece.shape[1], on.shape[1] - column)
     if top < bottom and left < right:

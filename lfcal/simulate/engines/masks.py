@@ -130,7 +130,7 @@ def polygon_mask(
 
 
 def _below(f: NDArray[np.float64], top: float) -> NDArray[np.intp]:
-    """Return which frequencies lie within ``top``."""
+    """Return which frequencies are within ``top``."""
     return np.flatnonzero(np.abs(f) < top)
 
 

@@ -113,7 +113,7 @@ def reach_um(scene: Scene, sampling: Sampling) -> tuple[float, float]:
 
 
 def _parts(value: NDArray[np.complexfloating]) -> Matrix:
-    """Return real part, imaginary part and their sum, stacked; what is too small to matter is 0.
+    """Return real part, imaginary part and their sum, stacked; negligible values are set to 0.
 
     A hundred denormal numbers in a matrix make its products three times slower.
     """

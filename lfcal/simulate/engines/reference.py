@@ -178,7 +178,7 @@ class ReferencePlane:
         return behind if tilted is None else sf.ifft2(tilted.left(behind, heights), overwrite_x=True)
 
     def _lens(self, x: NDArray[np.float64], y: NDArray[np.float64], kind: int) -> Complex:
-        """Return what a lenslet lets through at places (x, y) from its centre, as held where another one lies alike."""
+        """Return a lenslet's transmission at (x, y) from its centre, kept for lenslets at equal grid places."""
         where = kind, round(float(x[0]) / self._dx, 9), round(float(y[0]) / self._dx, 9)
         lens = self._cached.get(where)
         if lens is None:

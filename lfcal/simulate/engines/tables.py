@@ -288,7 +288,7 @@ def bent(aperture: LensAperture, by: float, gain: float = 1.0) -> LensAperture:
 
 
 def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
-    """Return the samples per pixel, in halves, whose alias-free half range L/(2 dx) holds the window."""
+    """Return the samples per pixel, in halves, whose alias-free half range L/(2 dx) contains the window."""
     px = scene.reduced_pixel_um
     need = 2 * (half_px + 0.5) * px * px / (scene.wavelength_um * scene.reduced_gap_um)
     if mode != "E":
@@ -299,7 +299,7 @@ def _fewest_samples(scene: Scene, mode: str, half_px: int) -> float:
 def _field(
     scene: Scene, sampling: Sampling, mode: str, dx: float, half: int, half_px: int
 ) -> tuple[MainLensField, Lit, float]:
-    """Return the field table, what a lenslet at each of its samples passes, and how far it holds (µm)."""
+    """Return the field table, the light that a lenslet at each sample transmits, and the range of validity (µm)."""
     reach = table_reach(scene, sampling, mode, dx, half_px) + (half + 2) * dx
     values = field_table(scene, dx, reach, mode).values
     n = values.shape[0]

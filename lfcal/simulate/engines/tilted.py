@@ -30,7 +30,7 @@ Complex = NDArray[Any]
 
 
 def _farthest(scene: Scene, reach_um: float) -> float:
-    """Return how much farther than the middle of the period any lenslet lies that a position lights (µm)."""
+    """Return the largest additional distance, relative to the middle of the period, of lenslets that are lit (µm)."""
     height, width = ((n - 1) / 2 * px for n, px in zip(scene.period, (scene.row_um, scene.pixel_um), strict=True))
     return sum(
         abs(tilt) * (half / scene.scale + reach_um) for tilt, half in zip(scene.tilt, (height, width), strict=True)

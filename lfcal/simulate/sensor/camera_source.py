@@ -99,7 +99,7 @@ class SimulatedCamera(Frames):
         self._white: NDArray[np.float32] | None = None
 
     def __reduce__(self) -> Any:
-        """Travel to another process as what it is made of again; frames depend on their index and the seed alone."""
+        """Send the inputs to another process, because frames depend only on their index and the seed."""
         chosen: EffectsLike = self.effects
         if self.budget.selection is not None:  # effects that are off do not matter
             chosen = replace(self.budget.selection, rows=tuple(row for row in self.budget.selection.rows if row.on))
@@ -213,7 +213,7 @@ class SimulatedCamera(Frames):
         return joined([(row, column, rate * values) for row, column, values in windows])
 
     def _on_sensor(self, patch: Lit) -> NDArray[np.float32]:
-        """Return a whole frame of photoelectrons; what lies beyond the sensor is lost."""
+        """Return a whole frame of photoelectrons; light beyond the sensor is lost."""
         row, column, values = patch
         out = np.zeros(self.shape, np.float32)
         place(out, values, row + centre(values.shape[0]), column + centre(values.shape[1]))
@@ -292,7 +292,7 @@ def _open_plan(path: Path, options: FrameOptions) -> SimulatedCamera:
 
 
 def _is_plan(path: Path) -> bool:
-    """Return whether a JSON file says of itself that it is a scan plan."""
+    """Return whether a JSON file claims to be a scan plan."""
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     with path.open("rb") as file:

@@ -112,7 +112,7 @@ class Responses:
         return half_extent_px(self.plan.camera, self.plan.depths_um[z] + depth_error_um)
 
     def _probed_near(self, z: int, depth_error_um: float) -> PlaneResponse | None:
-        """Return the nearest response that was probed, where its light is as fine; the plane's own comes first."""
+        """Return the nearest probed response whose light is sampled as finely; that of the plane itself comes first."""
         if depth_error_um:
             self.at(z)
         here = self._extent_px(z, depth_error_um)

@@ -46,7 +46,7 @@ def frame_name(source: SimulatedCamera, index: int) -> str:
 
 
 def truth_of(source: SimulatedCamera) -> dict[str, Any]:
-    """Return what was simulated, as plain JSON types."""
+    """Return the settings of the simulation as plain JSON types."""
     return {
         "seed": source.seed,
         "tolerance": source.tolerance,

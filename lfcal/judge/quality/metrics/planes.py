@@ -38,7 +38,7 @@ def _copies(h: MatrixMeasures) -> tuple[Reading, ...]:
 
 
 def _energy(h: MatrixMeasures) -> tuple[Reading, ...]:
-    """Return each plane's deviation from equal energy (per cent), or from 1/distance² where that fits better."""
+    """Return each plane's deviation from equal energy (per cent), or from 1/distance² if that fits better."""
     out = np.full(h.energy.size, math.nan)
     # if patterns are cut off, a part of the light is unknown
     lit = ~h.dark & ~np.array([plane.edges.cut_off for plane in h.planes], bool)
@@ -106,7 +106,7 @@ def _beyond(plane: PlaneMeasures) -> bool | None:
 
 
 def _in_order(h: MatrixMeasures) -> Values:
-    """Return which planes stand out of order: the image moves one way as the source moves away."""
+    """Return which planes are out of order, because the image moves in one direction as the source moves away."""
     spots = [p.positions.spots for p in h.planes]
     found = np.array([math.nan if s is None else s.virtual_depth for s in spots])
     order = np.full(found.size, math.nan)

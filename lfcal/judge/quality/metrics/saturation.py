@@ -51,7 +51,7 @@ def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
 
 
 def _counted(counts: NDArray[np.float64]) -> Reading:
-    """Return what was counted; zero only where every position was."""
+    """Return the counted number; zero only if every position was counted."""
     total, known = float(np.nansum(counts)), np.isfinite(counts)
     if known.all():
         return Reading(total, map=counts, positions=counts > 0)

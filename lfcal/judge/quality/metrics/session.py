@@ -14,7 +14,7 @@ __all__ = ["METRICS"]
 
 
 def _suspect(measures: MatrixMeasures) -> Sequence[Reading]:
-    """Return the positions that the session flagged; H carries them where there are any."""
+    """Return the positions that the session flagged, which H stores if there are any."""
     nz, ny, nx = measures.matrix.shape[:3]
     named = np.zeros((nz, ny, nx), bool)
     words: set[str] = set()
@@ -31,7 +31,7 @@ def _suspect(measures: MatrixMeasures) -> Sequence[Reading]:
 
 
 def _is_entry(entry: Any, shape: tuple[int, int, int]) -> bool:
-    """Return whether ``entry`` is (z, y, x, what): provenance is what a file says, and may be anything."""
+    """Return whether ``entry`` is (z, y, x, words), because provenance comes from a file and may contain anything."""
     return (
         isinstance(entry, list)
         and len(entry) == 4
