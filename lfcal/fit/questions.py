@@ -121,7 +121,7 @@ def check_described(measured: Measured) -> None:
     if side > WIDE * max(plan.cutout):
         raise InputError.expected(
             "depths of the patterns",
-            f"some at which {plan.camera.name!r} makes patterns of about {max(plan.cutout)} px",
+            f"depths at which {plan.camera.name!r} gives patterns of about {max(plan.cutout)} px",
             f"light over {side} px",
             "check camera and depths",
         )

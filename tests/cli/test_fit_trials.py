@@ -81,7 +81,7 @@ CASES: dict[str, tuple[Spoil, str]] = {
     ),
     "a microscope": (
         saved(lambda: h_of(camera=preset("lfm_20x05"), depths=[-4000.0], anchor=(500.0, 500.0))),
-        "depths of the patterns: expected some at which 'lfm_20x05' makes patterns of about 15 px, got light over",
+        "depths of the patterns: expected depths at which 'lfm_20x05' gives patterns of about 15 px, got light over",
     ),
 }
 

@@ -221,7 +221,7 @@ class FrameShift(Fault):
     """The cutouts are displaced, not the sources: the region of the sensor moved, or the anchor is wrong."""
 
     name = "frame_shift"
-    title = "frames displaced against the plan"
+    title = "frames displaced relative to the plan"
     subject = "stage"
     rank = 28
     advice = "Check which region of the sensor was read. Assemble with its first pixel (--origin)."

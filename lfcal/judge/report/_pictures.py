@@ -298,7 +298,7 @@ def _tiling(quality: QualityReport) -> ReportPicture:
                 axes.set_xlabel("sensor column (px)")
                 axes.set_ylabel("sensor row (px)")
                 sheet.fig.colorbar(dots, ax=axes, shrink=0.85).set_label(unit)
-    text = "Control frames over the field: difference from the same position of the cell, and distance of the position that"
+    text = "Control frames over the field: difference from the same position of the cell, and distance of the one that"
     return ReportPicture("tiling", "tiling.png", f"{text} fits best{_of(len(shown), len(known))}.", sheet.png)
 
 
@@ -316,7 +316,7 @@ def _against(H: PSFMatrix, reference: PSFMatrix) -> ReportPicture:
             draw_image(next(grid), theirs, title="reference", unit="value")
             draw_image(next(grid), scaled - theirs, title="difference", unit="value", signed=True)
     return ReportPicture(
-        "comparison", "against_reference.png", f"Position y {y}, x {x} and the reference's.", sheet.png
+        "comparison", "against_reference.png", f"Position y {y}, x {x} of H and of the reference.", sheet.png
     )
 
 

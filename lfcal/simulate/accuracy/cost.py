@@ -98,7 +98,7 @@ def _timed_rate() -> float:
 def machine_rate() -> float:
     """Return complex multiply-adds per CPU-second of one thread of this machine.
 
-    The best of several moments, corrected by the planes that this process has simulated.
+    The best of several measurements, corrected by the planes that this process has simulated.
     """
     _RATE.measure()
     return _RATE.best / _RATE.slowness
