@@ -255,7 +255,7 @@ class Filler:
         gain = self._fit.gains[z]
         if z not in self._fit.fitted_planes:
             raise InputError.expected(
-                f"{self._fit.folder}, plane {z}", "a pattern of it among the fitted", "none", "fit one of each plane"
+                f"{self._fit.folder}, plane {z}", "at least one fitted pattern", "none", "fit a pattern of each plane"
             )
         plan = replace(self._plan, camera=self._fit.setup.camera, cutout=(values.shape[2], values.shape[3]))
         model = PlaneModel(self._fit.setup, plan, z, Fineness.finest)

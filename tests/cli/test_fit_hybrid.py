@@ -128,7 +128,7 @@ def test_a_fit_of_something_else_fills_nothing(lfcal: Lfcal, place: Path, scan: 
     told("lfcal-fit, version 1", None, "{}")
     told("fit.json", None, "no JSON")
     told("light as in the frames of plane 0", {"gains": [1.5 * kept["gains"][0]]})
-    told("a pattern of it among the fitted", {"positions": []})
+    told("at least one fitted pattern", {"positions": []})
     camera["lattice"]["offset_um"] = [camera["lattice"]["offset_um"][0] + 25.0, camera["lattice"]["offset_um"][1]]
     (place / "fit" / "camera.json").write_text(json.dumps(camera))
     told("the fit of the camera that recorded plane 0")

@@ -109,7 +109,7 @@ def iter_inspect_plane(
     controls: Controls | None = None,
     workers: int | None = None,
 ) -> Work[InspectedPlane]:
-    """Read plane ``z`` of a straight H, measure it, and evaluate all metrics of single planes.
+    """Read plane ``z`` of H (not transposed), measure it, and evaluate all metrics of single planes.
 
     ``clock`` counts `PASSES` per plane; ``before`` planes are done. The rest is as in `iter_inspect`.
     """
@@ -124,7 +124,7 @@ def iter_inspect_plane(
 
 
 def judged(H: PSFMatrix, planes: Sequence[InspectedPlane], seconds: float) -> QualityReport:
-    """Return the quality of a straight H from all of its planes, in order; ``seconds`` is the time taken."""
+    """Return the quality of H (not transposed) from all of its planes, in order; ``seconds`` is the time taken."""
     readings: dict[str, list[Reading]] = {spec.key: [] for spec in METRICS}
     measures = MatrixMeasures.of(H, [plane.measures for plane in planes])
     for spec in METRICS:

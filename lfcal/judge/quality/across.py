@@ -44,7 +44,7 @@ class MatrixMeasures:
     Attributes
     ----------
     matrix
-        H, straight.
+        H, not transposed.
     planes
         Measurements of each plane, without patterns.
     energy
