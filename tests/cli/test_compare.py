@@ -76,7 +76,7 @@ def test_what_is_left_out_is_said(lfcal: Lfcal, place: Path) -> None:
     save(PSFMatrix(moved()[:1, ..., 2:-2, 2:-2], depths=[-1000.0]), place / "small.h5")
     run = lfcal("compare", "may/H.h5", "small.h5")
     assert run.code == 0
-    assert "note: plane of the first H alone: -2 mm" in run.out and "21 × 23 about the source" in run.out
+    assert "note: plane only in the first H: -2 mm" in run.out and "21 × 23 pixels around the source" in run.out
     save(PSFMatrix(moved(), depths=[-9000.0, -5000.0]), place / "far.h5")
     refused = lfcal("compare", "may/H.h5", "far.h5")
     assert refused.code == 2 and refused.err.count("\n") == 1 and "--by-number" in refused.err

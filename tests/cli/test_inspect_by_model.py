@@ -62,7 +62,7 @@ def test_the_camera_of_a_fit_is_compared_with(lfcal: Lfcal, place: Path) -> None
     save(H, place / "H.h5")
     bare = lfcal("inspect", "H.h5", "--patterns", 24, "--strict")
     assert bare.code == 1 and "the camera disagrees" in bare.out and "lfcal fit" in bare.out
-    assert "the gap of lenslets and sensor is about -" in bare.out
+    assert "the gap between lenslets and sensor differs from the description by about -" in bare.out
     assert lfcal("fit", "H.h5", "--unknowns", "geometry", "--positions", 0, "--no-h", "--workers", 1).code == 0
     run = lfcal("inspect", "H.h5", "--fit", "fit", "--patterns", 24)
     assert run.code == 0 and "patterns compared with the camera" in run.out, run.out

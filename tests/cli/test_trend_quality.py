@@ -108,7 +108,7 @@ def test_sessions_of_one_time_or_of_another_array_are_said(
     write(tmp_path / "b", record, 5, (1.0, "good"))
     run = lfcal("trend", "--quality", tmp_path / "a", tmp_path / "b")
     assert run.code == 0 and "2 sessions, 2026-05-01 " in run.out and " to " not in run.out.splitlines()[0]
-    assert "a and b are of the same time" in run.err
+    assert "a and b have the same time" in run.err
     assert f"a: a period of {ny + 1} × {nx} positions" in run.err and "another camera" in run.err
 
 
@@ -155,7 +155,7 @@ def test_a_report_says_when_it_was_made(lfcal: Lfcal, tmp_path: Path, monkeypatc
     [
         (None, "no such folder"),
         ("", "quality.json"),
-        ("{}", "something else"),
+        ("{}", "another file"),
         ('{"format": "lfcal-quality"}', "damaged"),
     ],
 )

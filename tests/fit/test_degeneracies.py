@@ -32,7 +32,7 @@ def told(data: np.ndarray, slope: np.ndarray | None = None, held: np.ndarray = H
 
 def test_only_what_would_make_the_others_much_less_sure_is_named() -> None:
     # sigma 0.1 scales, or 0.1 / sqrt(1 - 0.995²)
-    assert told(ALIKE).words == ("held, held at 5 µm, with found (± 0.05 would be ± 0.5 µm)",)
+    assert told(ALIKE).words == ("held, fixed at 5 µm, with found (± 0.05 would be ± 0.5 µm)",)
     # known well beforehand it cannot be otherwise by as much
     assert told(ALIKE + np.diag([0.0, 0.0, 40.0])).words == ()
     apart = np.array([[100.0, 0, 98], [0, 100, 0], [98, 0, 100]])
@@ -117,10 +117,10 @@ def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
         return summarised(problem, point, columns, groups=groups, tried=names, outliers=())[0]
 
     (deep,) = fitted("geometry", "distance", *rest).unidentified
-    assert deep.startswith("specimen_depth_um, held at 12 µm, with distance_um (± ")
+    assert deep.startswith("specimen_depth_um, fixed at 12 µm, with distance_um (± ")
     fit = fitted("geometry", "specimen", *rest)
     (near,) = fit.unidentified
-    assert near.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ")
+    assert near.startswith("distance_um, fixed at 0 µm, with specimen_depth_um (± ")
     wide, sure = fit.parameters["specimen_depth_um"], fit.parameters["gap_um"]
     assert wide.sigma > 8 * wide.sigma_held and sure.sigma < 2 * sure.sigma_held
     # found with both of them nothing is held, and standard deviations are what they are
@@ -134,7 +134,7 @@ def test_a_planes_distance_is_named_beside_the_depth_in_a_specimen() -> None:
     own = np.array([names_of(problem).index(name) for name in names_of(asked)])
     at = asked.point(np.zeros(len(asked.vector)), Local(np.zeros((4, 2))), Fineness.coarse)
     beside = drain(iter_degeneracies(asked, at, Columns(columns.shared[own]), asked_for))
-    assert any(one.startswith("distance_um, held at 0 µm, with specimen_depth_um (± ") for one in beside.words)
+    assert any(one.startswith("distance_um, fixed at 0 µm, with specimen_depth_um (± ") for one in beside.words)
     (fit,) = summarised(
         asked, at, Columns(columns.shared[own]), groups=asked_for, tried=(), outliers=(), untried=beside
     )

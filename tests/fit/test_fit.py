@@ -54,7 +54,7 @@ def test_a_source_that_is_elsewhere_is_in_the_errors_of_what_it_looks_like() -> 
     held = {name: (one.value - truth.values[name]) / one.sigma_held for name, one in fit.parameters.items()}
     assert abs(held["gap_um"]) > 20, "by noise alone it would be certain"
     assert max(map(abs, pulls.values())) < 3
-    assert any(one.startswith("distance_um, held at 0 µm, with gap_um") for one in fit.unidentified)
+    assert any(one.startswith("distance_um, fixed at 0 µm, with gap_um") for one in fit.unidentified)
 
 
 def test_a_camera_is_found_from_forty_small_patterns() -> None:

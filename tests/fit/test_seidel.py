@@ -82,7 +82,7 @@ def test_seidel_aberrations_call_for_the_zero_of_the_stage() -> None:
     assert set(fit.groups) == {*CORE, "wavefront", "stage_zero", "distance"} and fit.complete
     assert measured_error(fit, truth, 12)["error_l1"] < 0.005
     assert max(map(abs, pulls(fit, truth).values())) < 4
-    assert "zernike_2_0, held at 0 waves, with distance_um" in " ".join(fit.unidentified)
+    assert "zernike_2_0, fixed at 0 waves, with distance_um" in " ".join(fit.unidentified)
 
 
 def random_camera(k: int) -> tuple[ScanPlan, np.random.Generator]:

@@ -144,14 +144,18 @@ def test_a_folder_of_micro_manager_states_the_part(tmp_path: Path) -> None:
 def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) -> None:
     write_part(tmp_path / "f")
     with opened(tmp_path / "f") as source:
-        with pytest.raises(InputError, match=r"row 5, column 6 of it, as the place of the light says .* --origin 5,6"):
+        with pytest.raises(
+            InputError, match=r"row 5, column 6 of it, according to the place of the light .* --origin 5,6"
+        ):
             drain(iter_upright(source, PLAN))
         # an orientation that is stated is not looked for in the light, and the place is missing all the same
         with pytest.raises(InputError, match=r"got 33 x 42 px; state .* --origin ROW,COLUMN"):
             drain(iter_upright(source, PLAN, "as-is"))
     with opened(tmp_path / "f", origin=(1, 6)) as source:
         found = FoundOrientation("as is", residual_px=0.1, offset_px=(-4.2, 0.1))
-        with pytest.raises(InputError, match="expected about 5,6, as the place of the light says, got 1,6; correct it"):
+        with pytest.raises(
+            InputError, match="expected about 5,6, according to the place of the light, got 1,6; correct it"
+        ):
             check_place(found, source, PLAN)
         check_place(replace(found, offset_px=(1.0, 0.5)), source, PLAN)
     with opened(tmp_path / "f", origin=(8, 8)) as source:

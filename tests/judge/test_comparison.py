@@ -182,7 +182,7 @@ def test_depths_pair_planes_and_the_rest_is_said() -> None:
     second = PSFMatrix(values[1:], depths=[-2000.5, -1000.0, -500.0])
     both = pair(first, second)
     assert both.planes == ((1, 0), (2, 1))
-    assert both.notes == ("plane of the first H alone: -3 mm", "plane of the second H alone: -500 µm")
+    assert both.notes == ("plane only in the first H: -3 mm", "plane only in the second H: -500 µm")
     assert compare(first, second).all.nrmse < 1e-9
 
 

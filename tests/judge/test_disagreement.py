@@ -154,7 +154,7 @@ def cameras() -> dict[str, tuple[Camera, str]]:
     lattice, optics = camera.lattice, camera.optics
     types = (lattice.types[0], lattice.types[2], lattice.types[1])
     return {
-        "types": (replace(camera, lattice=replace(lattice, types=types)), "order of the lens types is 0, 2, 1"),
+        "types": (replace(camera, lattice=replace(lattice, types=types)), "lens types are, in order, types 0, 2, 1"),
         "gap": (replace(camera, lattice=replace(lattice, gap_um=0.94 * lattice.gap_um)), "about -6"),
         "small gap": (
             replace(camera, lattice=replace(lattice, gap_um=0.985 * lattice.gap_um)),

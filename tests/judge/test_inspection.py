@@ -61,7 +61,10 @@ def test_a_camera_that_does_not_explain_the_patterns_names_no_fault() -> None:
     other = PSFMatrix(clean(), depths=plan().depths_um, camera=replace(camera, lattice=lattice), anchor=plan().anchor)
     found = inspected(other, FEWEST)
     assert not found.faults and not found.compared and "lfcal fit" in found.verdict
-    assert found.merit != "good" and "the gap of lenslets and sensor is about -5.7 %" in found.verdict
+    assert (
+        found.merit != "good"
+        and "the gap between lenslets and sensor differs from the description by about -5.7 %" in found.verdict
+    )
 
 
 def test_a_shift_of_the_anchor_is_no_traceback() -> None:

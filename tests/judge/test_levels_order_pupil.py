@@ -58,7 +58,7 @@ def test_a_mirrored_plane_is_named_with_its_axis(axis: int, words: str) -> None:
 
 def test_frames_that_come_late_are_told_with_their_number() -> None:
     found = faults_of(put_in("frames late", 5))
-    assert set(found) == {"order"} and found["order"].detail.count("all patterns come 5 frames late") == 2
+    assert set(found) == {"order"} and found["order"].detail.count("all patterns are 5 frames late") == 2
 
 
 def test_a_stuck_blade_darkens_its_side() -> None:

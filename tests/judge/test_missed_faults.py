@@ -229,7 +229,7 @@ def test_a_scan_to_and_fro_that_is_read_as_one_way() -> None:
     values[:, 1::2] = values[:, 1::2, ::-1].copy()
     found = faults_of(values)
     assert set(found) == {"order"}
-    assert found["order"].detail.count("every other row of positions runs the other way") == 2
+    assert found["order"].detail.count("every other row of positions is reversed") == 2
     columns = clean()
     columns[1, :, 1::2] = columns[1, ::-1, 1::2].copy()
     assert "plane 1: every other column" in faults_of(columns)["order"].detail
