@@ -230,6 +230,8 @@ class Manifest:
 def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:
     """Return the files ``names`` below ``root``, with links followed, or raise unless all exist and are inside.
 
+    The content that git-annex keeps in the repository of the folder counts as inside.
+
     Raises
     ------
     UnsafeFileError
@@ -255,12 +257,18 @@ def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[s
         except (OSError, ValueError):
             kind = 0
         # a link may lead outside the folder although its name passed all checks
-        if os.path.commonpath((base, path)) != base:
+        if os.path.commonpath((base, path)) != base and not _is_annexed(base, path):
             raise _leads_out(name, base)
         if not stat.S_ISREG(kind):
             raise StorageError(f"{Path(base, name)}: no such file; copy it there or take it out of the manifest")
         found[name] = Path(path)
     return found
+
+
+def _is_annexed(base: str, path: str) -> bool:
+    """Return whether a file is the content that git-annex keeps for a repository of the folder ``base``."""
+    repository, mark, _ = path.partition(os.path.join(os.sep, ".git", "annex", "objects", ""))
+    return bool(mark) and os.path.commonpath((base, repository)) == repository
 
 
 def _follow(path: str, name: str) -> str:

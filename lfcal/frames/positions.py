@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, check_choice, check_number
 from lfcal.frames.source import Position
 
-__all__ = ["NameGuess", "NamePattern", "first_number", "guess_pattern", "natural_key", "scan_positions"]
+__all__ = [
+    "NameGuess",
+    "NamePattern",
+    "first_number",
+    "guess_pattern",
+    "missing_numbers",
+    "natural_key",
+    "scan_positions",
+]
 
 MAX_POSITIONS = 100_000_000
 _FIELDS = ("z", "y", "x", "page")
@@ -66,6 +74,21 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Return a sort key that puts ``img2`` before ``img10``."""
     # digits compare as numbers and sort before text; the tuples keep int and str apart
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"([0-9]+)", name) if part]
+
+
+def missing_numbers(names: Sequence[str]) -> list[int]:
+    """Return the numbers that are missing between the first and the last of numbered files.
+
+    None are if the last number of each name is not all that differs, or more are missing than there are.
+    """
+    parts = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", Path(name).stem) for name in names]
+    found = [part for part in parts if part is not None]
+    if len(found) < len(names) or len({(part[1], part[3]) for part in found}) != 1:
+        return []
+    numbers = {int(part[2]) for part in found}
+    if max(numbers) - min(numbers) >= 2 * len(numbers):
+        return []
+    return sorted(set(range(min(numbers), max(numbers) + 1)) - numbers)
 
 
 def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.intp] | None = None) -> int:

@@ -298,6 +298,13 @@ class ChunkTable:
         """Number of chunks that were never written."""
         return int((self._at < 0).sum())
 
+    @property
+    def first_rows(self) -> int:
+        """Length along the first axis whose chunks were all written; 0 if later ones were written as well."""
+        lost = (self._at < 0).reshape(self._grid[0], -1)
+        first = int(lost.any(axis=1).argmax()) if lost.any() else self._grid[0]
+        return min(first * self._chunk[0], self._shape[0]) if lost[first:].all() else 0
+
     def stored(self, start: Start) -> tuple[int, bytes] | None:
         """Return the filters left out of a chunk (bits) and its stored bytes; None if it was never written.
 

@@ -152,6 +152,28 @@ class H5File:
                         found[name] = tuple(entry.shape or ())
         return found
 
+    def links_out(self) -> list[str]:
+        """Return what the links of the file to other files lead to, as ``file::/dataset``; none is opened."""
+        import h5py
+
+        found: list[str] = []
+        seen: set[Any] = set()
+        pending = [self._file]
+        while pending:
+            group = pending.pop()
+            with damage(self.path):
+                mark = h5py.h5o.get_info(group.id).addr
+                if mark in seen:
+                    continue
+                seen.add(mark)
+                for key in group:
+                    link = group.get(key, getlink=True)
+                    if isinstance(link, h5py.ExternalLink):
+                        found.append(f"{link.filename}::/{link.path.lstrip('/')}")
+                    elif isinstance(link, h5py.HardLink) and group.get(key, getclass=True) is h5py.Group:
+                        pending.append(group[key])
+        return sorted(found)
+
     def dataset(
         self, name: str, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None, holes: bool = False
     ) -> H5Data:
@@ -317,7 +339,11 @@ class H5Data:
         if plist.get_external_count():
             raise self._unsafe("data stored in the file itself", "external storage", "copy it in")
         if plist.get_layout() == h5py.h5d.VIRTUAL:
-            raise self._unsafe("stored data", "a virtual dataset", "copy the data in")
+            files = {plist.get_virtual_filename(k) for k in range(min(plist.get_virtual_count(), 100))} - {"."}
+            of = f" of {min(files)}" if len(files) == 1 else f" of {len(files)} files" if files else ""
+            raise self._unsafe(
+                "stored data", f"a virtual dataset{of}", "open the file that holds them, or copy them in"
+            )
 
     def _check_size(self, max_bytes: int) -> None:
         stored = self._file_size()

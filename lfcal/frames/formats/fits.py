@@ -106,6 +106,9 @@ class FitsImage(ImageFile):
         self.metadata = {"codec": codec_fact("none")}
         if len(self._lead) == 3:
             self.metadata |= {"plan_shape": self._lead}
+        if header.get("ROWORDER", "").upper() == "BOTTOM-UP":
+            words = "ROWORDER says that the first row is the bottom one; mirror-y makes such frames upright"
+            self.metadata |= {"format_notes": (f"{self.path.name}: {words} (--orientation)",)}
         if (exposure := _number(header, "EXPTIME", 0.0)) > 0:
             self.metadata |= {"exposure_s": np.full(self.pages, exposure)}
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, check_region
-from lfcal.base.h5 import H5File
+from lfcal.base.h5 import H5Data, H5File
 from lfcal.frames.formats._axes import used_axes
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_samples
@@ -64,7 +64,7 @@ class Hdf5Image(ImageFile):
 
     def _open(self, name: str | None) -> None:
         name = self._choose() if name is None else name
-        self._data = self._file.dataset(name)
+        self._data, written = self._written(name)
         self._axes = used_axes(self._data.shape)
         shape = tuple(self._data.shape[axis] for axis in self._axes)
         if len(shape) not in (3, 5) or 0 in shape or self._data.dtype.kind not in "iuf":
@@ -77,12 +77,19 @@ class Hdf5Image(ImageFile):
         self._lead = shape[:-2]
         self.shape = (shape[-2], shape[-1])
         self.dtype = self._data.dtype.newbyteorder("=")
+        notes: list[str] = []
+        if written is not None and len(self._lead) == 1:
+            notes.append(
+                f"frames: {written} of {self._lead[0]} were written to {self.path.name}; the others are missing"
+            )
+            self._lead = (written,)
         self.pages = int(np.prod(self._lead))
         # lossy filters are not among those that can be read
         names = [_COMPRESSING[number] for number in self._data.filters if number in _COMPRESSING]
         metadata: dict[str, Any] = {"codec": codec_fact(names[0] if names else "none")}
-        if self._others:
-            metadata["format_notes"] = tuple(self._note(other) for other in self._others)
+        notes += [self._note(other) for other in self._others]
+        if notes:
+            metadata["format_notes"] = tuple(notes)
         if len(self._lead) == 3:
             metadata["plan_shape"] = self._lead
         folder = name.rpartition("/")[0]
@@ -92,6 +99,17 @@ class Hdf5Image(ImageFile):
             if beside in self._file:
                 metadata[key] = self._table(beside, wanted)
         self.metadata = metadata
+
+    def _written(self, name: str) -> tuple[H5Data, int | None]:
+        """Return a dataset, and the number of frames of a stack that stopped early; None: all of them are there."""
+        try:
+            return self._file.dataset(name), None
+        except FileFormatError:
+            data = self._file.dataset(name, holes=True)
+            count = 0 if data.table is None or data.ndim > 4 or 1 in data.shape[:1] else data.table.first_rows
+            if not count:
+                raise
+            return data, count
 
     def _choose(self) -> str:
         if "frames" in self._file:
@@ -104,6 +122,9 @@ class Hdf5Image(ImageFile):
         if len(found) != 1:
             got = ", ".join(f"/{name} {stacks[name]}" for name in found[:8]) or "none"
             remedy = f"name it as {self.path.name}::/{found[0]}" if found else "check the file"
+            if not found and (out := self._file.links_out()):
+                got = f"links to {', '.join(out[:3])}{' …' if len(out) > 3 else ''}"
+                remedy = "links to other files are not followed; open the file that holds the frames"
             raise FileFormatError.expected(str(self.path), "one dataset of frames", got, remedy)
         return found[0]
 

@@ -287,6 +287,7 @@ _KINDS = {
     b"BM": "a BMP picture",
     b"GIF8": "a GIF picture",
     b"PK": "a ZIP or .npz archive",
+    b"\x1f\x8b": "a gzip archive",
     b"RIFF": "a WebP picture or a video",
     b"P6": "a colour PPM picture",
     b"P2": "a PGM picture in ASCII",
@@ -297,6 +298,8 @@ _KINDS = {
 }
 
 _REMEDIES = {
+    b"PK": "unpack it; save an array with numpy.save",
+    b"\x1f\x8b": "unpack it",
     b"\xff\xd8": "JPEG loses what calibration needs; record RAW, 16-bit TIFF or PNG",
     b"\xda\xce\xbe\x0a": "export it as OME-TIFF, in NIS-Elements or with Bio-Formats' bfconvert",
     b"ZISRAWFILE": "export it as OME-TIFF, in ZEN or with Bio-Formats' bfconvert",

@@ -95,6 +95,7 @@ class TiffImage(ImageFile):
         self.path = path
         self.pages = count_pages(path)
         self._size = path.stat().st_size
+        self._full: list[int] | None = None
         with decoding(path, "TIFF"):
             self._tiff = tifffile.TiffFile(path)
         try:
@@ -103,10 +104,19 @@ class TiffImage(ImageFile):
                 self._tiff.filehandle.set_lock(True)
                 self._lock = self._tiff.filehandle.lock  # the same lock protects looking up pages and reading samples
                 self._first = self._tiff.pages[0]
+                self._leave_out_reduced()
                 self._describe(colour)
         except BaseException:
             self._tiff.close()
             raise
+
+    def _leave_out_reduced(self) -> None:
+        """Count only the pages at full resolution: others are small pictures of them, after each or after all."""
+        if not any(self._tiff.pages[k].is_reduced for k in {min(1, self.pages - 1), self.pages - 1}):
+            return
+        full = [k for k in range(self.pages) if not self._tiff.pages[k].is_reduced]
+        if full and full[0] == 0:
+            self._full, self.pages = full, len(full)
 
     def _describe(self, colour: str | None) -> None:
         page = self._first
@@ -240,7 +250,8 @@ class TiffImage(ImageFile):
         """Return the page and, if its samples are contiguous, the offset of the first."""
         self.check_page(number)
         with self._lock, decoding(self.path, "TIFF"):
-            page = self._first if self._virtual else self._tiff.pages[number]
+            at = number if self._full is None else self._full[number]
+            page = self._first if self._virtual else self._tiff.pages[at]
             shape, dtype = (int(page.imagelength), int(page.imagewidth)), page.dtype
             starts, lengths = [int(n) for n in page.dataoffsets], [int(n) for n in page.databytecounts]
         if len(starts) != len(lengths):

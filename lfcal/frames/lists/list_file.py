@@ -262,11 +262,16 @@ def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str,
 
 def _listing(path: Path, entries: list[dict[str, Any]], notes: tuple[str, ...]) -> Listing:
     places = np.array([[_number(path, entry, key) for key in _PLACES] for entry in entries])
+    slices = np.array([_optional(entry.get("SliceIndex", entry.get("Slice"))) or 0 for entry in entries])
+    # a stage that the camera triggers does not report where it is: all slices of a stack have one z
+    if counted := bool(np.ptp(places[:, 2]) == 0 and np.ptp(slices) > 0):
+        places[:, 2] = slices
+        notes = (*notes, "planes: by SliceIndex, because ZPositionUm is the same in all slices (a sequenced stack)")
     exposures = [_optional(entry.get("Exposure-ms")) for entry in entries]
     known = tuple(ms / 1e3 for ms in exposures if ms is not None and ms > 0)
     files, pages = tuple(str(entry["FileName"]) for entry in entries), tuple(entry.get("page", 0) for entry in entries)
     times = known if len(known) == len(files) else None
-    return Listing(path.name, files, pages, places, "um", times, notes=notes)
+    return Listing(path.name, files, pages, places, "um", times, notes=notes, counted=counted)
 
 
 def _of_channel(

@@ -99,6 +99,17 @@ def place(
         If the list belongs to another scan, two frames belong to one position, or one is half a step away from any.
     """
     numbered = listing.counted
+    if (
+        len(listing) > 1
+        and plan.shape[1] * plan.shape[2] > 1
+        and not np.nan_to_num(np.ptp(listing.places, axis=0)).any()
+    ):
+        raise InputError.expected(
+            f"stage coordinates in {listing.name}",
+            "those of each frame",
+            f"the same ones for all {len(listing)} frames",
+            "record them with the stage's position, or say the order of the frames (--order serpentine or raster)",
+        )
     if numbered:
         listing = with_depths(listing, plan.depths_um, plan.stage)
     grid, lateral = grid_of(listing, plan.stage, planes=plan.shape[0])

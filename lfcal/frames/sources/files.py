@@ -20,7 +20,7 @@ from lfcal.frames.lists import (
     micromanager_list,
 )
 from lfcal.frames.manifest import FrameEntry, Manifest
-from lfcal.frames.positions import NamePattern, first_number, guess_pattern, natural_key
+from lfcal.frames.positions import NamePattern, first_number, guess_pattern, missing_numbers, natural_key
 from lfcal.frames.source import Position
 from lfcal.frames.sources.base import FrameOptions, SourceKind
 from lfcal.frames.sources.folder import FolderSource
@@ -175,7 +175,17 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
     pages = [(name, 0) for name in sorted(names, key=natural_key)]
     if len(pages) != shape[0] * shape[1] * shape[2]:
         pages = [(name, k) for name, _ in pages for k in range(_count(path / name, options))]
-    return Manifest.from_order(pages, shape, options.order), ()
+    gaps = missing_numbers(names)
+    told = (
+        f"number {', '.join(map(str, gaps[:6]))}{' …' if len(gaps) > 6 else ''} is not among the names" if gaps else ""
+    )
+    try:
+        manifest = Manifest.from_order(pages, shape, options.order)
+    except InputError as error:
+        if not told:
+            raise
+        raise InputError(f"{error}; {told}") from None
+    return manifest, (f"order: {told}; the files are taken as one after the other",) if told else ()
 
 
 def _by_pattern(
