@@ -220,13 +220,19 @@ class Resampling:
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
         """Return ``frame`` resampled by splines of ``order`` (0 to 5); light is conserved, outside is 0.
 
-        NaN pixels spread over the splines' reach: give them weight 0 instead (`inside` of a mask).
+        Pixels of the result that mix a NaN or infinite pixel are NaN.
         """
-        from scipy.ndimage import map_coordinates, spline_filter
+        from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 
         data = np.asarray(frame, np.float64)
         if data.ndim != 2:
             raise InputError.expected("frame", "two axes (rows, columns)", data.shape, "give one frame")
+        lost = ~np.isfinite(data)
+        if lost.all():
+            return np.full(self.shape, np.nan, np.float32)
+        if lost.any():  # splines would spread them over the whole frame
+            nearest = distance_transform_edt(lost, return_distances=False, return_indices=True)
+            data = data[tuple(nearest)]
         spline: Any = order
         # filtered once for the whole frame, not again in each thread's part
         prepared: Any = spline_filter(data, spline, mode="mirror") if order > 1 else data
@@ -242,6 +248,8 @@ class Resampling:
             out[start:stop] = area * map_coordinates(prepared, place, order=spline, mode="constant", prefilter=False)
 
         for_each_chunk(work, self.shape[0], workers)
+        if lost.any():
+            out[(self.inside(data.shape, ~lost) == 0) & (self.inside(data.shape) > 0)] = np.nan
         return out
 
     def inside(self, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from lfcal.base.errors import InputError
 from lfcal.camera import LatticeDistortion, ScanPlan, preset
@@ -90,6 +91,23 @@ def test_weights_leave_the_outside_and_bad_pixels_out():
     mask[20, 20] = False
     lost = view.inside((40, 40)) - view.inside((40, 40), mask)
     assert 1 <= lost.sum() <= 9
+
+
+def test_a_pixel_without_value_does_not_spread():
+    """Splines carry a NaN through the whole frame (roman-corgi/corgidrp#988)."""
+    frame = np.random.default_rng(3).uniform(1, 2, (60, 70))
+    view = Resampling.to_period((60, 70), (30.3, 35.2), BASIS[1], BASIS[0], (7, 7))
+    whole = view.apply(frame)
+    lost = np.zeros(frame.shape, bool)
+    lost[20, 31] = lost[40, 10] = True
+    frame[20, 31], frame[40, 10] = np.nan, np.inf
+    found = view.apply(frame)
+    bad = np.isnan(found)
+    assert 1 <= bad.sum() <= 18
+    np.testing.assert_array_equal(bad, (view.inside(frame.shape) > 0) & (view.inside(frame.shape, ~lost) == 0))
+    away = ~binary_dilation(bad, iterations=12)
+    np.testing.assert_allclose(found[away], whole[away], rtol=1e-4)
+    assert np.isnan(view.apply(np.full(frame.shape, np.nan))).all()
 
 
 @pytest.mark.parametrize("name", ["bench", "r29", "lfm_20x05", "lfm_60x12"])
