@@ -509,7 +509,7 @@ class Page(BasePage):
             return
         self._plane_data = loaded
         self.panel.show_plane(loaded)
-        self.show_map()
+        QTimer.singleShot(0, self, self.show_map)
         self.context.jobs.compute(
             "psf aperture",
             lambda: _apertures_of(matrix, loaded.plane.z),

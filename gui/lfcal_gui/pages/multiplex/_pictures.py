@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QVBoxLayout, QWidget
 
 from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex.model_scene import Reconstructions, shown
-from lfcal_gui.widgets import Picture, card, line, link, set_role, share_contrast
+from lfcal_gui.widgets import Picture, card, line, link, name_controls, set_role, share_contrast
 
 RIGHT = (("difference", "spatial − Fourier"), ("truth", "truth"))
 HEADS = ("Spatial", "Fourier", "Difference", "Recorded frame")
@@ -52,34 +55,41 @@ class MultiplexPictures(QWidget):
         self.readout = QLabel("")
         self.readout.setProperty("role", "hint")
         outer.addLayout(line("Shown", self.sample, "Third picture", self.right, self.readout, stretch=4))
-        outer.addLayout(self._pictures(), 1)
+        self.heads = [QLabel(title) for title in HEADS]
+        self._grid = QGridLayout()
+        self._grid.setSpacing(8)
+        outer.addLayout(self._grid, 1)
         self.status = QLabel("")
         self.status.setTextFormat(Qt.TextFormat.PlainText)
         self.status.setWordWrap(True)
         outer.addWidget(self.status)
 
-    def _pictures(self) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setSpacing(8)
-        self.heads = []
-        self.views = []
-        for k, title in enumerate(HEADS):
-            head = QLabel(title)
+    @cached_property
+    def views(self) -> list[Picture]:
+        """The four pictures; made when they are first shown."""
+        views = []
+        for k, head in enumerate(self.heads):
             head.setMinimumWidth(60)
             frame, column = card(head)
             view = Picture("intensity (1)", axes=("column (px)", "row (px)"))
             view.hovered.connect(self._hovered)
             view.blank.words = "The reason is given below."
             column.addWidget(view, 1)
-            grid.addWidget(frame, k // 2, k % 2)
-            self.heads.append(head)
-            self.views.append(view)
-        link(*self.views)
-        share_contrast(*self.views[:2])
+            self._grid.addWidget(frame, k // 2, k % 2)
+            views.append(view)
+        link(*views)
+        share_contrast(*views[:2])
         for k in range(2):
-            grid.setColumnStretch(k, 1)
-            grid.setRowStretch(k, 1)
-        return grid
+            self._grid.setColumnStretch(k, 1)
+            self._grid.setRowStretch(k, 1)
+        name_controls(self)
+        return views
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Show the pictures, too."""
+        for view in self.views:
+            view.show()
+        super().showEvent(event)
 
     @property
     def sample_index(self) -> int:
@@ -172,7 +182,7 @@ class MultiplexPictures(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for view in self.views:
+        for view in self.views if "views" in self.__dict__ else ():
             view.apply_theme()
 
 

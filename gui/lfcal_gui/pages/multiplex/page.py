@@ -122,7 +122,11 @@ class Page(BasePage):
     def _computed(self, result: tuple[ModulatorPicture, ModulatorComparison]) -> None:
         self.picture, self.comparison = result
         self.panel.show_picture(self.picture)
-        self.panel.show_comparison(self.comparison, self.context.state.camera.name)
+        self._show_comparison()
+
+    def _show_comparison(self) -> None:
+        if self.comparison is not None:
+            self.panel.show_comparison(self.comparison, self.context.state.camera.name)
 
     def _refused(self, words: str) -> None:
         self.picture = self.comparison = None
@@ -293,8 +297,7 @@ class Page(BasePage):
 
     def _apply_theme(self) -> None:
         self.panel.apply_theme()
-        if self.comparison is not None:
-            self.panel.show_comparison(self.comparison, self.context.state.camera.name)
+        self._show_comparison()
 
 
 def _asked(settings: MultiplexSettings, camera: Camera) -> tuple[Any, ...]:

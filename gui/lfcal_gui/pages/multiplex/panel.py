@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from html import escape
 
 import numpy as np
@@ -42,6 +43,7 @@ from lfcal_gui.widgets import (
     card,
     column_area,
     line,
+    name_controls,
     set_role,
     shown_tone,
 )
@@ -134,33 +136,37 @@ class MultiplexPanel(QWidget):
         column.addWidget(self.others)
         return self.compare_card
 
-    def _make_views(self) -> tuple[Picture, ...]:
-        self.pattern = Picture("transmission (1)", axes=("column (px)", "row (px)"))
-        self.spectrum = Picture("magnitude (1)", axes=("u (1/period)", "v (1/period)"))
-        self.sigma = Picture("weight (1)", axes=("j (index)", "pixel k (index)"), square=False)
-        self.pi = Picture("weight (1)", axes=("j (index)", "sample n (index)"), square=False)
-        views = self.pattern, self.spectrum, self.sigma, self.pi
-        for view in views:
+    @cached_property
+    def views(self) -> tuple[Picture, ...]:
+        """Pattern, spectrum and both bases; made when there is a modulator, or the reason why there is none."""
+        views = (
+            Picture("transmission (1)", axes=("column (px)", "row (px)")),
+            Picture("magnitude (1)", axes=("u (1/period)", "v (1/period)")),
+            Picture("weight (1)", axes=("j (index)", "pixel k (index)"), square=False),
+            Picture("weight (1)", axes=("j (index)", "sample n (index)"), square=False),
+        )
+        for view, tip, column in zip(views, TIPS, self._columns, strict=True):
+            view.setToolTip(tip)
             view.blank.words = NO_MODULATOR
+            column.addWidget(view, 1)
+        name_controls(self)
         return views
 
     def _modulator_tab(self) -> QWidget:
-        views = self._make_views()
         widget = QWidget()
         row = QHBoxLayout(widget)
         row.setContentsMargins(0, 8, 0, 0)
         row.setSpacing(8)
         grid = QGridLayout()
         grid.setSpacing(8)
-        self.titles = []
-        for k, (view, tip, title) in enumerate(zip(views, TIPS, TITLES, strict=True)):
+        self.titles, self._columns = [], []
+        for k, (tip, title) in enumerate(zip(TIPS, TITLES, strict=True)):
             label = QLabel(title)
             label.setWordWrap(True)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
+            label.setToolTip(tip)
             frame, column = card(label)
-            for part in (view, label):
-                part.setToolTip(tip)
-            column.addWidget(view, 1)
+            self._columns.append(column)
             self.titles.append(label)
             grid.addWidget(frame, k // 2, k % 2)
         for k in range(2):
@@ -255,12 +261,13 @@ class MultiplexPanel(QWidget):
 
     def show_picture(self, picture: ModulatorPicture) -> None:
         """Draw the modulator."""
-        self.pattern.set_shot(Shot(picture.pattern if picture.colours is None else picture.colours, name="pattern"))
+        pattern, spectral, sigma, pi = self.views
+        pattern.set_shot(Shot(picture.pattern if picture.colours is None else picture.colours, name="pattern"))
         rows, columns = picture.spectrum.shape
         spectrum = Shot(picture.spectrum, name="spectrum", origin=(-(rows // 2), -(columns // 2)))
-        self.spectrum.set_shot(spectrum, keep_view=False)
-        self.sigma.set_shot(Shot(picture.sigma, name="sigma", signed=True))
-        self.pi.set_shot(Shot(picture.pi, name="pi", signed=True))
+        spectral.set_shot(spectrum, keep_view=False)
+        sigma.set_shot(Shot(picture.sigma, name="sigma", signed=True))
+        pi.set_shot(Shot(picture.pi, name="pi", signed=True))
         kind = "" if picture.real else ", real part"
         shapes = ((SIGMA, picture.sigma), (PI, picture.pi))
         for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
@@ -272,7 +279,7 @@ class MultiplexPanel(QWidget):
         for label, title in zip(self.titles, TITLES, strict=True):
             label.setText(title)
         self.curve_title.setText(CURVES)
-        for view in (self.pattern, self.spectrum, self.sigma, self.pi):
+        for view in self.views:
             view.set_shot(None)
         self.table.setRowCount(0)
         self.curve.clear()
@@ -326,8 +333,7 @@ class MultiplexPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        plots = (self.pattern, self.spectrum, self.sigma, self.pi, self.curve)
-        for view in (*plots, self.pictures, self.figures, self.search):
+        for view in (*self.__dict__.get("views", ()), self.curve, self.pictures, self.figures, self.search):
             view.apply_theme()
         if self._drawn:
             self._show_legend()

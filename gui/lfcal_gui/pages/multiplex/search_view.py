@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from lfcal.base import LfcalError
@@ -16,7 +18,7 @@ from lfcal_gui.models import ProjectState, Shot
 from lfcal_gui.pages.multiplex.model import SEARCH_FIELDS, TYPED, MultiplexSettings
 from lfcal_gui.pages.multiplex.model_compare import FoundDesign, iter_search
 from lfcal_gui.saving import ask_target
-from lfcal_gui.widgets import FoldedForm, Picture, card, set_role
+from lfcal_gui.widgets import FoldedForm, Picture, card, name_controls, set_role
 
 
 class SearchView(QWidget):
@@ -68,11 +70,7 @@ class SearchView(QWidget):
 
     def _result(self) -> QWidget:
         frame, column = card("Design")
-        self.view = Picture("transmission (1)", axes=("column (px)", "row (px)"))
-        self.view.setToolTip(
-            "Transmission of each pixel of the super-pixel, for the middle view; filters in their colour"
-        )
-        column.addWidget(self.view, 1)
+        self._design = column
         inner = QWidget()
         self.words = QGridLayout(inner)
         self.words.setColumnStretch(1, 1)
@@ -82,6 +80,21 @@ class SearchView(QWidget):
         self.status.setWordWrap(True)
         column.addWidget(self.status)
         return frame
+
+    @cached_property
+    def view(self) -> Picture:
+        """The picture of the design; made when it is first shown."""
+        made = Picture("transmission (1)", axes=("column (px)", "row (px)"))
+        made.setToolTip("Transmission of each pixel of the super-pixel, for the middle view; filters in their colour")
+        made.blank.words = "No design yet."
+        self._design.insertWidget(1, made, 1)
+        name_controls(self)
+        return made
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Show the picture, too."""
+        self.view.show()
+        super().showEvent(event)
 
     def show_status(self, words: str, *, bad: bool = False) -> None:
         """Say what is under way or why nothing is shown."""
@@ -101,7 +114,8 @@ class SearchView(QWidget):
                 widget.hide()
                 widget.deleteLater()
         if found is None:
-            self.view.set_shot(None)
+            if "view" in self.__dict__:
+                self.view.set_shot(None)
             self.show_status("Search for the filters or the mask with the largest gain for the project's camera.")
             return
         self.show_status("")
@@ -116,7 +130,8 @@ class SearchView(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        self.view.apply_theme()
+        if "view" in self.__dict__:
+            self.view.apply_theme()
 
 
 DESIGNS = "With views and colours (*.json);;Transmissions alone (*.npy)"

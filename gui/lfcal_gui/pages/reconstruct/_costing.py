@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 from PySide6.QtCore import QObject
@@ -14,6 +15,7 @@ from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import axis_labels, iter_measure, points_of, subject_of
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
+from lfcal_gui.widgets import CostCurve
 
 SECONDS = 10.0
 """About how long a curve is measured (s)."""
@@ -41,9 +43,6 @@ class Costing(QObject):
         self._job, self._error = 0, 0.01
         self._shown: Curve | None = None
         panel.place.currentIndexChanged.connect(lambda _: self.show())
-        panel.curve.chosen.connect(self.take)
-        panel.curve.moved.connect(self._move)
-        panel.curve.measure_asked.connect(self.measure)
         panel.more.head.toggled.connect(lambda _: self.show())
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
@@ -54,6 +53,15 @@ class Costing(QObject):
         found: str = self._panel.place.currentData()
         return found
 
+    @cached_property
+    def _chart(self) -> CostCurve:
+        """The chart of the panel; it is made when it is first seen."""
+        chart = self._panel.curve
+        chart.chosen.connect(self.take)
+        chart.moved.connect(self._move)
+        chart.measure_asked.connect(self.measure)
+        return chart
+
     def show(self) -> None:
         """Show the curve of this H as far as it is measured."""
         if not self._panel.more.head.isChecked():
@@ -61,11 +69,11 @@ class Costing(QObject):
         curves, key = self._context.curves, subject_of(self._context.state, "psf")
         self._shown = curve = curves.of(key).get(self.place)
         if curve is not None:
-            self._panel.curve.set_labels(*axis_labels(curve))
+            self._chart.set_labels(*axis_labels(curve))
         points = () if curve is None else points_of(curve, self._picked(curve))
-        self._panel.curve.show_points(points, math.log10(100 * self._error), "error")
+        self._chart.show_points(points, math.log10(100 * self._error), "error")
         took = curves.took(key, self.place)
-        self._panel.curve.show_status(took, "" if self._job else "Measure again" if took else "Measure")
+        self._chart.show_status(took, "" if self._job else "Measure again" if took else "Measure")
 
     def _picked(self, curve: Curve) -> Rung | None:
         """Return the point that is in use."""

@@ -18,7 +18,7 @@ from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, 
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
 from lfcal_gui.pages.reconstruct.model_volume import MODES, Prepared, Side, VolumeIntent, prepare, sides
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, link, share_contrast, split
+from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, link, name_controls, share_contrast, split
 
 VALUE = "brightness (counts)"
 
@@ -128,15 +128,18 @@ def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, side: Side, le
 class Looks(QWidget):
     """The volume and the known one, side by side, or one above the other where both have more room then."""
 
-    def __init__(self, *looks: VolumePanes) -> None:
+    def __init__(self, look: VolumePanes) -> None:
         super().__init__()
         self.setObjectName("looks")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._row = QBoxLayout(QBoxLayout.Direction.LeftToRight, self)
         self._row.setContentsMargins(0, 0, 0, 0)
         self._row.setSpacing(3)
-        for look in looks:
-            self._row.addWidget(look, 1)
+        self.add(look)
+
+    def add(self, look: VolumePanes) -> None:
+        """Show one more."""
+        self._row.addWidget(look, 1)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Choose the direction."""
@@ -174,7 +177,8 @@ class VolumeView(QWidget):
         self._newest = Newest(jobs, f"volume {id(self)}")
         self._emptied = 0
         self._light_field = False
-        self.looks = VolumePanes("Volume", jobs, first=True), VolumePanes("Truth", jobs, first=False)
+        self._jobs = jobs
+        self.looks: tuple[VolumePanes, ...] = (VolumePanes("Volume", jobs, first=True),)
         self.solid, self.pictures = self.looks[0].solid, self.looks[0].pictures
         self.xy, self.xz, self.yz = self.pictures.values()
         self.slice = Picture(VALUE, steered=True, legend=False)
@@ -182,12 +186,8 @@ class VolumeView(QWidget):
         self.slice.steered_to.connect(lambda row, column: self._steer(self.looks[0], "xy", row, column))
         self.light_field = Picture(legend=False)
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
-        share_contrast(self.slice, *(p for look in self.looks for p in (look.solid, *look.pictures.values())))
-        link(*(look.solid for look in self.looks))
-        for key in AXES:
-            link(*(look.pictures[key] for look in self.looks))
-        for look in self.looks:
-            self._watch(look)
+        share_contrast(*self._volumes())
+        self._watch(self.looks[0])
         self.contrasts = Contrast(self.solid), Contrast(self.xy)
         for contrast in self.contrasts:
             contrast.display_asked.connect(lambda changes: self._display(**changes))
@@ -203,7 +203,7 @@ class VolumeView(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _lay_out(self) -> None:
-        self.looking = Looks(*self.looks)
+        self.looking = Looks(self.looks[0])
         self.stack = QStackedWidget()
         self.stack.addWidget(self.looking)
         self.side = split(self.light_field, self.slice, sizes=(1, 1), vertical=True)
@@ -214,6 +214,20 @@ class VolumeView(QWidget):
         column.addWidget(self.split, 1)
         for part in (*self.contrasts, self.strip):
             column.addWidget(part)
+
+    def _add_truth(self) -> None:
+        """Make what shows the known volume, when there is one."""
+        truth = VolumePanes("Truth", self._jobs, first=False)
+        self.looks = (self.looks[0], truth)
+        self.looking.add(truth)
+        share_contrast(*self._volumes())
+        link(*(look.solid for look in self.looks))
+        for key in AXES:
+            link(*(look.pictures[key] for look in self.looks))
+        self._watch(truth)
+        for picture in (truth.solid, *truth.pictures.values()):
+            picture.graphics.setMinimumSize(*LEAST)
+        name_controls(self)
 
     def _watch(self, look: VolumePanes) -> None:
         look.solid.turned.connect(self._turn)
@@ -315,6 +329,8 @@ class VolumeView(QWidget):
     def _take(self, found: list[Prepared]) -> None:
         before, shape = self.prepared, found[0].volume.shape
         first = before is None or before.volume.shape != shape
+        if len(found) > len(self.looks):
+            self._add_truth()
         for look, prepared in zip(self.looks, (*found, None), strict=False):
             look.set_volume(prepared)
         self.ticks["truth"].setEnabled(len(found) > 1)
@@ -422,14 +438,15 @@ class VolumeView(QWidget):
 
     def _show(self) -> None:
         self._show_parts()
-        intent, prepared, truth = self.intent, self.prepared, self.looks[1].prepared
-        self.looks[1].setVisible(truth is not None and intent.truth)
+        intent, prepared = self.intent, self.prepared
+        for truth in self.looks[1:]:
+            truth.setVisible(truth.prepared is not None and intent.truth)
         if prepared is None:
             return
         known = [look.prepared.levels for look in self.looks if look.prepared is not None]
         levels = min(low for low, _ in known), max(high for _, high in known)
         planes, rows, columns = prepared.volume.shape
-        for look, title in zip(self.looks, (self._title, "Truth"), strict=True):
+        for look, title in zip(self.looks, (self._title, "Truth"), strict=False):
             look.show_as(intent, self.turn, levels, f"{title}, {columns} × {rows} × {planes} voxels")
         if intent.mode == MODES[0]:
             flat = replace(intent, mode=MODES[1])

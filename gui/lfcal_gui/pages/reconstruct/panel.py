@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
-from PySide6.QtCore import QPoint, QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QPoint, Qt, Signal
 from PySide6.QtGui import QCursor, QResizeEvent
 from PySide6.QtWidgets import (
     QHBoxLayout,
@@ -37,6 +38,7 @@ from lfcal_gui.widgets import (
     clear,
     heading,
     line,
+    name_controls,
     scrolling,
     set_role,
 )
@@ -130,7 +132,7 @@ class ReconstructPanel(QWidget):
         column = QVBoxLayout(inner)
         column.setContentsMargins(0, 0, 6, 0)
         column.setSpacing(6)
-        for part in (self.export, self._reconstruction(), self._costs()):
+        for part in (self.export, self._reconstruction(), self._forecast()):
             column.addWidget(part)
         column.addStretch()
         return inner
@@ -155,13 +157,8 @@ class ReconstructPanel(QWidget):
         self.file.setProperty("role", "hint")
         column.addWidget(self.file)
         column.addWidget(self.form)
-        self.misfit = LinePlot("iteration", "misfit (%)", counted=True)
-        self.misfit.setToolTip(
-            "Weighted rms of image minus model over that of the image; with a known truth its error too"
-        )
-        self.misfit.setFixedHeight(PLOT)
-        self.misfit.graphics.setMinimumSize(120, 60)
-        self.misfit.blank.words = NO_CURVE
+        tip = "Weighted rms of image minus model over that of the image; with a known truth its error too"
+        self.misfit = _plot("misfit (%)", tip)
         column.addWidget(self.misfit)
         self._fill_more()
         column.addWidget(self.more)
@@ -186,34 +183,52 @@ class ReconstructPanel(QWidget):
         self.again = self._button("again", "Start again", "Reconstruct from the first iteration with these settings")
         self.place = choice_box(PLACES, "What the chart compares: solvers and iterations, or ways to apply H")
         self.place.setAccessibleName("what the chart compares")
-        self.curve = CostCurve()
-        self.curve.setFixedHeight(CURVE)
-        holder = QWidget()
-        column = QVBoxLayout(holder)
+        costs = QWidget()
+        self._costs_column = column = QVBoxLayout(costs)
         column.setContentsMargins(0, 0, 0, 0)
-        for part in (heading("What accuracy costs"), self.place, self.curve):
+        for part in (heading("What accuracy costs"), self.place):
             column.addWidget(part)
         self.more.fold_line(self.solver_words, above=True)
-        self.more.fold_line(holder)
+        self.more.fold_line(costs)
         self.more.fold_line(self.again)
 
-    def _costs(self) -> QWidget:
-        folded = Folded("Time, memory and likelihood", "What a reconstruction will take, and how likely the image is")
+    @cached_property
+    def curve(self) -> CostCurve:
+        """What accuracy costs; made when the settings are first unfolded."""
+        made = CostCurve()
+        made.setFixedHeight(CURVE)
+        self._costs_column.addWidget(made)
+        name_controls(self)
+        return made
+
+    def _forecast(self) -> QWidget:
+        self.folded = folded = Folded(
+            "Time, memory and likelihood", "What a reconstruction will take, and how likely the image is"
+        )
         self.forecast = QLabel("Known when a light field is open.")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
         self.forecast.setToolTip("From a cost model calibrated on this machine")
-        self.likelihood = LinePlot("iteration", "log-lik. / px", counted=True)
-        self.likelihood.setToolTip(
+        folded.column.addWidget(self.forecast)
+        folded.head.toggled.connect(lambda _: self.likelihood.show())
+        return folded
+
+    @cached_property
+    def likelihood(self) -> LinePlot:
+        """The log-likelihood by iterations; made when it is first seen or known."""
+        tip = (
             "Log-likelihood of the image less its largest possible value, per pixel: 0 is a perfect fit. "
             "Accelerated solvers may fall back for an iteration, and recover"
         )
-        self.likelihood.setFixedHeight(PLOT)
-        self.likelihood.graphics.setMinimumSize(120, 60)
-        self.likelihood.blank.words = NO_CURVE
-        for part in (self.forecast, self.likelihood):
-            folded.column.addWidget(part)
-        return folded
+        made = _plot("log-lik. / px", tip)
+        self.folded.column.addWidget(made)
+        name_controls(self)
+        return made
+
+    @property
+    def _plots(self) -> tuple[LinePlot, ...]:
+        """The plots that are made."""
+        return self.misfit, *((self.likelihood,) if "likelihood" in self.__dict__ else ())
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_go(self, key: str, more: int = 0, *, enabled: bool = True) -> None:
@@ -259,8 +274,8 @@ class ReconstructPanel(QWidget):
     def show_no_volume(self) -> None:
         """Show no volume, no convergence and no status."""
         self.view.set_volume(None)
-        self.misfit.clear()
-        self.likelihood.clear()
+        for plot in self._plots:
+            plot.clear()
         self.show_status("", None)
         self.show_took("")
 
@@ -268,7 +283,7 @@ class ReconstructPanel(QWidget):
         """Show the convergence: `SolverProgress` records of an image of so many pixels, and errors of the volume."""
         at = [record.iteration for record in history]
         symbol = "o" if len(at) < 3 else None
-        for plot in (self.misfit, self.likelihood):
+        for plot in self._plots:
             plot.clear()
         self.misfit.set_curve("misfit", at, [100 * record.residual for record in history], symbol=symbol)
         if errors:
@@ -293,13 +308,17 @@ class ReconstructPanel(QWidget):
         if fraction is not None:
             self.bar.setValue(round(1000 * fraction))
 
-    def show_place(self, name: str) -> None:
-        """Show the chart of a place."""
-        blocker = QSignalBlocker(self.place)
-        self.place.setCurrentIndex(self.place.findData(name))
-        blocker.unblock()
-
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for widget in (self.view, self.misfit, self.likelihood, self.curve):
+        curve = self.__dict__.get("curve")
+        for widget in (self.view, *self._plots, *(() if curve is None else (curve,))):
             widget.apply_theme()
+
+
+def _plot(label: str, tip: str) -> LinePlot:
+    plot = LinePlot("iteration", label, counted=True)
+    plot.setToolTip(tip)
+    plot.setFixedHeight(PLOT)
+    plot.graphics.setMinimumSize(120, 60)
+    plot.blank.words = NO_CURVE
+    return plot

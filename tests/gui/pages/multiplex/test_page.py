@@ -22,6 +22,7 @@ from lfcal_gui.pages.multiplex.page import Page
 from lfcal_gui.pages.multiplex.panel import NAME, NO_MODULATOR
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from lfcal_gui.widgets.naming import controls
+from lfcal_gui.widgets.picture import Picture
 from tests.gui.conftest import OpenPage
 from tests.gui.layout_colours import of_other_themes
 from tests.gui.waiting import idle
@@ -58,6 +59,17 @@ def tick(page: Page, name: str) -> None:
     item = page.panel.others.item(offered(page).index(name))
     on = item.checkState() == Qt.CheckState.Checked
     item.setCheckState(Qt.CheckState.Unchecked if on else Qt.CheckState.Checked)
+
+
+def test_pictures_of_a_tab_are_made_when_it_is_first_shown(page: Page, qtbot: QtBot) -> None:
+    """The first look at the window was 190 ms long, half of them for pictures that were not seen."""
+    made = {tab: len(page.panel.tabs.widget(tab).findChildren(Picture)) for tab in range(4)}
+    assert made == {0: 4, 1: 0, 2: 0, 3: 0}
+    for tab, count in ((1, 4), (3, 1)):
+        page.panel.tabs.setCurrentIndex(tab)
+        settle(page, qtbot)
+        pictures = page.panel.tabs.widget(tab).findChildren(Picture)
+        assert len(pictures) == count and all(one.isVisible() for one in pictures)
 
 
 def test_the_list_follows_its_title(page: Page) -> None:
@@ -104,14 +116,14 @@ def cells(page: Page) -> dict[str, str]:
 def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, qtbot: QtBot) -> None:
     assert page.body.minimumSizeHint().width() <= 1100 and page.minimumSizeHint().height() <= 640
     assert cells(page)["Transmission τ"] == "0.5833" and cells(page)["Rank"] == "3 of 3"
-    np.testing.assert_array_equal(page.panel.sigma.values, cfa("CYMG").spatial)
-    np.testing.assert_array_equal(page.panel.pi.values, cfa("CYMG").plenoptic)
-    assert page.panel.pattern.shot.coloured
+    np.testing.assert_array_equal(page.panel.views[2].values, cfa("CYMG").spatial)
+    np.testing.assert_array_equal(page.panel.views[3].values, cfa("CYMG").plenoptic)
+    assert page.panel.views[0].shot.coloured
     type_in(page, "size", "5")
     choose(page, "family", "mask")
     settle(page, qtbot)
-    assert cells(page)["Samples N"] == "25" and not page.panel.pattern.shot.coloured
-    assert page.panel.pattern.values is not None and page.panel.pattern.values.shape == (5, 5)
+    assert cells(page)["Samples N"] == "25" and not page.panel.views[0].shot.coloured
+    assert page.panel.views[0].values is not None and page.panel.views[0].values.shape == (5, 5)
     assert "real part" in page.panel.titles[2].text() and "over pinhole" in page.panel.curve_title.text()
     settings = MultiplexSettings(family="both", mask="lenslet", size=4, right="truth")
     context.project.update("all", settings=settings.into(context.state))
@@ -122,8 +134,8 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
     assert "No gains" in page.panel.curve_hint.text() and cells(page)["Rank"] == "16 of 48"
     type_in(page, "size", "31")
     settle(page, qtbot)
-    assert "smaller mask" in page.panel.curve_hint.text() and page.panel.sigma.values is None
-    assert page.panel.sigma.blank.isVisible() and page.panel.sigma.blank.text() == NO_MODULATOR
+    assert "smaller mask" in page.panel.curve_hint.text() and page.panel.views[2].values is None
+    assert page.panel.views[2].blank.isVisible() and page.panel.views[2].blank.text() == NO_MODULATOR
 
 
 def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot: QtBot, qapp: QApplication) -> None:
@@ -226,7 +238,7 @@ def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     assert page.body.minimumSizeHint().width() <= 1100, "a long name does not widen the page"
     type_in(page, "written", "polarisers:0,45/90")
     settle(page, qtbot)
-    assert "equal rows" in page.panel.curve_hint.text() and page.panel.sigma.values is None
+    assert "equal rows" in page.panel.curve_hint.text() and page.panel.views[2].values is None
     type_in(page, "written", "shutter:100,010/001,111")
     type_in(page, "reference_written", "shutter:100,010,001")
     page.panel.tabs.setCurrentIndex(1)

@@ -22,6 +22,7 @@ from lfcal_gui.pages.reconstruct import model
 from lfcal_gui.pages.reconstruct.model import NO_DEVICE, ReconstructSettings, device_reason
 from lfcal_gui.pages.reconstruct.page import Page
 from lfcal_gui.theme import DARK, LIGHT, apply_theme
+from lfcal_gui.widgets import CostCurve, LinePlot
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
 from tests.gui.waiting import GUARD_MS, idle
@@ -52,6 +53,18 @@ def test_empty_states_say_what_comes_next(page: Page, context: Context, qtbot: Q
     assert page.panel.misfit.blank.isVisibleTo(page) and "Reconstruct" in page.panel.misfit.blank.text()
     context.project.update("none", psf="")
     assert page.empty is not None and "need an H" in page.empty.label.text()
+
+
+def test_charts_are_made_when_they_are_unfolded(page: Page, context: Context, qtbot: QtBot) -> None:
+    """The first look at the place was 140 ms long, a third of them for what was folded."""
+    qtbot.waitUntil(lambda: context.matrix(context.state.psf) is not None, timeout=GUARD_MS)
+    panel = page.panel
+    assert not panel.findChildren(CostCurve) and panel.findChildren(LinePlot) == [panel.misfit]
+    panel.more.open()
+    assert panel.findChildren(CostCurve) == [panel.curve]
+    panel.folded.open()
+    assert panel.likelihood in panel.findChildren(LinePlot)
+    qtbot.waitUntil(lambda: panel.curve.isVisible() and panel.likelihood.isVisible(), timeout=GUARD_MS)
 
 
 def test_missing_positions_of_h_are_named(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:

@@ -148,7 +148,8 @@ def test_zooming_draws_what_is_seen_as_sharp_as_the_screen(view: VolumeView, qtb
 
 def test_a_known_truth_is_turned_with_it_and_can_be_hidden(view: VolumeView) -> None:
     truth = 2 * volume()
-    assert not view.looks[1].isVisible() and not view.ticks["truth"].isEnabled()
+    view.set_volume(volume(), DEPTHS, (60.0, 60.0))
+    assert len(view.looks) == 1 and not view.ticks["truth"].isEnabled()
     view.set_volume(volume(), DEPTHS, (60.0, 60.0), truth)
     other = view.looks[1].solid
     assert other.isVisible() and other.levels == view.solid.levels == (0.0, 6.0), "both share one scale"
