@@ -226,7 +226,7 @@ def reconstructed(hand: Hand) -> None:
     """Reconstruct a volume of a light field."""
     _opened(hand)
     page = hand.window.page("reconstruct")
-    page._edited("iterations", 3)
+    page.context.edit(page.settings, "iterations", 3)
     page.make_light_field("points", str(hand.folder / "points.tif"))
     hand.stage.settle()
     hand.window.project.update("none", light_field="")

@@ -167,7 +167,7 @@ def reconstruct(stage: Stage) -> Iterator[Capture]:
     stage.done()
     stage.tidy()
     yield Capture("reconstruct_light_field")
-    page._edited("iterations", 15)
+    page.context.edit(page.settings, "iterations", 15)
     stage.settle()
     page.start()
     stage.done()
@@ -205,7 +205,7 @@ def accuracy(stage: Stage) -> Iterator[Capture]:
     for name in PLACES.names():
         page.measure((name,))
         stage.settle()
-        page._edited("place", name)
+        page.context.edit(page.settings, "place", name)
         stage.settle()
         stage.tidy()
         yield Capture(f"accuracy_{name}")

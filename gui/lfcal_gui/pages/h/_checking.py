@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base import InputError, format_count
+from lfcal.base import format_count
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
 from lfcal_gui.models import (
     ATLAS,
@@ -81,8 +81,7 @@ class Checking:
         """Return what shows the checks, made at the first call."""
         if self.view is None:
             view = self.view = ChecksView()
-            view.form.check = self._check
-            view.edited.connect(self._edited)
+            self.context.let_edit(view.form, lambda: self.settings, "quality:")
             view.folder_asked.connect(self.choose_fit)
             view.every_toggled.connect(lambda _: self._show())
             view.redo.clicked.connect(lambda: self.redo())
@@ -150,21 +149,6 @@ class Checking:
         self._show_buttons()
 
     # -- choices ---------------------------------------------------------------------------------------
-    def _check(self, key: str, value: Any) -> str:
-        try:
-            self._with(key, value)
-        except InputError as error:
-            return str(error)
-        return ""
-
-    def _with(self, key: str, value: Any) -> QualitySettings:
-        changed: dict[str, Any] = {key: "" if value is None else value}
-        return replace(self.settings, **changed)
-
-    def _edited(self, key: str, value: Any) -> None:
-        settings = self._with(key, value)
-        self.context.project.merge(f"quality: {key}", settings=settings.into(self.context.state))
-
     def choose_fit(self, folder: str = "") -> None:
         """Take the camera of a saved fit."""
         folder = folder or QFileDialog.getExistingDirectory(self._page, "Folder of a fit")

@@ -49,8 +49,6 @@ class ChecksView(QWidget):
 
     Signals
     -------
-    edited(key, value)
-        A setting was changed.
     folder_asked()
         The camera of a saved fit is wanted.
     fault_asked(name)
@@ -61,7 +59,6 @@ class ChecksView(QWidget):
         Another check is looked at: its number in the rows that were given.
     """
 
-    edited = Signal(str, object)
     folder_asked = Signal()
     fault_asked = Signal(str)
     every_toggled = Signal(bool)
@@ -142,7 +139,6 @@ class ChecksView(QWidget):
         self.every.toggled.connect(self.every_toggled.emit)
         tip = "Camera, session, number of patterns and time of the inspection"
         self.form = FoldedForm(more=FIELDS, title="What H is compared with", tip=tip, framed=True)
-        self.form.edited.connect(self.edited.emit)
         folder = QPushButton("Fit folder …")
         folder.setToolTip("Compare with the camera of a fit that was saved")
         folder.clicked.connect(lambda: self.folder_asked.emit())

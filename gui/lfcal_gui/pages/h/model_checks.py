@@ -109,6 +109,10 @@ class QualitySettings(PageSettings):
             data = {**{key: value for key, value in data.items() if key != "seconds"}, **new}
         return super().from_dict(data)
 
+    def changed(self, key: str, value: Any) -> Self:
+        """Return the settings with one field changed; an emptied one has no text."""
+        return super().changed(key, "" if value is None else value)
+
     def __post_init__(self) -> None:
         """Check every value."""
         for name, row in ROWS.items():

@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base import LfcalError, drain
+from lfcal.base import drain
 from lfcal.camera import Camera
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
@@ -50,7 +50,7 @@ class Page(BasePage):
         self.set_panel(self.panel)
         self.forms = self.panel.forms
         for form in self.forms:
-            form.check = self._check
+            form.check = lambda key, value: self.settings.why_not(key, value)
             form.edited.connect(self._edited)
         self.panel.compared.connect(self._compared)
         self.panel.pictures.right_chosen.connect(lambda name: self._edited("right", name))
@@ -134,13 +134,6 @@ class Page(BasePage):
         self.context.message.emit(words)
 
     # -- widgets -> project ----------------------------------------------------------------------------
-    def _check(self, key: str, value: Any) -> str:
-        try:
-            self.settings.changed(key, value)
-        except LfcalError as error:
-            return str(error)
-        return ""
-
     def _edited(self, key: str, value: Any) -> None:
         settings = self.settings.changed(key, value).into(self.context.state)
         if key in FILES:

@@ -9,7 +9,7 @@ from typing import Any
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QButtonGroup, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
-from lfcal.base import LfcalError, format_bytes
+from lfcal.base import format_bytes
 from lfcal.psf import CODES, PSFMatrix
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.crash_dialog import open_folder
@@ -31,7 +31,7 @@ class ExportCard(QWidget):
     Signals
     -------
     edited(key, value)
-        The user changed an entry of the settings.
+        The user chose a code, or another kind of file.
     asked(code)
         Export for a code; empty: as the options say.
     folder_asked()
@@ -110,7 +110,6 @@ class ExportCard(QWidget):
         self.kind.setMinimumWidth(LEAST)
         self.kind.currentIndexChanged.connect(lambda _: self.edited.emit("suffix", self.kind.currentData()))
         self.form = FoldedForm(tuple(OPTIONS.values()))
-        self.form.edited.connect(self.edited.emit)
         self.other_note = _note()
         self.other_go = QPushButton("Export …")
         self.other_go.setToolTip("Choose a file; it is written as a job")
@@ -176,10 +175,10 @@ class Exporting:
 
     def __init__(self, page: BasePage, card: ExportCard) -> None:
         self._page, self._card, self._context = page, card, page.context
-        card.edited.connect(self._edited)
+        card.edited.connect(lambda key, value: page.context.edit(self.settings, key, value, "export:"))
+        page.context.let_edit(card.form, lambda: self.settings, "export:")
         card.asked.connect(self.ask)
         card.folder_asked.connect(self.show_folder)
-        card.form.check = self._check
 
     @property
     def settings(self) -> ExportSettings:
@@ -189,17 +188,6 @@ class Exporting:
     @property
     def _matrix(self) -> PSFMatrix | None:
         return self._context.matrix(self._context.state.psf)
-
-    def _check(self, key: str, value: Any) -> str:
-        try:
-            self.settings.changed(key, value)
-        except LfcalError as error:
-            return str(error)
-        return ""
-
-    def _edited(self, key: str, value: Any) -> None:
-        settings = self.settings.changed(key, value).into(self._context.state)
-        self._context.project.merge(f"export: {key.replace('_', ' ')}", settings=settings)
 
     def facts(self) -> dict[str, Any]:
         """Return what the next step should know: the code that is exported for, where it can use H."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from lfcal.base import InputError
 from lfcal.psf import PSFMatrix
@@ -382,10 +382,6 @@ class ReconstructSettings(PageSettings):
                 "correct it",
             )
         return slice(row, row + rows), slice(column, column + columns)
-
-    def changed(self, key: str, value: Any) -> ReconstructSettings:
-        """Return the settings with one field changed; raises `InputError` if it cannot be."""
-        return replace(self, **{key: value})
 
 
 def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, mat_order: str = "") -> Reconstruct:

@@ -66,8 +66,7 @@ class Page(BasePage):
         self.tools.addWidget(self.panel.view.overlay)
         self.set_panel(self.panel)
         for form in (self.panel.form, self.panel.more):
-            form.check = self._check
-            form.edited.connect(self._edited)
+            context.let_edit(form, lambda: self.settings)
         self.panel.pressed.connect(self._pressed)
         self.panel.make_asked.connect(self.make_light_field)
         view = self.panel.view
@@ -164,17 +163,6 @@ class Page(BasePage):
     def _device_looked_for(self, reason: str) -> None:
         self.panel.no_device = reason
         self.panel.show_device(self.settings.device)
-
-    def _check(self, key: str, value: Any) -> str:
-        try:
-            self.settings.changed(key, value)
-        except LfcalError as error:
-            return str(error)
-        return ""
-
-    def _edited(self, key: str, value: Any) -> None:
-        settings = self.settings.changed(key, value).into(self.context.state)
-        self.context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
 
     def _use(self, label: str, values: dict[str, Any]) -> None:
         """Use the settings of a measured point."""

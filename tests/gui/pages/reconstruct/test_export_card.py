@@ -45,7 +45,8 @@ def test_only_what_concerns_the_file_is_shown(card: ExportCard) -> None:
     card.show_settings(ExportSettings(lens_centred=True, interpolation="cubic"), matrix(), "")
     assert not card.other_note.isVisible()
     asked: list[tuple[str, object]] = []
-    card.edited.connect(lambda key, value: asked.append((key, value)))
+    for part in (card, card.form):
+        part.edited.connect(lambda key, value: asked.append((key, value)))
     card.kind.setCurrentIndex(card.kind.findData(".tif"))
     assert asked == [("suffix", ".tif")]
     card.show_settings(ExportSettings(suffix=".tif"), matrix(), "")
