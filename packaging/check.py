@@ -31,7 +31,7 @@ COMMANDS = 20
 """Commands that the list has at least."""
 
 PAGES = (
-    *("camera", "plan", "acquire", "frames", "h"),
+    *("setup", "acquire", "frames", "h"),
     *("simulate", "reconstruct", "multiplex", "accuracy"),
 )
 """Pages that the sample session, and one that is recorded, show with content."""

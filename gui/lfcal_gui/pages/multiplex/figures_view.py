@@ -132,7 +132,7 @@ class FiguresView(QWidget):
         self.map_head.setMinimumWidth(60)
         frame, column = card(self.map_head)
         self.map = Picture("gain (dB)", axes=("log₁₀ χ² (1)", "sample (1)"), square=False)
-        self.map.setToolTip("Gain of each sample (band, colour, view) over the reference; blue: a loss, red: a gain")
+        self.map.setToolTip("Gain of each sample (band, colour, view) over the reference; pink: a loss, green: a gain")
         self.map_words.setProperty("role", "hint")
         self.map_words.setWordWrap(True)
         column.addWidget(self.map, 1)

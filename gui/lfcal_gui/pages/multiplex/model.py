@@ -453,7 +453,7 @@ def picture(settings: MultiplexSettings) -> ModulatorPicture:
     sigma, pi = np.asarray(modulator.spatial), np.asarray(modulator.plenoptic)
     return ModulatorPicture(
         modulator.name,
-        pattern.mean(-1),
+        pattern.mean(-1).round(12),  # no sign for rounding errors
         pattern / top if coloured else None,
         modulator.pattern_spectrum().mean(-1),
         sigma.real.astype(float),

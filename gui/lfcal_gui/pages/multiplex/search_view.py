@@ -41,7 +41,7 @@ class SearchView(QWidget):
         row.setContentsMargins(0, 8, 0, 0)
         row.setSpacing(8)
         frame, column = card("Search")
-        frame.setMaximumWidth(300)
+        frame.setFixedWidth(270)
         self.form = FoldedForm(
             SEARCH_FIELDS[:1], SEARCH_FIELDS[1:], "Constraints", "What can be made, and what must pass"
         )
@@ -86,7 +86,7 @@ class SearchView(QWidget):
         """The picture of the design; made when it is first shown."""
         made = Picture("transmission (1)", axes=("column (px)", "row (px)"))
         made.setToolTip("Transmission of each pixel of the super-pixel, for the middle view; filters in their colour")
-        made.blank.words = "No design yet."
+        made.blank.words = "Press Search to look for a design."
         self._design.insertWidget(1, made, 1)
         name_controls(self)
         return made

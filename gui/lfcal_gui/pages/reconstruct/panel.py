@@ -234,7 +234,7 @@ class ReconstructPanel(QWidget):
     def show_go(self, key: str, more: int = 0, *, enabled: bool = True) -> None:
         """Show what the button does: one of `GO`; ``more``: how many iterations it adds."""
         self._go = key
-        words = {"start": "Reconstruct", "more": f"Go on: {more} more", "stop": "Stop"}
+        words = {"start": "Reconstruct", "more": f"Run {more} more", "stop": "Stop"}
         self.go.setText(words[key])
         self.go.setToolTip(GO[key])
         self.go.setEnabled(enabled)

@@ -25,7 +25,7 @@ from lfcal_gui.widgets.naming import controls
 from lfcal_gui.widgets.picture import Picture
 from tests.gui.conftest import OpenPage
 from tests.gui.layout_colours import of_other_themes
-from tests.gui.waiting import idle
+from tests.gui.waiting import GUARD_MS, idle
 
 
 @pytest.fixture
@@ -70,6 +70,14 @@ def test_pictures_of_a_tab_are_made_when_it_is_first_shown(page: Page, qtbot: Qt
         settle(page, qtbot)
         pictures = page.panel.tabs.widget(tab).findChildren(Picture)
         assert len(pictures) == count and all(one.isVisible() for one in pictures)
+
+
+def test_what_is_searched_for_is_read_whole(page: Page, qtbot: QtBot) -> None:
+    """It was cut to "filters, 2 ×"."""
+    page.panel.tabs.setCurrentIndex(3)
+    settle(page, qtbot)
+    box = page.panel.search.form.editor("sought")
+    qtbot.waitUntil(lambda: box.sizeHint().width() <= box.width(), timeout=GUARD_MS)
 
 
 def test_the_list_follows_its_title(page: Page) -> None:

@@ -103,7 +103,7 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     assert page.panel.view.volume is not None and page.panel.view.volume.shape == (2, 24, 28)
     first = page.solving
     assert first is not None and len(first.history) == 5
-    assert page.panel.go.text() == "Go on: 5 more" and page.panel.took.text().startswith("done in")
+    assert page.panel.go.text() == "Run 5 more" and page.panel.took.text().startswith("done in")
     qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
     assert [r.iteration for r in first.history] == list(range(1, 11)) and page.solving is first
@@ -154,7 +154,7 @@ def test_stop_keeps_what_there_is(page: Page, context: Context, qtbot: QtBot, tm
     qtbot.waitUntil(lambda: len(solving.history) > 2, timeout=GUARD_MS)
     qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
-    assert page.panel.go.text().startswith("Go on") and page.panel.save.isEnabled()
+    assert page.panel.go.text().startswith("Run") and page.panel.save.isEnabled()
     assert page.panel.view.stack.currentWidget() is page.panel.view.looking
     page.panel.again.click()
     assert page.solving is not solving, "it starts again"
