@@ -206,22 +206,28 @@ class MultiplexPanel(QWidget):
         self.curve_title = QLabel(CURVES)
         self.curve_title.setWordWrap(True)
         self.curve_title.setMinimumWidth(60)
-        frame, column = card(self.curve_title)
-        self.curve = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
-        self.curve.set_decades(x=True)
-        self.curve.blank.words = "The reason is given below."
-        self.curve.setToolTip("Left: read noise dominates, right: photon noise; dashed: the project's camera")
-        self.marker = pg.InfiniteLine(angle=90)
-        self.marker.hide()
-        self.curve.plot.addItem(self.marker, ignoreBounds=True)
+        frame, self._curve_column = card(self.curve_title)
         self.curve_hint = QLabel("")
         self._drawn: list[tuple[str, str, bool]] = []
         self._below = ""
         self.curve_hint.setProperty("role", "hint")
         self.curve_hint.setWordWrap(True)
-        column.addWidget(self.curve, 1)
-        column.addWidget(self.curve_hint)
+        self._curve_column.addWidget(self.curve_hint)
         return frame
+
+    @cached_property
+    def curve(self) -> LinePlot:
+        """The gains; made with the first modulator, as `views` are."""
+        made = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
+        made.set_decades(x=True)
+        made.blank.words = "The reason is given below."
+        made.setToolTip("Left: read noise dominates, right: photon noise; dashed: the project's camera")
+        self.marker = pg.InfiniteLine(angle=90)
+        self.marker.hide()
+        made.plot.addItem(self.marker, ignoreBounds=True)
+        self._curve_column.insertWidget(1, made, 1)
+        name_controls(self)
+        return made
 
     def show_used(self, settings: MultiplexSettings, *, colour: bool) -> None:
         """Offer what matters with these settings; ``colour``: the opened image is in colour."""
@@ -333,8 +339,11 @@ class MultiplexPanel(QWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        for view in (*self.__dict__.get("views", ()), self.curve, self.pictures, self.figures, self.search):
+        if "views" in self.__dict__:
+            for plot in (*self.views, self.curve):
+                plot.apply_theme()
+            self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))
+        for view in (self.pictures, self.figures, self.search):
             view.apply_theme()
         if self._drawn:
             self._show_legend()
-        self.marker.setPen(pg.mkPen(current_theme().text, width=1.2, style=Qt.PenStyle.DashLine))

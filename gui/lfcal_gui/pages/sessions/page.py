@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +58,6 @@ class Page(BasePage):
         self._make_buttons()
         self.panel = SessionsPanel()
         self.looking = Looking(context.jobs, KeptResults(), self)
-        self.pairing = Pairing(self.panel, context)
         self.trending = Trending(self.panel.trend, context)
         self._connect()
         self.set_panel(self.panel)
@@ -94,6 +94,11 @@ class Page(BasePage):
         self.shortcut("F5", self.look)
         self.shortcut("Ctrl+D", self.compare)
 
+    @cached_property
+    def pairing(self) -> Pairing:
+        """The comparison of two results; made when it is first asked for."""
+        return Pairing(self.panel, self.context)
+
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> SessionsSettings:
@@ -108,7 +113,8 @@ class Page(BasePage):
 
     def let_go(self) -> None:
         """Forget what was compared in another project."""
-        self.pairing.let_go()
+        if "pairing" in self.__dict__:
+            self.pairing.let_go()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow the choices, and the folders of the project."""
@@ -133,7 +139,8 @@ class Page(BasePage):
 
     def entered(self) -> None:
         """Look through the folder, unless that was done."""
-        self.pairing.follow()
+        if "pairing" in self.__dict__:
+            self.pairing.follow()
         self._look_if_new()
 
     def _look_if_new(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
@@ -20,7 +21,17 @@ from lfcal_gui.pages.sessions._tiles import ResultTiles
 from lfcal_gui.pages.sessions.model import KIND_WORDS, ORDERS, PROJECT, SessionsSettings
 from lfcal_gui.pages.sessions.trend_panel import TrendPanel
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import ComparePanel, ElidedLabel, RowsTable, choice_box, heading, line, split, told_or_shown
+from lfcal_gui.widgets import (
+    ComparePanel,
+    ElidedLabel,
+    RowsTable,
+    choice_box,
+    heading,
+    line,
+    name_controls,
+    split,
+    told_or_shown,
+)
 
 FACTS = ("What", "Value")
 PAIR = ("What", "First", "Second", "")
@@ -39,8 +50,7 @@ class SessionsPanel(QTabWidget):
     def __init__(self) -> None:
         super().__init__()
         self.setDocumentMode(True)
-        self.trend, self.compare = TrendPanel(), ComparePanel()
-        self.compare.choose_button.hide()  # both are chosen in the gallery
+        self.trend = TrendPanel()
         self.pair_table = RowsTable(PAIR, 0)
         self.pair_table.setAccessibleName("facts of both")
         self.pair_stack = self._pair()
@@ -118,9 +128,18 @@ class SessionsPanel(QTabWidget):
         self.pair_title = heading("")
         column.addWidget(self.pair_title)
         column.addWidget(self.pair_table, 1)
-        for part in (none, table, self.compare):
+        for part in (none, table):
             stack.addWidget(part)
         return stack
+
+    @cached_property
+    def compare(self) -> ComparePanel:
+        """Two H side by side; made when they are first compared."""
+        made = ComparePanel()
+        made.choose_button.hide()  # both are chosen in the gallery
+        self.pair_stack.addWidget(made)
+        name_controls(made)
+        return made
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: SessionsSettings, folders: Sequence[str]) -> None:
@@ -162,6 +181,7 @@ class SessionsPanel(QTabWidget):
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
-        self.compare.apply_theme()
+        if "compare" in self.__dict__:
+            self.compare.apply_theme()
         self.trend.apply_theme()
         self.tiles.forget_pictures()

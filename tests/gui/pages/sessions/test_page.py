@@ -28,6 +28,7 @@ from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.sessions.model import NOT_JUDGED, SessionsSettings, own_folders, shown
 from lfcal_gui.pages.sessions.model_kept import SIDE, KeptResults, thumbnail
 from lfcal_gui.pages.sessions.page import Page
+from lfcal_gui.widgets import ComparePanel
 from lfcal_gui.window import MainWindow
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
@@ -127,7 +128,7 @@ def test_results_are_filtered_and_ordered(page: Page) -> None:
 
 def test_two_h_are_compared_by_clicks(page: Page, qtbot: QtBot) -> None:
     panel = page.panel
-    assert not page.compare_button.isEnabled()
+    assert not page.compare_button.isEnabled() and not panel.findChildren(ComparePanel), "made when it is needed"
     click(page, "june.h5")
     click(page, "may.h5", CTRL)
     assert page.compare_button.isEnabled() and not page.open_button.isEnabled()
