@@ -15,7 +15,7 @@ __all__ = ["build_app", "command_line"]
 
 HEADINGS = {
     "To begin with": ("demo", "doctor"),
-    "Camera and plan": ("camera", "plan", "white", "views", "simulate", "accuracy"),
+    "Camera and plan": ("camera", "plan", "white", "views", "depth", "simulate", "accuracy"),
     "Recording": ("acquire", "verify"),
     "H, and how good it is": ("assemble", "inspect", "compare", "fit", "trend", "transpose", "reduce", "export"),
     "What H is for": ("reconstruct", "multiplex"),

@@ -12,6 +12,8 @@ type
 - ``_refocus``: refocused images from views
 - ``rendering``: refocused images of a focused plenoptic camera, weighting lens types by sharpness, and all-in-focus
 images
+- ``depth``: depth maps from micro-images or views; ``_depth_kernels`` are its inner loops
+- ``depth_files``: depth maps and point clouds as files
 """
 
 from typing import TYPE_CHECKING

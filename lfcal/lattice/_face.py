@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from lfcal.lattice._refocus import refocus, sensor_slope
 from lfcal.lattice._view_grid import ViewGrid, view_grid
+from lfcal.lattice.depth import DepthMap, depth_map, iter_depth_map, metric_depth
+from lfcal.lattice.depth_files import save_depth, save_points
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lattice_file import load_lattice, save_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
@@ -13,6 +15,7 @@ from lfcal.lattice.views import Views, extract_views, sample_views
 from lfcal.lattice.vignetting import Vignetting, vignetting_map
 
 __all__ = [
+    "DepthMap",
     "FrameLattice",
     "LatticeFit",
     "LensTypes",
@@ -24,15 +27,20 @@ __all__ = [
     "Vignetting",
     "classify_lens_types",
     "cropped",
+    "depth_map",
     "expected_blur",
     "extract_views",
     "fit_lattice",
+    "iter_depth_map",
     "lattice_of",
     "load_lattice",
+    "metric_depth",
     "refocus",
     "render",
     "sample_views",
+    "save_depth",
     "save_lattice",
+    "save_points",
     "sensor_slope",
     "sharpness_shares",
     "total_focus",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lfcal.tasks.acquire import Acquire, AcquireRegions, AcquireTarget, AcquireUntil
 from lfcal.tasks.assembly import Assemble, AssembleRegions, AssembleTarget, assemble
+from lfcal.tasks.depth import Depth
 from lfcal.tasks.export import ExportFor, ExportH5, ExportMat, ExportNpy, ExportTiff
 from lfcal.tasks.fit import FitFrames, FitMatrix, FitTarget
 from lfcal.tasks.fit_check import CheckMatrix, CheckMatrixByScan
@@ -30,6 +31,7 @@ __all__ = [
     "AssembleTarget",
     "CheckMatrix",
     "CheckMatrixByScan",
+    "Depth",
     "ExportFor",
     "ExportH5",
     "ExportMat",

@@ -7,6 +7,7 @@ from lfcal.tasks._patterns import most_taken
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assembly import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
+from lfcal.tasks.depth import MeasuredDepth
 from lfcal.tasks.export import ExportedFiles
 from lfcal.tasks.fit import FitOutcome, FittedPatterns
 from lfcal.tasks.fit_check import CheckedMatrix
@@ -37,6 +38,7 @@ __all__ = [
     "FitOutcome",
     "FittedPatterns",
     "InspectedMatrix",
+    "MeasuredDepth",
     "Planned",
     "PlannedSession",
     "PositionsPlanned",

@@ -13,6 +13,7 @@ TASKS = {
     "acquire": "lfcal.tasks.acquire:ACQUIRE",
     "assemble": "lfcal.tasks.assembly:ASSEMBLE",
     "export": "lfcal.tasks.export:EXPORT",
+    "depth": "lfcal.tasks.depth:DEPTH",
     "inspect": "lfcal.tasks.inspect:INSPECT",
     "reduce": "lfcal.tasks.reduce:REDUCE",
     "transpose": "lfcal.tasks.transpose:TRANSPOSE",

@@ -31,6 +31,7 @@ COMMANDS = (
     ("plan", "target"),
     ("white",),
     ("views",),
+    ("depth",),
     ("simulate",),
     ("accuracy",),
     ("assemble",),

@@ -71,6 +71,7 @@ WRITERS = {
     "reconstruct npy": Writer("reconstruct H.h5 frame.tif -n 1 -o out.npy", "out.npy", 3000),
     "reconstruct series": Writer("reconstruct H.h5 stack.tif -n 1 -o out.tif", "out.tif", 6000),
     "reconstruct batch": Writer("reconstruct H.h5 stack.tif -n 1 -o out", "out/stack_0001.tif", 3000),
+    "depth": Writer("depth white.tif --camera camera.json -o out.tif", "out.tif", 3000),
     "multiplex compare": Writer("multiplex compare Bayer CYMG -o out.png", "out.png", 3000),
     "multiplex show": Writer("multiplex show MURA:5 -o out.png", "out.png", 3000),
     "multiplex demosaic": Writer("multiplex demosaic frame.tif --pattern GRBG -o out.tif", "out.tif", 3000),

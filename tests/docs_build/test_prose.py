@@ -43,7 +43,7 @@ def test_few_sentences_of_the_pages_are_long() -> None:
 
 def test_how_to_guides_are_short() -> None:
     """At most 800 words outside code."""
-    guides = "camera record targets judge fit simulate views reconstruct multiplex matlab long_work"
+    guides = "camera record targets judge fit simulate views depth reconstruct multiplex matlab long_work"
     for name in guides.split():
         text = " ".join(prose_of(ROOT / "docs" / f"{name}.md").values())
         count = len(re.findall(r"[A-Za-z][A-Za-z'-]*", CODE.sub(" ", text)))

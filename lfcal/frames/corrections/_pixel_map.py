@@ -13,7 +13,7 @@ from lfcal.base.h5 import H5File
 from lfcal.frames.formats import open_image, split_dataset
 from lfcal.frames.source import FrameSource
 
-__all__ = ["sensor_map"]
+__all__ = ["frame_map", "sensor_map"]
 
 LISTS = frozenset({".txt", ".csv", ".tsv", ".dat", ".lst"})
 """Suffixes of lists; all other files are images."""
@@ -49,21 +49,48 @@ def sensor_map(
     step, phase = known.pixel_step, known.channel_phase or (0, 0)
     target, first = _frame_of(source, shape)
     size = (target[0] * step, target[1] * step)
-    if split_dataset(path)[0].suffix.lower() in LISTS:
-        pixels = _listed(path) - np.array(first)
-        inside = ((pixels >= 0) & (pixels < np.array(size))).all(axis=1)
-        if first == (0, 0) and not inside.all():
-            got = ",".join(str(n) for n in pixels[~inside][0].tolist())
-            wanted = f"rows and columns from 0 on a sensor of {size[0]} x {size[1]} px"
-            raise InputError.expected(f"{what} {path}", wanted, got, "correct the list")
-        marked = np.zeros(size, np.bool_)
-        marked[tuple(pixels[inside].T)] = True
-    else:
-        marked = _image(path, what)
+    marked = _marked(path, what, size, first)
     if marked.shape != target and first != (0, 0):
         marked = marked[first[0] : first[0] + size[0], first[1] : first[1] + size[1]]
     if known.channel_phase is not None and marked.shape != target:
         marked = marked[phase[0] :: step, phase[1] :: step][: target[0], : target[1]]
+    return _checked(path, what, marked, target)
+
+
+def frame_map(
+    path: str | os.PathLike[str], what: str, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)
+) -> NDArray[np.bool_]:
+    """Return the pixels that a file marks on a frame whose first pixel is the sensor's pixel ``origin``.
+
+    ``path`` and ``what`` are as in `sensor_map`, ``shape`` are rows and columns of the frame.
+    """
+    marked = _marked(path, what, shape, origin)
+    if marked.shape != shape:
+        marked = marked[origin[0] : origin[0] + shape[0], origin[1] : origin[1] + shape[1]] if any(origin) else marked
+    return _checked(path, what, marked, shape)
+
+
+def _marked(
+    path: str | os.PathLike[str], what: str, size: tuple[int, int], first: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return the pixels in a list, on ``size`` pixels from ``first`` on; or an image as it is."""
+    if split_dataset(path)[0].suffix.lower() not in LISTS:
+        return _image(path, what)
+    pixels = _listed(path) - np.array(first)
+    inside = ((pixels >= 0) & (pixels < np.array(size))).all(axis=1)
+    if first == (0, 0) and not inside.all():
+        got = ",".join(str(n) for n in pixels[~inside][0].tolist())
+        wanted = f"rows and columns from 0 on a sensor of {size[0]} x {size[1]} px"
+        raise InputError.expected(f"{what} {path}", wanted, got, "correct the list")
+    marked = np.zeros(size, np.bool_)
+    marked[tuple(pixels[inside].T)] = True
+    return marked
+
+
+def _checked(
+    path: str | os.PathLike[str], what: str, marked: NDArray[np.bool_], target: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return the marked pixels, or raise `InputError` if their shape is wrong."""
     if marked.shape != target:
         raise InputError.expected(
             f"{what} {path}",

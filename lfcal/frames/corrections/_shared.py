@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfcal.frames.corrections._corrected import CorrectedSource, corrected
+from lfcal.frames.corrections._pixel_map import frame_map
 from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.defects import Defects, find_defects, iter_find_defects, repair_nan
 from lfcal.frames.corrections.recipe import (
@@ -41,6 +42,7 @@ __all__ = [
     "difference_variance",
     "find_defects",
     "first_image",
+    "frame_map",
     "iter_find_defects",
     "read_average",
     "repair_nan",

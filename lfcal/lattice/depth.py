@@ -1,0 +1,676 @@
+"""Depth maps from one light-field frame: disparity between micro-images, or between views.
+
+A point of slope w (`sensor_slope`) whose chief ray meets the sensor at S appears at c + (S - c)/w below the lenslet at
+c. Focused plenoptic cameras show it in several micro-images, whose disparity is their distance over w; each
+micro-image is matched with its neighbours (Perwass and Wietzke 2012; Fleischmann and Koch 2014, Palmieri and Koch 2017
+for several lens types), and the depths of all micro-images are joined in the central view by their standard errors
+(Zeller, Quint and Stilla 2015). In cameras whose lenslets are focused at infinity a micro-image shows the aperture;
+there the slope is that of the epipolar lines between views (Wanner and Goldluecke 2012), found by the variance of the
+views on a sweep of planes (Tao et al. 2013) with shifts of fractions of a sample (Jeon et al. 2015).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base import Clock, InputError, Work, check_choice, check_number, chunks, drain, drained, for_each_chunk
+from lfcal.camera import Camera, Microscope
+from lfcal.lattice._depth_kernels import (
+    Lenslets,
+    Matching,
+    Raster,
+    join_rows,
+    match_lenslets,
+    match_views,
+    sweep_rows,
+)
+from lfcal.lattice._refocus import sensor_slope, virtual_depth_of_slope
+from lfcal.lattice._view_grid import ViewGrid, view_grid
+from lfcal.lattice.lens_types import expected_blur
+from lfcal.lattice.micro_images import FrameLattice, TypeOf, cropped
+from lfcal.lattice.rendering import render
+from lfcal.lattice.views import RADIUS, extract_views, sample_views, subtract_dark
+
+__all__ = ["METHODS", "DepthMap", "depth_map", "iter_depth_map", "metric_depth"]
+
+Image = NDArray[np.float32]
+Array = NDArray[np.float64]
+
+METHODS = ("auto", "micro-images", "views")
+
+MIN_SLOPE = 1.5
+"""Smallest slope for matching micro-images: nearer to the lenslets, two of them hardly show the same place."""
+
+VIEW_SLOPE = 8.0
+"""Largest slope for matching views if no range is given."""
+
+REACH = 1.8
+"""Largest distance of micro-images that are compared (pitches): neighbours, and the nearest of the same type."""
+
+STEP_PX = 0.5
+"""Step of the disparity of neighbouring micro-images (pixels)."""
+
+VIEW_STEP = 0.2
+"""Step of the shift of the outermost views (samples)."""
+
+FLOOR = 2e-3
+"""Variation of the light that is always assumed, relative to its mean: of the interpolation, and of the sensor."""
+
+LIT = 0.2
+"""White light below which pixels are left out, relative to the brightest."""
+
+SAMPLE_PX = 4.0
+"""Approximate distance of the samples of the central view with matched micro-images (pixels)."""
+
+GOOD_PX = 0.3
+"""Disparity error (pixels) for which the confidence is the probability to stay below it."""
+
+VIEWS_FOCUS = 20.0
+"""Virtual depth in focus beyond which lenslets are focused at infinity."""
+
+SHARED, VIEWS_SHARED = 3.8, 2.0
+"""Number of pixels, or samples, that share the noise of one: after the filter (1, 2, 1), and of interpolated views."""
+
+BIAS_PX, VIEWS_BIAS = 0.04, 0.03
+"""Systematic error of disparities, added to their standard error: of windows on slanted surfaces, of interpolation
+(pixels; samples)."""
+
+MIN_DISPARITY_PX = 0.75
+"""Smallest disparity of neighbouring micro-images (pixels)."""
+
+PARTS = 40
+"""Number of parts after which progress is reported."""
+
+LEVELS = 12
+"""Number of planes on which the central view of micro-images is rendered."""
+
+MIN_CONFIDENCE = 0.3
+"""Smallest confidence of a known depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth of the scene in the central view; NaN where it is unknown.
+
+    Attributes
+    ----------
+    slope
+        ``(rows, columns)`` float32: slope w (`sensor_slope`).
+    sigma
+        Standard error of `slope`.
+    confidence
+        Probability (0 to 1) that the disparity is wrong by less than 0.3 px, from its standard error and from the
+        share of the micro-images that agree; 0 where the depth is unknown.
+    image
+        Light of the central view, all in focus.
+    method
+        ``"micro-images"`` or ``"views"``.
+    corner_px, step_px
+        Place of sample (0, 0) on the frame, and distance of samples down and right (pixels).
+    disparity_px
+        Micro-images: disparity of neighbours times `slope`, which is the pitch. Views: disparity of the outermost view
+        and the central one (samples) for a slope of 1.
+    z_um, z_sigma_um
+        Depth from the working plane, positive away from the camera, and its standard error (µm); None before
+        `metric_depth`.
+    across_um
+        ``(rows, columns, 2)``: place (down, right) of each sample in object space, from the axis (µm); None before
+        `metric_depth`.
+    """
+
+    slope: Image = field(repr=False)
+    sigma: Image = field(repr=False)
+    confidence: Image = field(repr=False)
+    image: Image = field(repr=False)
+    method: str
+    corner_px: tuple[float, float]
+    step_px: tuple[float, float]
+    disparity_px: float
+    z_um: Image | None = field(repr=False, default=None)
+    z_sigma_um: Image | None = field(repr=False, default=None)
+    across_um: Array | None = field(repr=False, default=None)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Samples with a depth."""
+        return np.isfinite(self.slope)
+
+    @property
+    def disparity(self) -> Image:
+        """Disparity: of neighbouring micro-images (pixels), or of the outermost view and the central one (samples)."""
+        if self.method == "views":
+            return self.slope * np.float32(self.disparity_px)
+        return np.float32(self.disparity_px) / self.slope
+
+    @property
+    def disparity_sigma(self) -> Image:
+        """Standard error of `disparity`."""
+        if self.method == "views":
+            return self.sigma * np.float32(self.disparity_px)
+        return self.sigma / self.slope**2 * np.float32(self.disparity_px)
+
+    def places_px(self) -> Array:
+        """Return the places ``(rows, columns, 2)`` of the samples on the frame (row, column; pixels)."""
+        steps = zip(self.corner_px, self.step_px, self.slope.shape, strict=True)
+        rows, columns = (corner + step * np.arange(n) for corner, step, n in steps)
+        return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
+
+    def points(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the points ``(n, 3)`` as (x, y, z), and which samples they are.
+
+        In µm if the depth is metric; else x and y are pixels of the frame, and z is the slope.
+        """
+        if self.z_um is None or self.across_um is None:
+            chosen, across, depth = self.known, self.places_px(), self.slope
+        else:
+            chosen, across, depth = self.known & np.isfinite(self.z_um), self.across_um, self.z_um
+        return np.column_stack([across[chosen][:, ::-1], depth[chosen]]), chosen
+
+
+def iter_depth_map(
+    frame: ArrayLike,
+    lattice: FrameLattice,
+    *,
+    white: ArrayLike | None = None,
+    dark: ArrayLike | float = 0.0,
+    mask: ArrayLike | None = None,
+    camera: Camera | None = None,
+    type_of: TypeOf | None = None,
+    method: str = "auto",
+    slopes: tuple[float, float] | None = None,
+    radius_px: float | None = None,
+    workers: int | None = None,
+) -> Work[DepthMap]:
+    """Return the depth of every place of the central view that one light-field frame shows.
+
+    Only places with texture get a depth. Nothing is filled in: unknown places are NaN.
+
+    Parameters
+    ----------
+    frame
+        Light-field frame ``(rows, columns)``. NaN and infinity are left out.
+    lattice, white, dark
+        As in `extract_views`. Without a white frame, the fall-off in the micro-images is estimated from the frame.
+    mask
+        Pixels to leave out, ``(rows, columns)``.
+    camera
+        Camera, for the range of slopes, the blur of its lens types, and the choice of the method.
+    type_of
+        Lens types of lenslets q, r: the method of `LensTypes`, or of the camera's lattice if ``lattice`` is that of the
+        camera. Lenslets of different blur are then compared with less weight.
+    method
+        ``"micro-images"``: match each micro-image with its neighbours, for lenslets that are focused on the scene.
+        ``"views"``: compare the views on planes, for lenslets focused at infinity. ``"auto"``: by the focus of the
+        lenslets, or without a camera, the method that explains more of the frame's middle.
+    slopes
+        Smallest and largest slope; by default those of the camera's lenslets, else all that the method allows.
+    radius_px
+        Radius of the micro-images (pixels); by default 0.45 pitches.
+    workers
+        Threads.
+
+    Yields
+    ------
+    Progress
+        After each part of the frame.
+
+    Raises
+    ------
+    InputError
+        If a frame does not fit the lattice, no micro-image is whole, or the slopes do not suit the method.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import DepthMap, depth_map, lattice_of
+    >>> camera = preset("bench")
+    >>> lattice = lattice_of(camera)
+    >>> pixels = np.moveaxis(np.indices(lattice.shape), 0, -1)
+    >>> centres = lattice.centres_px(*np.rint(lattice.lenslet_at(*np.indices(lattice.shape))).transpose(2, 0, 1))
+    >>> row, column = np.moveaxis(centres + 2.5 * (pixels - centres), -1, 0)  # the plane of slope 2.5
+    >>> found: DepthMap = depth_map(2 + np.sin(row / 3) + np.sin(column / 4), lattice, camera=camera)
+    >>> print(found.method, f"{np.nanmedian(found.slope):.1f}")
+    micro-images 2.5
+    """
+    check_choice("method", method, METHODS)
+    radius = RADIUS * min(lattice.pitch_px, lattice.row_pitch_px) if radius_px is None else radius_px
+    check_number("radius of the micro-images (px)", radius, at_least=2, at_most=lattice.pitch_px)
+    if method == "auto":
+        method = _method_for(camera, slopes)
+    scene = _Scene.of(frame, lattice, white, dark, mask, radius)
+    if not method:
+        part = scene.middle()
+        method = max(METHODS[1:], key=lambda name: _explained(part, name, slopes, workers))
+    if method == "views":
+        return (yield from _iter_views(scene, camera, slopes, workers))
+    return (yield from _iter_micro_images(scene, camera, type_of, slopes, workers))
+
+
+depth_map = drained(iter_depth_map)
+
+
+def metric_depth(
+    found: DepthMap,
+    camera: Camera,
+    *,
+    origin: tuple[int, int] = (0, 0),
+    measured: Sequence[tuple[float, float]] = (),
+) -> DepthMap:
+    """Return the map with depths in µm, by the camera and, where given, by planes whose slope was measured.
+
+    Parameters
+    ----------
+    found
+        Map from `depth_map`.
+    camera
+        Camera that took the frame.
+    origin
+        Row and column on the sensor of the frame's first pixel.
+    measured
+        Depth (µm) and measured slope of planes, as H shows them. A line through them corrects the slopes before the
+        camera converts them; a single plane corrects their scale.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import DepthMap, metric_depth, sensor_slope
+    >>> camera = preset("bench")
+    >>> slope = np.full((1, 1), sensor_slope(camera, -20e3), np.float32)
+    >>> one = np.ones((1, 1), np.float32)
+    >>> found = DepthMap(slope, 0.01 * one, one, one, "micro-images", (159.5, 259.5), (4.0, 4.0), 11.0)
+    >>> known = metric_depth(found, camera)
+    >>> print(known.z_um.round(-1), known.points()[0].round(-1))
+    [[-20000.]] [[  2570.      0. -20000.]]
+    """
+    wanted = np.array([sensor_slope(camera, z) for z, _ in measured])
+    seen = np.array([slope for _, slope in measured], float)
+    scale, offset = 1.0, 0.0
+    if len(seen) > 1 and np.ptp(seen) > 0:
+        scale, offset = (float(v) for v in np.polyfit(seen, wanted, 1))
+    elif len(seen) and seen[0]:
+        scale = float(wanted[0] / seen[0])
+    slope, sigma = scale * found.slope.astype(float) + offset, abs(scale) * found.sigma.astype(float)
+    z = _depths_of(camera, slope)
+    small = 1e-4 * np.maximum(np.abs(slope), 1)
+    z_sigma = np.abs(_depths_of(camera, slope + small) - _depths_of(camera, slope - small)) / (2 * small) * sigma
+    # the lateral step is a linear function of the depth
+    step = camera.step_um(0.0) + (camera.step_um(1.0) - camera.step_um(0.0)) * z
+    across = (found.places_px() + np.array(origin) - np.array(camera.sensor.centre_px)) * step[..., None]
+    return replace(found, z_um=z.astype(np.float32), z_sigma_um=z_sigma.astype(np.float32), across_um=across)
+
+
+def _depths_of(camera: Camera, slope: Array) -> Array:
+    """Return the depths (µm) of slopes; NaN beyond an object at infinity. Inverse of `sensor_slope`, for arrays."""
+    optics, gap = camera.optics, camera.lattice.gap_um
+    if isinstance(optics, Microscope):
+        depths: Array = -slope * gap * optics.medium_index / optics.magnification**2
+        return depths
+    b, f = optics.image_distance_um, optics.focal_length_um
+    left = b + gap - slope * gap
+    image = b + slope * b * gap / np.where(left > 0, left, np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        result: Array = np.where((left > 0) & (image > f), 1 / (1 / f - 1 / image) - optics.working_distance_um, np.nan)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """Light of the pixels relative to the white frame with mean 1, weights of 0 or 1, white light, and the lattice."""
+
+    light: Image
+    good: Image
+    lit: Image
+    lattice: FrameLattice
+    radius: float
+    centres: Array
+    index: NDArray[np.intp]
+
+    @classmethod
+    def of(
+        cls,
+        frame: ArrayLike,
+        lattice: FrameLattice,
+        white: ArrayLike | None,
+        dark: ArrayLike | float,
+        mask: ArrayLike | None,
+        radius: float,
+    ) -> _Scene:
+        """Return the scene of a frame: bad pixels are left out, and the fall-off in the micro-images is removed."""
+        values = np.asarray(frame)
+        bad = ~np.isfinite(values) if values.dtype.kind == "f" else np.zeros(values.shape, np.bool_)
+        if mask is not None:
+            given = np.asarray(mask, np.bool_)
+            if given.shape != bad.shape:
+                raise InputError.expected("mask", f"shape {bad.shape}", given.shape, "make it for these frames")
+            bad = bad | given
+        light = subtract_dark(np.where(bad, 0, values), dark, lattice, "light-field frame")
+        bad = bad | _hot(light)
+        index, centres = _lenslets(lattice, radius)
+        if white is None:
+            lit = _own_white(light, ~bad, centres, radius)
+        else:
+            lit = subtract_dark(white, dark, lattice, "white frame")
+            lit /= np.float32(max(float(np.percentile(lit, 99)), 1e-30))
+        good = (lit >= LIT) & ~bad
+        light = np.where(good, light / np.maximum(lit, LIT), 0).astype(np.float32)
+        light /= np.float32(max(float(light.sum() / max(good.sum(), 1)), 1e-30))
+        return cls(light, good.astype(np.float32), lit, lattice, radius, centres, index)
+
+    def middle(self, pitches: float = 30.0) -> _Scene:
+        """Return the middle of the frame."""
+        size = [min(n, math.ceil(pitches * self.lattice.pitch_px)) for n in self.light.shape]
+        top, left = ((n - k) // 2 for n, k in zip(self.light.shape, size, strict=True))
+        part = (slice(top, top + size[0]), slice(left, left + size[1]))
+        lattice = cropped(self.lattice, size, (top, left))
+        index, centres = _lenslets(lattice, self.radius)
+        light, good, lit = (np.ascontiguousarray(one[part]) for one in (self.light, self.good, self.lit))
+        return _Scene(light, good, lit, lattice, self.radius, centres, index)
+
+    def raster(self, samples: int) -> tuple[Raster, tuple[int, int]]:
+        """Return the samples of the central view, several per lenslet, and their rows and columns."""
+        grid = view_grid(self.lattice, self.light.shape, float(np.floor(self.radius)))
+        corner = [c + (0.5 / samples - 0.5) * s for c, s in zip(grid.corner_px, grid.step_px, strict=True)]
+        raster = Raster(corner[0], corner[1], grid.step_px[0] / samples, grid.step_px[1] / samples)
+        return raster, (grid.shape[0] * samples, grid.shape[1] * samples)
+
+
+def _lenslets(lattice: FrameLattice, radius: float) -> tuple[NDArray[np.intp], Array]:
+    """Return the indices (q, r) and centres (row, column) of the lenslets whose micro-images are in the frame."""
+    edges = [np.linspace(0, n - 1, 33) for n in lattice.shape]
+    border = [(edges[0], 0 * edges[0]), (edges[0], 0 * edges[0] + lattice.shape[1] - 1)]
+    border += [(0 * edges[1], edges[1]), (0 * edges[1] + lattice.shape[0] - 1, edges[1])]
+    ends = np.concatenate([lattice.lenslet_at(y, x) for y, x in border])
+    low, high = np.floor(ends.min(0)).astype(int) - 1, np.ceil(ends.max(0)).astype(int) + 1
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)))
+    centres = lattice.centres_px(q, r)
+    margin = math.floor(radius)
+    inside = ((centres >= margin) & (centres <= np.array(lattice.shape) - 1 - margin)).all(1)
+    if not inside.any():
+        wanted = f"a whole micro-image of radius {radius:.1f} px"
+        raise InputError.expected("light-field frame", wanted, f"{lattice.shape} px", "give a larger frame")
+    order = np.argsort(centres[inside][:, 0], kind="stable")
+    index: NDArray[np.intp] = np.stack([q, r], axis=-1)[inside][order]
+    return index, centres[inside][order]
+
+
+def _hot(light: Image) -> NDArray[np.bool_]:
+    """Return the pixels that are far brighter than all of their neighbours."""
+    import cv2
+
+    around = np.ones((3, 3), np.uint8)
+    around[1, 1] = 0
+    low, high = np.quantile(light.ravel()[::7], (0.05, 0.95))
+    hot: NDArray[np.bool_] = light > 2 * np.maximum(cv2.dilate(light, around), 0) + (high - low)
+    return hot
+
+
+def _own_white(light: Image, good: NDArray[np.bool_], centres: Array, radius: float) -> Image:
+    """Return the fall-off in the micro-images as a white frame: their mean over the frame, by the radius."""
+    side = math.ceil(radius)
+    steps = np.indices((2 * side + 1, 2 * side + 1)).reshape(2, -1).T - side
+    places = np.rint(centres).astype(np.intp)[:, None, :] + steps
+    inside = ((places >= 0) & (places < np.array(light.shape))).all(-1)
+    arm = np.hypot(*(places - centres[:, None, :]).transpose(2, 0, 1))
+    y, x = (np.where(inside, places[..., k], 0) for k in (0, 1))
+    used = inside & good[y, x] & (arm <= radius)
+    bins = np.minimum(np.rint(arm[used]).astype(int), side)
+    total, count = np.bincount(bins, light[y, x][used], side + 1), np.bincount(bins, minlength=side + 1)
+    at = np.flatnonzero(count)
+    profile = total[at] / count[at]
+    profile = np.maximum(profile / max(float(profile.max(initial=0)), 1e-30), LIT)
+    lit = np.zeros(light.shape, np.float32)
+    lit[y[used], x[used]] = np.interp(arm[used], at, profile)
+    return lit
+
+
+def _method_for(camera: Camera | None, slopes: tuple[float, float] | None) -> str:
+    """Return the method for a camera, or for slopes that only one method allows; empty: the frame decides."""
+    if camera is not None:
+        gap = camera.lattice.gap_um
+        return "views" if all(abs(kind.focus_depth(gap)) > VIEWS_FOCUS for kind in camera.lattice.types) else METHODS[1]
+    if slopes is not None and slopes[0] < MIN_SLOPE and slopes[1] > -MIN_SLOPE:
+        return "views"
+    return ""
+
+
+def _explained(scene: _Scene, method: str, slopes: tuple[float, float] | None, workers: int | None) -> float:
+    """Return the mean confidence of a method."""
+    how = _iter_views if method == "views" else partial(_iter_micro_images, types=None)
+    found = drain(how(scene, camera=None, slopes=slopes, workers=workers))
+    return float(found.confidence.mean())
+
+
+# -- micro-images --------------------------------------------------------------------------------------------------
+def _iter_micro_images(
+    scene: _Scene, camera: Camera | None, types: TypeOf | None, slopes: tuple[float, float] | None, workers: int | None
+) -> Work[DepthMap]:
+    """Match the micro-images with their neighbours, and join their depths in the central view."""
+    lattice = scene.lattice
+    light, good = _smoothed(scene.light, scene.good)
+    kind = (0 * scene.index[:, 0] if types is None else types(*scene.index.T)).astype(np.int32)
+    lenslets = Lenslets(scene.centres, _near(scene), kind, scene.radius - 0.5)
+    rho = _inverse_slopes(camera, slopes, lattice.pitch_px)
+    weight = _pair_weights(camera if types is not None else None, rho)
+    how = Matching(rho, weight, _half(scene.radius), _most(light, good), FLOOR**2, SHARED)
+    found = np.full((2, *light.shape), np.nan, np.float32)
+    clock = Clock("match micro-images", len(scene.centres))
+    for first, last in chunks(len(scene.centres), PARTS):
+
+        def match(a: int, b: int, first: int = first) -> None:
+            match_lenslets(light, good, lenslets, how, found, (first + a, first + b))
+
+        for_each_chunk(match, last - first, workers)
+        yield clock.at(last)
+    samples = max(1, round(min(lattice.pitch_px, lattice.row_pitch_px) / SAMPLE_PX))
+    raster, shape = scene.raster(samples)
+    joined = np.full((4, *shape), np.nan, np.float32)
+    for_each_chunk(lambda a, b: join_rows(found, lenslets, how, raster, joined, (a, b)), shape[0], workers)
+    result = _joined(joined, raster, lattice.pitch_px)
+    return replace(result, image=_central(scene, result, samples, workers))
+
+
+def _most(light: Image, good: Image) -> float:
+    """Return the largest squared difference that counts: four times the variance of the scene without hot pixels."""
+    low, high = np.quantile(light[good > 0][::7], (0.05, 0.95)) if good.any() else (0.0, 1.0)
+    return float(4 * ((high - low) / 3.3) ** 2)
+
+
+def _joined(joined: Image, raster: Raster, pitch: float) -> DepthMap:
+    """Return the map of inverse slopes, standard errors, agreement and lenslets ``(4, rows, columns)``."""
+    error = np.hypot(joined[1], np.float32(BIAS_PX / pitch))
+    with np.errstate(divide="ignore"):
+        slope = 1 / joined[0]
+    # a pattern that all micro-images share has no disparity: dirt, or what is left of the fall-off
+    seen = (joined[3] >= 2) & (np.abs(joined[0]) * pitch >= MIN_DISPARITY_PX)
+    confidence = np.where(seen, _confidence(error * np.float32(pitch)) * joined[2], 0).astype(np.float32)
+    corner, step = (raster.corner_y, raster.corner_x), (raster.step_y, raster.step_x)
+    empty = np.zeros(slope.shape, np.float32)
+    return _supported(DepthMap(slope, error * slope**2, confidence, empty, METHODS[1], corner, step, pitch))
+
+
+def _smoothed(light: Image, good: Image) -> tuple[Image, Image]:
+    """Return the light after a filter (1, 2, 1) along both axes: linear interpolation is then accurate.
+
+    Only good pixels contribute, and a pixel stays good if at least half of the weights are good.
+    """
+    import cv2
+
+    line = np.array([0.25, 0.5, 0.25], np.float32)
+    total = cv2.sepFilter2D(light * good, -1, line, line, borderType=cv2.BORDER_REPLICATE)
+    count = cv2.sepFilter2D(good, -1, line, line, borderType=cv2.BORDER_REPLICATE)
+    kept = ((count >= 0.5) & (good > 0)).astype(np.float32)
+    return np.where(kept > 0, total / np.maximum(count, 0.5), 0).astype(np.float32), kept
+
+
+def _near(scene: _Scene) -> NDArray[np.int32]:
+    """Return the numbers of the neighbours ``(n, k)`` of each lenslet; -1: none."""
+    steps = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3) if (i, j) != (0, 0)])
+    distance = np.hypot(*(steps @ scene.lattice.basis_px()).T)
+    steps = steps[distance <= REACH * min(scene.lattice.pitch_px, float(distance.min()))]
+    low = scene.index.min(0) - 2
+    table = np.full(scene.index.max(0) - low + 3, -1, np.int32)
+    table[tuple((scene.index - low).T)] = np.arange(len(scene.index))
+    wanted = scene.index[:, None, :] + steps - low
+    return np.ascontiguousarray(table[wanted[..., 0], wanted[..., 1]])
+
+
+def _inverse_slopes(camera: Camera | None, slopes: tuple[float, float] | None, pitch: float) -> Array:
+    """Return the inverse slopes to search: equal steps of the disparity, one step beyond the range at both ends."""
+    low, high = slopes or _slopes_of(camera)
+    if not low < high or (low < MIN_SLOPE and high > -MIN_SLOPE and slopes is not None):
+        wanted = f"smallest and largest, both beyond ±{MIN_SLOPE:g} on one side"
+        raise InputError.expected("slopes", wanted, f"{low:g} to {high:g}", "correct them, or use the method views")
+    ends = (1 / high, 1 / low) if low * high > 0 else (-1 / MIN_SLOPE, 1 / MIN_SLOPE)
+    step = STEP_PX / pitch
+    return np.arange(ends[0] - 1.5 * step, ends[1] + 2 * step, step)
+
+
+def _slopes_of(camera: Camera | None) -> tuple[float, float]:
+    """Return the slopes that lenslets of a camera show: from the lenslets to three times their farthest focus."""
+    if camera is None:
+        return -MIN_SLOPE, MIN_SLOPE
+    focus = [kind.focus_depth(camera.lattice.gap_um) for kind in camera.lattice.types]
+    far = 3 * max(abs(v) for v in focus)
+    if min(focus) > 0:
+        return MIN_SLOPE, far
+    return (-far, -MIN_SLOPE) if max(focus) < 0 else (-MIN_SLOPE, MIN_SLOPE)
+
+
+def _pair_weights(camera: Camera | None, rho: Array) -> NDArray[np.float32]:
+    """Return the weights ``(m, 3, 3)`` of pairs of lens types: small if their blur differs by pixels."""
+    weight = np.ones((len(rho), 3, 3), np.float32)
+    if camera is None or len(camera.lattice.types) != 3:
+        return weight
+    diameter = camera.lattice.clear_diameter_um / camera.sensor.pixel_um
+    for k, one in enumerate(rho):
+        try:
+            depth = virtual_depth_of_slope(camera, 1 / one)
+        except (InputError, ZeroDivisionError):
+            continue
+        blur = diameter * np.array(expected_blur(camera, depth))
+        weight[k] = 1 / (1 + (blur[:, None] - blur[None, :]) ** 2)
+    return weight
+
+
+def _half(radius: float) -> int:
+    """Return half the side of the windows: 5 x 5 pixels, or 3 x 3 in small micro-images."""
+    return 2 if radius >= 6 else 1
+
+
+def _confidence(error: Image) -> Image:
+    """Return the probability that a disparity with a standard error (pixels) is wrong by less than `GOOD_PX`."""
+    from scipy.special import erf
+
+    known = np.isfinite(error)
+    return np.where(known, erf(GOOD_PX / math.sqrt(2) / np.where(known, np.maximum(error, 1e-6), 1)), 0).astype(
+        np.float32
+    )
+
+
+def _supported(found: DepthMap) -> DepthMap:
+    """Return a map without depths of little confidence, and without those that no neighbour confirms.
+
+    A neighbour within two samples confirms a depth if both agree within three standard errors and half a `GOOD_PX`.
+    """
+    known = found.confidence >= MIN_CONFIDENCE
+    disparity, error = np.pad(found.disparity, 2), np.pad(found.disparity_sigma, 2)
+    usable = np.pad(known, 2)
+    rows, columns = known.shape
+    agree, near = np.zeros(known.shape, np.int16), np.zeros(known.shape, np.int16)
+    for i in range(5):
+        for j in range(5):
+            part = (slice(i, i + rows), slice(j, j + columns))
+            off = np.abs(disparity[part] - found.disparity)
+            limit = GOOD_PX / 2 + 3 * np.hypot(error[part], found.disparity_sigma)
+            near += usable[part]
+            agree += usable[part] & (off <= limit)
+    # the sample itself is among both
+    known &= (agree >= 4) & (2 * agree >= near)
+    unknown = ~known
+    slope, sigma = found.slope.copy(), found.sigma.copy()
+    slope[unknown], sigma[unknown] = np.nan, np.nan
+    return replace(found, slope=slope, sigma=sigma, confidence=np.where(known, found.confidence, 0).astype(np.float32))
+
+
+def _central(scene: _Scene, found: DepthMap, samples: int, workers: int | None) -> Image:
+    """Return the central view: each known sample on its plane, and the others on the plane of the median depth."""
+    known = found.known
+    levels = np.quantile(1 / found.slope[known], np.linspace(0, 1, LEVELS)) if known.any() else np.array([1 / 3])
+    levels = np.unique(np.clip(levels, -1 / MIN_SLOPE, 1 / MIN_SLOPE).astype(np.float32))
+    levels = levels[np.abs(levels) > 1e-3]
+    planes = render(
+        scene.light,
+        scene.lattice,
+        tuple(1 / levels),
+        white=scene.good,
+        radius_px=scene.radius,
+        samples=samples,
+        workers=workers,
+    )
+    wanted = np.where(known, 1 / found.slope, np.float32(np.median(levels)))
+    nearest = np.abs(wanted[None] - levels[:, None, None]).argmin(0)
+    image: Image = np.take_along_axis(planes.images, nearest[None], axis=0)[0]
+    return image
+
+
+# -- views ---------------------------------------------------------------------------------------------------------
+def _iter_views(
+    scene: _Scene, camera: Camera | None, slopes: tuple[float, float] | None, workers: int | None
+) -> Work[DepthMap]:
+    """Compare the views on planes of all slopes."""
+    import cv2
+
+    low, high = slopes or (-VIEW_SLOPE, VIEW_SLOPE)
+    if not low < high:
+        raise InputError.expected("slopes", "smallest and largest", f"{low:g} to {high:g}", "correct them")
+    light, good, offsets, grid = _compared(scene, workers)
+    shift = float(np.abs(offsets).max()) / min(grid.step_px)
+    step = VIEW_STEP / shift
+    planes = np.arange(low - step, high + 1.5 * step, step)
+    half = _half(min(grid.shape) / 4)
+    how = Matching(planes, np.ones((1, 3, 3), np.float32), half, 0.0, FLOOR**2, VIEWS_SHARED)
+    volume = np.zeros((len(planes), 2, *grid.shape), np.float32)
+    clock = Clock("compare views", len(planes))
+    for k, w in enumerate(planes):
+
+        def sweep(a: int, b: int, moves: Array = -w * offsets / grid.step_px, out: Image = volume[k]) -> None:
+            sweep_rows(light, good, moves, out, (a, b))
+
+        for_each_chunk(sweep, grid.shape[0], workers)
+        for sums in volume[k]:
+            sums[:] = cv2.boxFilter(sums, -1, (2 * half + 1,) * 2, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        yield clock.at(k + 1)
+    found = np.full((2, *grid.shape), np.nan, np.float32)
+    for_each_chunk(lambda a, b: match_views(volume, how, found, (a, b)), grid.shape[0], workers)
+    central = int(np.hypot(*offsets.T).argmin())
+    error = np.hypot(found[1], np.float32(VIEWS_BIAS / shift))
+    confidence = np.where(good[central] > 0, _confidence(error * np.float32(shift)), 0).astype(np.float32)
+    image = (light[central] + (good[central] > 0)).astype(np.float32)
+    corner, steps = grid.corner_px, grid.step_px
+    return _supported(DepthMap(found[0], error, confidence, image, METHODS[2], corner, steps, shift))
+
+
+def _compared(scene: _Scene, workers: int | None) -> tuple[Image, Image, Array, ViewGrid]:
+    """Return the views relative to the white frame less 1, their weights ``(n, rows, columns)``, and offsets."""
+    lit = np.where(scene.good > 0, scene.lit, 0).astype(np.float32)
+    views = extract_views(scene.light * lit, scene.lattice, radius_px=scene.radius, full=True, workers=workers)
+    weights = sample_views(lit, views.grid, np.empty_like(views.images), workers=workers)
+    offsets = np.stack(np.meshgrid(views.offsets, views.offsets, indexing="ij"), axis=-1).reshape(-1, 2)
+    used = np.hypot(*offsets.T) <= scene.radius
+    weights = weights.reshape(-1, *views.shape)[used]
+    # interpolation averages noise: without these weights, noise alone would prefer the plane of the lenslets
+    part = np.modf(views.grid.centres_px)[0]
+    kept = ((1 - part) ** 2 + part**2).prod(-1)
+    noise = (views.grid.share**2 * kept[views.grid.near]).sum(-1)
+    good = np.where((weights >= LIT) & views.mask, 1 / np.maximum(noise, 0.05), 0).astype(np.float32)
+    light = views.images.reshape(-1, *views.shape)[used] / np.maximum(weights, LIT)
+    # small numbers lose less in sums of squares
+    return np.where(good > 0, light - 1, 0).astype(np.float32), good, offsets[used], views.grid

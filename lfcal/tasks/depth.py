@@ -1,0 +1,280 @@
+"""Measure depth from one light-field frame."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import FileFormatError, InputError, Work, note
+from lfcal.records import opt, read_pair, record, required, show_pair
+from lfcal.tasks._scan_frames import origin_field
+from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
+from lfcal.tasks.matrices import open_matrix
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from lfcal.camera import Camera
+    from lfcal.lattice import DepthMap, FrameLattice, LatticeFit, TypeOf
+    from lfcal.multiplex import ColourReading
+    from lfcal.psf import PSFMatrix
+
+__all__ = ["DEPTH", "Depth", "MeasuredDepth"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredDepth(TaskResult):
+    """A depth map with its files, the source of the lattice, and the source of metric depths (empty: there are none).
+
+    ``points`` is the number of points in the cloud; None: there is no cloud.
+    """
+
+    found: DepthMap
+    out: Path
+    cloud: Path | None
+    points: int | None
+    lattice: str
+    scale: str
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        import numpy as np
+
+        known = self.found.known
+        values = self.found.slope if self.found.z_um is None else self.found.z_um
+        near = values[known & np.isfinite(values)]
+        return {
+            "out": self.out,
+            "cloud": self.cloud,
+            "points": self.points,
+            "method": self.found.method,
+            "lattice": self.lattice,
+            "scale": self.scale,
+            "shape": known.shape,
+            "known": float(known.mean()),
+            "unit": "slope" if self.found.z_um is None else "um",
+            "depths": [] if not near.size else [float(v) for v in np.quantile(near, (0.02, 0.5, 0.98))],
+            "seconds": self.seconds,
+        }
+
+
+@record
+class Depth(Task):
+    """Measure a depth and confidence map from one light-field frame of any plenoptic camera.
+
+    Only places with texture get a depth; all others are NaN. Depths are in µm with a camera or H, else slopes.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Depth
+    >>> (made,) = Depth(frame="session/white/white_0.png", camera="session/camera.json", out="made.tif").run()
+    >>> print(made.found.method, f"{made.found.known.mean():.0%} known: a white image has no texture")
+    micro-images 0% known: a white image has no texture
+    """
+
+    name: ClassVar[str] = "depth"
+
+    frame: Path = required("Light-field frame: TIFF, PNG, NPY or camera RAW.", argument=True, file="in")
+    out: Path = required(
+        "Depth map to write (.tif): depth, standard error, confidence, light and disparity as float pages.",
+        label="Depth map",
+        short="-o",
+        file="out",
+    )
+    cloud: Path | None = opt(
+        None, "Point cloud to write (.ply), with the brightness of each point.", label="Point cloud", file="out"
+    )
+    camera: str = opt(
+        "",
+        "Preset or camera file: for the lattice, the lens types, and depths in µm.",
+        file="in",
+        is_path=is_camera_file,
+        examples=preset_names,
+        empty="that of H, if it is given",
+    )
+    lattice: Path | None = opt(
+        None, "Measured lattice (lattice.json of lfcal white).", file="in", empty="from the white image, or the camera"
+    )
+    white: Path | None = opt(
+        None, "White image of the same camera, or a folder of them to average.", label="White image", file="in"
+    )
+    dark: Path | None = opt(
+        None, "Dark frame, or a folder of them to average; subtracted from both.", label="Dark frame", file="in"
+    )
+    psf: Path | None = opt(
+        None, "H of the same camera: the depths of its planes correct the scale.", label="H", file="in", empty="none"
+    )
+    method: str = opt(
+        "auto",
+        "micro-images: match neighbouring micro-images, for lenslets that are focused on the scene. views: compare "
+        "views, for lenslets focused at infinity. auto: by the camera, else the one that explains more.",
+        choices=("auto", "micro-images", "views"),
+        more=True,
+    )
+    slopes: tuple[float, float] | None = opt(
+        None,
+        "Smallest and largest slope (about the virtual depth) to search: MIN,MAX.",
+        read=read_pair,
+        show=show_pair,
+        empty="all that the lenslets show",
+        more=True,
+    )
+    mask: Path | None = opt(
+        None,
+        "Pixels to leave out: an image that is not 0 there, or a list, ROW,COLUMN per line. NaN is left out anyway.",
+        label="Mask of pixels",
+        file="in",
+        empty="none",
+        more=True,
+    )
+    channel: str = opt("", "Colour to use.", choices=("", "R", "G", "B"), empty="the mean of all", more=True)
+    cfa: str = opt("", "Colour filters of a mosaic by rows, e.g. GRBG.", empty="as the file states", more=True)
+    origin: str = origin_field("the whole sensor")
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        super().__post_init__()
+        for what, path, suffixes in (("out", self.out, (".tif", ".tiff")), ("cloud", self.cloud, (".ply",))):
+            if path is not None and path.suffix.lower() not in suffixes:
+                raise InputError.expected(what, f"a {suffixes[0]} file", path.name, "correct the name")
+        if not (self.camera or self.lattice or self.white or self.psf):
+            raise InputError.expected("lattice", "camera, lattice, white or psf", "none", "give one of them")
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[MeasuredDepth, ...]]:
+        """Read the frame, measure its depths, and write them."""
+        from lfcal.lattice import iter_depth_map, save_depth, save_points
+
+        start, workers = time.perf_counter(), run.workers if run else None
+        camera = load_camera(self.camera) if self.camera else None
+        measured: Sequence[tuple[float, float]] = ()
+        if self.psf is not None:
+            with open_matrix(self.psf) as matrix:
+                camera = camera or matrix.camera
+                if camera is None:
+                    raise InputError.expected("H", "one with its camera", "one without", "give the camera as well")
+                measured = yield from _measured(matrix, workers)
+        scene = self._scene(camera)
+        found = yield from iter_depth_map(
+            scene.light,
+            scene.lattice,
+            white=scene.white,
+            mask=scene.mask,
+            camera=camera,
+            type_of=scene.type_of,
+            method=self.method,
+            slopes=self.slopes,
+            workers=workers,
+        )
+        found, scale = self._calibrated(found, camera, measured)
+        save_depth(self.out, found)
+        points = None if self.cloud is None else save_points(self.cloud, found)
+        seconds = time.perf_counter() - start
+        made = MeasuredDepth(
+            found=found,
+            out=self.out,
+            cloud=self.cloud,
+            points=points,
+            lattice=scene.source,
+            scale=scale,
+            seconds=seconds,
+        )
+        return (made,)
+
+    def _calibrated(
+        self, found: DepthMap, camera: Camera | None, measured: Sequence[tuple[float, float]]
+    ) -> tuple[DepthMap, str]:
+        """Return the map with depths in µm if there is a camera, and the source of the scale."""
+        from lfcal.frames import parse_origin
+        from lfcal.lattice import metric_depth
+
+        if camera is None:
+            return found, ""
+        found = metric_depth(found, camera, origin=parse_origin(self.origin) or (0, 0), measured=measured)
+        if not measured:
+            return found, f"camera {camera.name}"
+        return found, f"camera {camera.name}, corrected by {len(measured)} planes of H"
+
+    def _scene(self, camera: Camera | None) -> _Scene:
+        """Read the frames, and find the lattice."""
+        from lfcal.frames import parse_origin
+        from lfcal.frames.corrections import frame_map
+        from lfcal.lattice import cropped, fit_lattice, lattice_of, load_lattice
+        from lfcal.multiplex import ColourReading
+
+        place = parse_origin(self.origin)
+        reading = ColourReading(self.channel, self.cfa, self.dark, place)
+        light = _grey(self.frame, reading)
+        lost = None
+        if self.mask is not None:
+            lost = frame_map(self.mask, "mask", (light.shape[0], light.shape[1]), place or (0, 0))
+        if self.white is None and self.lattice is None:
+            assert camera is not None  # one of the three is given
+            types: TypeOf | None = camera.lattice.type_of if len(camera.lattice.types) == 3 else None
+            return _Scene(light, None, lost, lattice_of(camera, light.shape, place), f"camera {camera.name}", types)
+        white = None if self.white is None else _grey(self.white, reading)
+        if self.lattice is not None:
+            fit, source = load_lattice(self.lattice), self.lattice.name
+        else:
+            assert white is not None and self.white is not None
+            fit, source = fit_lattice(white, kind=camera.lattice.kind if camera else None), self.white.name
+        types = None if white is None else _types(white, fit, camera)
+        if white is not None and place is not None:
+            white = white[place[0] : place[0] + light.shape[0], place[1] : place[1] + light.shape[1]]
+        return _Scene(light, white, lost, cropped(fit, light.shape, place), source, types)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Frame and white image less their dark, masked pixels, the lattice and its source, and the lens types."""
+
+    light: NDArray[np.float32]
+    white: NDArray[np.float32] | None
+    mask: NDArray[np.bool_] | None
+    lattice: FrameLattice
+    source: str
+    type_of: TypeOf | None
+
+
+def _grey(path: Path, reading: ColourReading) -> NDArray[np.float32]:
+    """Return a frame less its dark frame; of several colours the mean."""
+    from lfcal.multiplex import mean_plane, read_planes
+
+    try:
+        return mean_plane(read_planes(path, reading))
+    except FileFormatError as error:
+        if "--channel each" not in str(error):
+            raise
+        return mean_plane(read_planes(path, replace(reading, channel="each")))
+
+
+def _types(white: NDArray[np.float32], fit: LatticeFit, camera: Camera | None) -> TypeOf | None:
+    """Return the lens types in a white image of a camera with three."""
+    from lfcal.lattice import classify_lens_types, expected_blur
+
+    if camera is None or len(camera.lattice.types) != 3:
+        return None
+    return classify_lens_types(white, fit, expected_blur(camera)).type_of
+
+
+def _measured(matrix: PSFMatrix, workers: int | None) -> Work[tuple[tuple[float, float], ...]]:
+    """Return depth and slope of each plane of H whose virtual depth can be measured in its patterns."""
+    from lfcal.judge import iter_inspect
+
+    report = yield from iter_inspect(matrix.T if matrix.is_transposed else matrix, workers=workers)
+    pairs = zip(matrix.depths, report.virtual_depths, strict=True)
+    found = tuple((float(z), float(v)) for z, v in pairs if math.isfinite(v))
+    if not found:
+        note(f"{matrix}: the patterns show no virtual depth; the depths follow from the camera alone")
+    return found
+
+
+DEPTH = TaskSet(
+    "depth", (Depth,), lambda given: Depth, "lfcal depth frame.tif --camera camera.json -o depth.tif --cloud points.ply"
+)

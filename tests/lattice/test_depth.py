@@ -1,0 +1,267 @@
+"""Depth maps of scenes with known slopes, drawn by a renderer that shares no code with the estimator."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.camera import preset
+from lfcal.lattice import DepthMap, depth_map, lattice_of, metric_depth, save_depth, save_points, sensor_slope
+from tests.lattice.lattices import Straight
+from tests.lattice.plenoptic_scenes import Drawn, Surface, ball, draw, plane, step, texture
+
+SHAPE = (230, 260)
+GOOD_PX = 0.3
+OFFSET = (0.3, -0.2)
+
+FOCUSED: dict[str, tuple[float, str, Surface, dict[str, Any]]] = {
+    "plane": (24.0, "hexagonal", plane(3.0), {"noise": 0.02}),
+    "slant": (24.0, "hexagonal", plane(3.0, 0.4, 0.6), {"noise": 0.01}),
+    "step": (24.0, "hexagonal", step(2.5, 4.0), {"noise": 0.01}),
+    "ball": (24.0, "hexagonal", ball(4.0, 2.2, 90), {"noise": 0.01}),
+    "three lens types": (24.0, "hexagonal", plane(3.0, 0.4, 0.6), {"noise": 0.01, "focus": (2.0, 3.0, 5.0)}),
+    "square lattice": (20.0, "square", plane(2.6, 0.0, 0.3), {"noise": 0.01}),
+    "small micro-images": (11.0, "hexagonal", plane(2.6, 0.0, 0.3), {"noise": 0.01}),
+    "images in front": (20.0, "hexagonal", plane(-3.0, 0.0, 0.3), {"noise": 0.01, "focus": (-3.0,)}),
+    "far plane": (24.0, "hexagonal", plane(9.0), {"noise": 0.01}),
+    "defocused everywhere": (24.0, "hexagonal", plane(3.0), {"noise": 0.01, "focus": (1.2,)}),
+}
+VIEWS: dict[str, tuple[str, Surface, dict[str, Any]]] = {
+    "plane": ("square", plane(0.7), {"noise": 0.02}),
+    "slant": ("square", plane(-0.5, 0.6, 0.6), {"noise": 0.01}),
+    "hexagonal slant": ("hexagonal", plane(-0.5, 0.6, 0.6), {"noise": 0.01}),
+    "step": ("square", step(-1.5, 1.5), {"noise": 0.01}),
+}
+
+
+def lattice(shape: tuple[int, int], pitch: float, kind: str = "hexagonal", rotation: float = 0.02) -> Straight:
+    middle = ((shape[0] - 1) / 2 + OFFSET[0], (shape[1] - 1) / 2 + OFFSET[1])
+    return Straight(kind, math.degrees(rotation), middle, pitch, shape)
+
+
+def drawn_views(kind: str, surface: Surface, **how: Any) -> Drawn:
+    """Draw a frame of a camera whose lenslets are focused at infinity."""
+    how = {"shade": texture(0, 40.0), **how}
+    return draw((440, 440), 13.0, surface, kind=kind, rotation=0.02, focus=(math.inf,), **how)
+
+
+@pytest.fixture(scope="module")
+def flat() -> Drawn:
+    return draw(SHAPE, 24.0, plane(3.0), rotation=0.02, noise=0.01)
+
+
+def errors(found: DepthMap, drawn: Drawn) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the errors of the disparity, and over their standard errors."""
+    true = drawn.slope(*np.moveaxis(found.places_px(), -1, 0))
+    wanted = true * found.disparity_px if found.method == "views" else found.disparity_px / true
+    off = found.disparity - wanted
+    return off, off / found.disparity_sigma
+
+
+def check(found: DepthMap, drawn: Drawn, share: float = 0.9, *, edges: bool = False) -> None:
+    """Check that enough samples are within 0.3 px, and that the errors agree with their standard errors.
+
+    Along ``edges`` of depth, windows show both depths, and a few samples have that of the other side.
+    """
+    off, pull = errors(found, drawn)
+    good = np.abs(np.where(found.known, off, np.inf)) <= GOOD_PX
+    inner = (slice(4, -4),) * 2
+    assert good[inner].mean() >= share
+    assert good[found.known].mean() >= 0.93, "of the samples with a depth"
+    pulls = np.abs(pull[found.known])
+    # 68 % of normal errors are within one standard error, 95 % within two
+    assert np.quantile(pulls, 0.68) < 1.5
+    assert edges or np.quantile(pulls, 0.95) < 3.5
+    sure = found.confidence > 0.9
+    assert good[sure].mean() >= 0.93
+    assert found.image.shape == found.slope.shape and np.isfinite(found.image).all()
+
+
+@pytest.mark.parametrize("name", FOCUSED)
+def test_micro_images(name: str) -> None:
+    pitch, kind, surface, how = FOCUSED[name]
+    drawn = draw(SHAPE, pitch, surface, kind=kind, rotation=0.02, **how)
+    slopes = (-12.0, -1.5) if name == "images in front" else (1.5, 16.0)
+    found = depth_map(drawn.frame, lattice(SHAPE, pitch, kind), white=drawn.white, method="micro-images", slopes=slopes)
+    check(found, drawn, edges=name in ("step", "ball"))
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_views(name: str) -> None:
+    kind, surface, how = VIEWS[name]
+    drawn = drawn_views(kind, surface, **how)
+    found = depth_map(drawn.frame, lattice((440, 440), 13.0, kind), white=drawn.white, method="views")
+    check(found, drawn, share=0.87 if name == "step" else 0.9, edges=name == "step")
+
+
+@pytest.mark.parametrize("rotation", [0.3, -0.8])
+def test_rotated_lattices(rotation: float) -> None:
+    drawn = draw(SHAPE, 22.0, plane(3.0, 0.3, 0.2), rotation=rotation, noise=0.01)
+    check(depth_map(drawn.frame, lattice(SHAPE, 22.0, rotation=rotation), white=drawn.white, slopes=(1.5, 12.0)), drawn)
+
+
+def test_the_method_follows_from_the_frame(flat: Drawn) -> None:
+    found = depth_map(flat.frame, lattice(SHAPE, 24.0), white=flat.white)
+    assert found.method == "micro-images"
+    check(found, flat)
+    other = drawn_views("square", plane(0.4, 0.4, 0.0), noise=0.01)
+    assert depth_map(other.frame, lattice((440, 440), 13.0, "square"), white=other.white).method == "views"
+
+
+def test_without_a_white_frame(flat: Drawn) -> None:
+    check(depth_map(flat.frame, lattice(SHAPE, 24.0), slopes=(1.5, 12.0)), flat)
+    other = drawn_views("square", plane(-0.5, 0.4, 0.4), noise=0.01)
+    check(depth_map(other.frame, lattice((440, 440), 13.0, "square"), method="views"), other)
+
+
+@pytest.mark.parametrize("method", ["micro-images", "views"])
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+@pytest.mark.parametrize("white", [True, False])
+def test_a_uniform_scene_has_no_depth(method: str, noise: float, white: bool) -> None:
+    focus = 3.0 if method == "micro-images" else math.inf
+    how: dict[str, Any] = {"shade": lambda y, x: np.full(np.shape(y), 0.6), "noise": noise, "focus": (focus,)}
+    drawn = draw(SHAPE, 13.0, plane(3.0), rotation=0.02, **how)
+    found = depth_map(drawn.frame, lattice(SHAPE, 13.0), white=drawn.white if white else None, method=method)
+    assert found.known.mean() < 0.01 and not found.confidence[~found.known].any()
+
+
+def test_noise_has_no_depth() -> None:
+    frame = np.random.default_rng(0).normal(100, 20, SHAPE)
+    for method in ("micro-images", "views"):
+        assert depth_map(frame, lattice(SHAPE, 16.0), method=method).known.mean() < 0.02
+
+
+def test_only_the_textured_half_has_a_depth() -> None:
+    shade = texture(0)
+    drawn = draw(
+        SHAPE, 24.0, plane(3.0), rotation=0.02, noise=0.01, shade=lambda y, x: np.where(x < 0, 0.5, shade(y, x))
+    )
+    found = depth_map(drawn.frame, lattice(SHAPE, 24.0), white=drawn.white, slopes=(1.5, 12.0))
+    columns = found.places_px()[0, :, 1]
+    assert not found.known[:, columns < SHAPE[1] / 2 - 40].any()
+    assert found.known[:, columns > SHAPE[1] / 2 + 20].mean() > 0.95
+
+
+def test_saturated_dead_and_hot_pixels(flat: Drawn) -> None:
+    bad = np.random.default_rng(0).random(SHAPE) < 0.01
+    given: dict[str, Any] = {"white": flat.white, "slopes": (1.5, 12.0)}
+    check(depth_map(np.minimum(flat.frame, 1300), lattice(SHAPE, 24.0), **given), flat, share=0.85)
+    check(depth_map(np.where(bad, 0, flat.frame), lattice(SHAPE, 24.0), **given), flat)
+    check(depth_map(np.where(bad, 6000, flat.frame), lattice(SHAPE, 24.0), **given), flat)
+
+
+def test_nan_and_masks_leave_pixels_out(flat: Drawn) -> None:
+    bad = np.random.default_rng(0).random(SHAPE) < 0.01
+    bad[100:140, 100:150] = True
+    frame = np.where(bad, np.where(np.indices(SHAPE)[0] % 2, np.nan, np.inf), flat.frame)
+    given: dict[str, Any] = {"white": flat.white, "slopes": (1.5, 12.0)}
+    found = depth_map(frame, lattice(SHAPE, 24.0), **given)
+    check(found, flat)
+    same = depth_map(np.where(bad, 1e6, flat.frame), lattice(SHAPE, 24.0), mask=bad, **given)
+    np.testing.assert_array_equal(found.slope, same.slope)
+
+
+def test_few_lenslets() -> None:
+    for size in (30, 60):
+        drawn = draw((size, size), 24.0, plane(3.0), rotation=0.02)
+        found = depth_map(drawn.frame, lattice((size, size), 24.0), white=drawn.white, slopes=(1.5, 12.0))
+        off, _ = errors(found, drawn)
+        assert np.abs(off[found.known]).max(initial=0) < 1
+        assert found.known.any() == (size == 60), "one lenslet alone has no disparity"
+
+
+def test_threads_do_not_change_the_map(flat: Drawn) -> None:
+    one, four = (depth_map(flat.frame, lattice(SHAPE, 24.0), slopes=(1.5, 12.0), workers=workers) for workers in (1, 4))
+    np.testing.assert_array_equal(one.slope, four.slope)
+    np.testing.assert_allclose(one.image, four.image, rtol=1e-5)
+
+
+def test_metric_depths_are_those_of_the_camera() -> None:
+    for name, depths in (("bench", (-20e3, -5e3, 15e3)), ("lfm_20x05", (-60.0, 10.0, 40.0))):
+        camera = preset(name)
+        slope = np.array([[sensor_slope(camera, z) for z in depths]], np.float32)
+        one = np.ones_like(slope)
+        found = metric_depth(DepthMap(slope, 0.01 * one, one, one, "views", (10.0, 20.0), (5.0, 5.0), 0.5), camera)
+        assert found.z_um is not None and found.z_sigma_um is not None
+        np.testing.assert_allclose(found.z_um[0], depths, rtol=1e-4)
+        ends = [[camera.depth_of(sensor_slope(camera, z)) for z in depths]]
+        assert np.isfinite(ends).all() and (found.z_sigma_um > 0).all()
+        points, chosen = found.points()
+        assert chosen.all()
+        # the chief ray moves by one pixel per step
+        x = (20.0 + 5.0 * np.arange(3) - camera.sensor.centre_px[1]) * [camera.step_um(z) for z in depths]
+        np.testing.assert_allclose(points[:, 0], x, rtol=1e-3)
+
+
+def test_slopes_beyond_infinity_have_no_depth() -> None:
+    camera = preset("bench")
+    slope = np.array([[500.0, 1e6, np.nan]], np.float32)
+    one = np.ones_like(slope)
+    found = metric_depth(DepthMap(slope, one, one, one, "views", (0.0, 0.0), (5.0, 5.0), 0.5), camera)
+    assert found.z_um is not None and np.isnan(found.z_um).all() and not len(found.points()[0])
+
+
+def test_measured_planes_correct_a_wrong_camera() -> None:
+    true = preset("bench")
+    wrong = replace(true, lattice=replace(true.lattice, gap_um=1.06 * true.lattice.gap_um))
+    slope = np.array([[sensor_slope(true, z) for z in (-18e3, -8e3)]], np.float32)
+    one = np.ones_like(slope)
+    found = DepthMap(slope, 0.01 * one, one, one, "micro-images", (0.0, 0.0), (5.0, 5.0), 11.0)
+    plain = metric_depth(found, wrong)
+    planes = [(z, sensor_slope(true, z)) for z in (-20e3, -12e3, -6e3)]
+    better = metric_depth(found, wrong, measured=planes)
+    assert plain.z_um is not None and better.z_um is not None
+    assert np.abs(plain.z_um[0] - (-18e3, -8e3)).min() > 300
+    np.testing.assert_allclose(better.z_um[0], (-18e3, -8e3), atol=30)
+    single = metric_depth(found, wrong, measured=planes[:1])
+    assert single.z_um is not None and np.abs(single.z_um[0] - (-18e3, -8e3)).max() < 60
+
+
+def test_files(flat: Drawn, tmp_path: Path) -> None:
+    found = depth_map(flat.frame, lattice(SHAPE, 24.0), white=flat.white, slopes=(1.5, 12.0))
+    save_depth(tmp_path / "depth.tif", found)
+    with tifffile.TiffFile(tmp_path / "depth.tif") as file:
+        pages, facts = file.asarray(), file.imagej_metadata or {}
+    assert pages.dtype == np.float32 and pages.shape == (5, *found.slope.shape)
+    np.testing.assert_array_equal(pages[0], found.slope)
+    assert facts["Labels"][0] == "slope (1)" and json.loads(facts["Info"])["method"] == "micro-images"
+    count = save_points(tmp_path / "points.ply", found)
+    head, _, body = (tmp_path / "points.ply").read_bytes().partition(b"end_header\n")
+    assert f"element vertex {count}\n".encode() in head and count == found.known.sum()
+    assert len(body) == count * (3 * 4 + 3 + 2 * 4)
+    first = np.frombuffer(body[:12], "<f4")
+    np.testing.assert_allclose(
+        first, [*found.places_px()[found.known][0][::-1], found.slope[found.known][0]], rtol=1e-6
+    )
+
+
+def test_bad_input(flat: Drawn) -> None:
+    field = lattice(SHAPE, 24.0)
+    with pytest.raises(InputError, match="shape"):
+        depth_map(flat.frame[1:], field)
+    with pytest.raises(InputError, match="mask"):
+        depth_map(flat.frame, field, mask=np.zeros((3, 3)))
+    with pytest.raises(InputError, match="method"):
+        depth_map(flat.frame, field, method="stereo")
+    with pytest.raises(InputError, match="slopes"):
+        depth_map(flat.frame, field, method="micro-images", slopes=(-1.0, 5.0))
+    with pytest.raises(InputError, match="slopes"):
+        depth_map(flat.frame, field, method="views", slopes=(5.0, 1.0))
+    with pytest.raises(InputError, match="whole micro-image"):
+        depth_map(np.ones((9, 9)), lattice((9, 9), 24.0))
+
+
+def test_a_camera_alone_finds_nothing_in_a_uniform_frame() -> None:
+    camera = preset("bench")
+    field = lattice_of(camera)
+    found = depth_map(np.ones(field.shape), field, camera=camera, type_of=camera.lattice.type_of)
+    assert found.method == "micro-images" and not found.known.any()
