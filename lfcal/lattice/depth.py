@@ -288,7 +288,7 @@ def metric_depth(
     >>> found = DepthMap(slope, 0.01 * one, one, one, "micro-images", (159.5, 259.5), (4.0, 4.0), 11.0)
     >>> known = metric_depth(found, camera)
     >>> print(known.z_um.round(-1), known.points()[0].round(-1))
-    [[-20000.]] [[  2570.      0. -20000.]]
+    [[-20000.]] [[  2550.      0. -20000.]]
     """
     wanted = np.array([sensor_slope(camera, z) for z, _ in measured])
     seen = np.array([slope for _, slope in measured], float)
