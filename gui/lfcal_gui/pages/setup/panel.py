@@ -204,6 +204,8 @@ class PlanningPanel(QWidget):
         self.costs: ScanCosts | None = None
         self._area: Area | None = None
         """The area to show, at any size of the picture."""
+        self._showing = False
+        """Whether the panel is being filled: parts that appear change the size of the picture again and again."""
         self._shown: tuple[Any, Shot] | None = None
         """What the picture was drawn of, and the picture."""
         self.inspector = Inspector(check, check_scan)
@@ -211,7 +213,7 @@ class PlanningPanel(QWidget):
         self.picture.graphics.setAccessibleName("sensor with lenslets, scan and cutout")
         self.picture.dragged.connect(self.dragged.emit)
         self.picture.moved.connect(self._moved)
-        self.picture.box.sigResized.connect(lambda *_: self._draw(self._area))
+        self.picture.box.sigResized.connect(lambda *_: None if self._showing else self._draw(self._area))
         self.optics = OpticsView()
         self.facts, self.forecast = _figures(), _figures()
         self.strip = Strip(_tip, 64)
@@ -288,8 +290,7 @@ class PlanningPanel(QWidget):
 
         ``checked`` has the white image that the camera was compared with, ``light`` that of the patterns.
         """
-        plan, settings, refused = state.plan, PlanSettings.of(state), ""
-        half = None
+        plan, settings, refused, half = state.plan, PlanSettings.of(state), "", None
         if plan is not None and settings.half_cell:
             try:
                 half = half_of(plan)
@@ -297,6 +298,7 @@ class PlanningPanel(QWidget):
                 refused = str(error)
         scene = ScanScene(state.camera, plan, half, checked)
         before, self._scene = self._scene, scene
+        self._showing = True
         self.inspector.show_plan(plan, settings, refused)
         if before is None or (before.camera, before.camera.marks) != (state.camera, state.camera.marks):
             self.inspector.show_camera(state.camera)
@@ -304,6 +306,7 @@ class PlanningPanel(QWidget):
             self.facts.setText(facts(state.camera))
         self._show_costs(None if plan is None else ScanCosts.of(plan, settings, half, light), checked)
         self._show_planes(plan)
+        self._showing = False
         if scene.same_view(before):
             self._draw()
         else:
