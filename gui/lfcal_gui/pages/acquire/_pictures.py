@@ -172,7 +172,7 @@ class RecordPictures(QWidget):
         column.addWidget(self.third, 1)
         grid.addWidget(panel, 0, 0, 1, 3)
         for k, (key, plot) in enumerate(self.curves.items()):
-            panel, column = card(ElidedLabel(f"{CURVES[key]} by frame"))
+            panel, column = card(ElidedLabel(CURVES[key]))
             plot.graphics.setMinimumSize(120, LOW)
             for side in ("left", "bottom"):  # in a low window names at the axes would be cut
                 plot.plot.getAxis(side).showLabel(False)

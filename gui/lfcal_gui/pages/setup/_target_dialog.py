@@ -54,8 +54,8 @@ FIRST, LAST = 40, 225
 
 NO_TARGET = "none: a single point"
 POINT_WORDS = (
-    "A single point: the plan of the tab Scan.\nFor many points in each frame, type array (the pitch is proposed) or "
-    "your own array, such as array:4x4@1.7mm."
+    "A single point: the scan as Set up plans it.\nFor many points in each frame, type array (the pitch is proposed) "
+    "or your own array, such as array:4x4@1.7mm."
 )
 COSTS = (
     "Noise: expected error of a recorded pattern from sensor noise, sum of errors over sum of light, in the middle "
@@ -63,6 +63,10 @@ COSTS = (
 )
 PLAN, STOP = "Search for the fewest frames that cover all phases", "Stop searching without creating a plan"
 SAVE = "Write where the target goes in each frame (.json): Record > Rig records it, by Target …"
+PLANES = (
+    "Frames of each plane, and how many it needs at least; points in each frame; share of the phases that are covered; "
+    "crosstalk of neighbouring points"
+)
 READY_WORDS = "Nothing is planned yet.\nPress Plan target to search for the fewest frames that cover all phases."
 
 
@@ -137,8 +141,9 @@ class TargetDialog(QDialog):
         self.form.edited.connect(lambda *given: change_settings(context, *given))
         self._build_images()
         self._build_map()
-        self.table = RowsTable(TABLE, 0, range(1, len(TABLE)))
+        self.table = RowsTable(TABLE, 0, range(1, len(TABLE)), spare=(2,))
         self.table.setAccessibleName("planes of the target's plan")
+        self.table.setToolTip(PLANES)
         self.message, self.stack = told_or_shown(POINT_WORDS, self._results())
         row = QHBoxLayout(self)
         row.setSpacing(10)

@@ -37,7 +37,7 @@ HELD_OF_TARGET = frozenset({"plan", "out", *RATES})
 """Fields of `lfcal.tasks.PlanTarget` that are not in the form of the target."""
 
 ROWS = {row.name: row for kind in (PlanScan, PlanTarget) for row in rows(kind)}
-TABLE = ("plane", "frames", "at least", "points a frame", "phases covered", "crosstalk")
+TABLE = ("plane", "frames", "at least", "points", "phases", "crosstalk")
 
 
 @dataclass(frozen=True)
