@@ -42,7 +42,7 @@ def test_every_way_to_another_camera_or_plan_is_refused_where_one_looks(
     pages: dict[str, Any] = {key: held.page(key) for key in ("setup", "frames")}
     ways: tuple[tuple[str, Callable[[], object]], ...] = (
         ("setup", lambda: pages["setup"].import_file(str(tmp_path / "camera.json"))),
-        ("setup", lambda: pages["setup"].panel.inspector.presets.chosen.emit("r29")),
+        ("setup", lambda: pages["setup"].panel.inspector.preset_chosen.emit("r29")),
         ("setup", lambda: pages["setup"].open_plan(str(tmp_path / "plan.json"))),
         ("setup", lambda: held.take_files([str(tmp_path / "plan.json")])),
         ("frames", lambda: pages["frames"].open_folder(str(frames))),

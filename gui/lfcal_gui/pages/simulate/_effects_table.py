@@ -25,7 +25,7 @@ SHARE = Qt.ItemDataRole.UserRole + 1
 ON = Qt.ItemDataRole.UserRole + 2
 """Role of whether the effect is on."""
 
-TEXT, BAR = 70, 30
+TEXT, BAR = 74, 28
 """Room for the number and for the bar (px)."""
 
 

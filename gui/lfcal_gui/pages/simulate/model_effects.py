@@ -130,7 +130,7 @@ def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> 
     magnitudes = magnitudes_of(effect, plan.camera, marks)
     reason = planned.reason
     if planned.setting == "on" and any(one.kind == "terms" and not one.counts for one in magnitudes):
-        reason = "asked for, but it needs terms: add at least one"
+        reason = "switched on, but it needs terms: add at least one"
     return EffectRow(
         effect,
         effect.name,

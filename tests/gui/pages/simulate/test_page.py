@@ -44,7 +44,7 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     assert page.verdict.row("bandwidth").on and table._items["bandwidth"].parent() is table.groups["on"]
     table.select("bandwidth")
     assert panel.tabs.currentWidget() is panel.effect
-    assert panel.effect.title.text() == "bandwidth" and "asked for" in panel.effect.why.text()
+    assert panel.effect.title.text() == "bandwidth" and "switched on" in panel.effect.why.text()
     window.project.undo()
     idle(window.jobs, qtbot)
     assert not page.verdict.row("bandwidth").on and table.selected == "bandwidth"
