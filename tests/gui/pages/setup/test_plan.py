@@ -58,7 +58,7 @@ def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
     assert "36 of 72 (half cell)" in page.panel.forecast.text() and len(list(page.panel.path_entries())) == 2
     resample = page.panel.inspector.scan.editor("resample")
     resample.setChecked(True)
-    assert "half-cell scan: expected frames as they are" in page.panel.inspector.scan.error
+    assert "half-cell scan: expected frames that are not resampled" in page.panel.inspector.scan.error
     assert window.project.state.plan == plan, "a half-cell scan takes frames as they are"
     page.save_plan(str(tmp_path / "plan.json"))
     assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == plan

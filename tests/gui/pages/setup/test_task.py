@@ -105,7 +105,7 @@ def test_all_routes_write_the_half_cell_scan_of_the_page(
             assert Path(f"{name}.json").read_text(encoding="utf-8") == HALF.to_json(), name
         assert Path(f"{name}_positions.json").read_text(encoding="utf-8") == list_text(half), name
     odd = replace(project, camera=SCAN.camera, plan=replace(SCAN, resample=True))
-    with pytest.raises(InputError, match="half-cell scan: expected frames as they are"):
+    with pytest.raises(InputError, match="half-cell scan: expected frames that are not resampled"):
         scan_step(odd, "odd.json")
 
 
