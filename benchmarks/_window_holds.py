@@ -14,36 +14,45 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["first_visits", "holds"]
+__all__ = ["LONG_MS", "LongestTurn", "first_visits", "holds"]
 
 IDLE_S = 300.0
 
+LONG_MS = 50.0
+"""A turn of the event loop that a user notices (ms)."""
+
 
 class LongestTurn:
-    """Lets a window work, and notes the longest turn of its event loop in processor time (ms)."""
+    """Lets a window work, and notes the longest turn of its event loop in processor time (ms), and the long ones."""
 
     def __init__(self, app: Any, busy: Callable[[], bool]) -> None:
         self._app, self._busy = app, busy
         self.found: dict[str, float] = {}
+        self.long: dict[str, int] = {}
 
     def do(self, name: str, action: Callable[..., object], *values: Any) -> None:
         """Do ``action`` with ``values``, and what follows from it until nothing is at work."""
-        longest = self._turn(action, *values)
+        self.turn(name, action, *values)
         end, calm = time.monotonic() + IDLE_S, 0
         while calm < 5 and time.monotonic() < end:
-            longest = max(longest, self._turn(self._app.processEvents))
+            self.turn(name, self._app.processEvents)
             calm = 0 if self._busy() else calm + 1
             time.sleep(0.002)
-        self.found[name] = max(longest, self.found.get(name, 0.0))
 
-    @staticmethod
-    def _turn(action: Callable[..., object], *values: Any) -> float:
+    def turn(self, name: str, action: Callable[..., object], *values: Any) -> None:
+        """Do ``action`` with ``values``, as one turn of the event loop."""
         start = time.thread_time()
         action(*values)
-        return 1e3 * (time.thread_time() - start)
+        ms = 1e3 * (time.thread_time() - start)
+        self.found[name] = max(ms, self.found.get(name, 0.0))
+        self.long[name] = self.long.get(name, 0) + (ms > LONG_MS)
+
+    def result(self) -> dict[str, tuple[float, int]]:
+        """Return the longest turn (ms) of each action, and how many were longer than `LONG_MS`."""
+        return {name: (ms, self.long[name]) for name, ms in self.found.items()}
 
 
-def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str, float]:
+def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str, tuple[float, int]]:
     """Return the longest hold (ms of processor time) of each action, with an H of ``plane`` and such a frame."""
     from PySide6.QtWidgets import QApplication
 
@@ -80,7 +89,7 @@ def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str,
         held.do("closing", window.shut_down)
         window.close()
     held.found.pop("start")
-    return held.found
+    return held.result()
 
 
 def _frames(held: LongestTurn, jobs: Any, shape: tuple[int, int]) -> None:
@@ -107,8 +116,8 @@ print(json.dumps(visit_all(Path({folder!r}))))
 """
 
 
-def visit_all(folder: Path) -> dict[str, float]:
-    """Return the longest hold (ms) of the first look at each page of a new window, and of two plans."""
+def visit_all(folder: Path) -> dict[str, tuple[float, int]]:
+    """Return the longest hold (ms) and the number of long ones, of the first look at each page and of two plans."""
     from PySide6.QtWidgets import QApplication
 
     from lfcal_gui.app import begin, make_window, parse
@@ -121,24 +130,23 @@ def visit_all(folder: Path) -> dict[str, float]:
     held = LongestTurn(app, lambda: window.jobs.busy)
     shown = time.monotonic()
     while time.monotonic() < shown + 2 * IMPORT_MS / 1e3:  # nobody is faster
-        held.do("", lambda: None)
+        held.do("after the start", lambda: None)
     for spec in window.specs:
         held.do(spec.title, window.go, spec.key)
     window.go("setup")
     setup: Any = window.page("setup")
-    held.do("", lambda: None)
+    held.do("Set up again", lambda: None)
     held.do("a first plan", setup.make_default)
     held.do("another plan", setup._scan_edited, "cutout", (41, 41))
     window.shut_down()
-    held.found.pop("")
-    return held.found
+    return held.result()
 
 
-def first_visits() -> dict[str, float]:
+def first_visits() -> dict[str, tuple[float, int]]:
     """Return the same, measured in a process that has imported nothing yet."""
     with TemporaryDirectory() as folder:
         code = VISITS.format(folder=folder)
         environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    found: dict[str, tuple[float, int]] = json.loads(done.stdout.splitlines()[-1])
     return found

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+
+from benchmarks._window_holds import LongestTurn
 
 __all__ = ["hovering", "layout", "new_stage"]
 
@@ -107,19 +110,22 @@ def hovering(count: int = 200) -> dict[str, float]:
         stage.settle()
         panel, app = page.panel, stage.app
         rows, columns = panel.main_view.values.shape
+        held = LongestTurn(app, lambda: stage.window.jobs.busy)
         hover, planes = [], []
         for k in range(count):
             start = time.perf_counter()
-            panel.main_view.hovered.emit(7 * k % rows, 11 * k % columns, 1.0)
-            app.processEvents()
-            panel.linked_view.graphics.viewport().repaint()
+            held.turn("hover", panel.main_view.hovered.emit, 7 * k % rows, 11 * k % columns, 1.0)
+            held.turn("hover", app.processEvents)
+            held.turn("hover", panel.linked_view.graphics.viewport().repaint)
             hover.append(time.perf_counter() - start)
         for k in range(count // 4):
             start = time.perf_counter()
-            page.set_intent(z=k % page.matrix.shape[0])
-            stage.until(lambda: not stage.window.jobs.busy, "the plane")
-            app.processEvents()
-            panel.main_view.graphics.viewport().repaint()
+            held.turn("plane", partial(page.set_intent, z=k % page.matrix.shape[0]))
+            while stage.window.jobs.busy:
+                held.turn("plane", app.processEvents)
+                time.sleep(0.001)
+            held.turn("plane", app.processEvents)
+            held.turn("plane", panel.main_view.graphics.viewport().repaint)
             planes.append(time.perf_counter() - start)
         stage.window.shut_down()
         stage.window.close()
@@ -127,4 +133,5 @@ def hovering(count: int = 200) -> dict[str, float]:
     for name, times in (("hover", hover), ("plane", planes)):
         for word, share in (("median", 50), ("95", 95), ("worst", 100)):
             found[f"{name}_{word}_ms"] = 1e3 * float(np.percentile(times, share))
+        found[f"{name}_held_ms"], found[f"{name}_long"] = held.result()[name]
     return found

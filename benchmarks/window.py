@@ -19,7 +19,7 @@ import numpy as np
 import typer
 
 from benchmarks._window_clicks import clicks
-from benchmarks._window_holds import first_visits, holds
+from benchmarks._window_holds import LONG_MS, first_visits, holds
 from benchmarks._window_layout import hovering, layout
 from lfcal.base.errors import InputError
 from lfcal.cli._console import print_json
@@ -110,9 +110,14 @@ def _live_words(live: dict[str, Any]) -> str:
     )
 
 
-def _listed(title: str, found: dict[str, float]) -> str:
-    rows = sorted(found.items(), key=lambda pair: -pair[1])
-    return "\n".join((f"{title} (ms of the window's thread):", *(f"  {ms:6.0f}  {name}" for name, ms in rows)))
+def _listed(title: str, found: dict[str, tuple[float, int]]) -> str:
+    rows = sorted(found.items(), key=lambda pair: -pair[1][0])
+    return "\n".join(
+        (
+            f"{title} (ms of the window's thread; turns above {LONG_MS:.0f} ms):",
+            *(f"  {ms:6.0f}  {long:3}  {name}" for name, (ms, long) in rows),
+        )
+    )
 
 
 def _layout_words(found: dict[str, Any]) -> str:
@@ -132,7 +137,8 @@ def _layout_words(found: dict[str, Any]) -> str:
 def _hover_words(found: dict[str, float]) -> str:
     return "\n".join(
         f"{words}: median {found[f'{key}_median_ms']:.1f} ms, 95 % {found[f'{key}_95_ms']:.1f} ms, "
-        f"worst {found[f'{key}_worst_ms']:.1f} ms"
+        f"worst {found[f'{key}_worst_ms']:.1f} ms; window's thread held {found[f'{key}_held_ms']:.1f} ms at most, "
+        f"{found[f'{key}_long']:.0f} times above {LONG_MS:.0f} ms"
         for key, words in (("hover", "pointer on H to HT drawn"), ("plane", "another plane to H drawn"))
     )
 

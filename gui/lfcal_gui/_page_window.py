@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QMainWindow
 
 from lfcal_gui._layouts import fit_screen
 from lfcal_gui.base_page import BasePage
-from lfcal_gui.theme import current_theme, style_sheet
+from lfcal_gui.theme import style_sheet
 
 
 class PageWindow(QMainWindow):
@@ -42,7 +42,6 @@ class PageWindow(QMainWindow):
     def apply_theme(self) -> None:
         """Take the colours of the theme in use; the page follows the theme without this."""
         self.statusBar().setStyleSheet(style_sheet())
-        self.setStyleSheet(f"QMainWindow {{ background: {current_theme().window}; }}")
 
     def event(self, event: QEvent) -> bool:
         """Say that the window came to the front."""

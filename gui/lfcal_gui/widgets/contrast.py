@@ -179,9 +179,10 @@ class Contrast(QWidget):
         """Draw the logarithm of the counts: of dark pixels there are a thousand times as many as of bright ones."""
         heights = np.log1p(self._counts)
         top = max(float(heights.max()), 1e-9)
-        room = strip.top() - 4
-        x = [self._x_of(float(value)) for value in self._places]
-        line = [QPointF(a, strip.top() - room * float(h) / top) for a, h in zip(x, heights, strict=True)]
+        room, (low, high) = strip.top() - 4, self.span
+        x = (strip.left() + (self._places - low) / (high - low) * strip.width()).tolist()
+        y = (strip.top() - room * heights / top).tolist()
+        line = [QPointF(*at) for at in zip(x, y, strict=True)]
         area = [QPointF(x[0], strip.top()), *line, QPointF(x[-1], strip.top())]
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(QColor(current_theme().edge))
