@@ -21,10 +21,7 @@ from lfcal_gui.workers import Workers, keep, start_thread, wait_for, words_of
 class Computations:
     """Run functions in a few threads. While one of a group runs, only the newest other one waits.
 
-    Parameters
-    ----------
-    hand_over
-        Queues a function to run in the window's thread.
+    ``hand_over`` queues a function to run in the window's thread.
     """
 
     def __init__(self, hand_over: Callable[[Callable[[], None]], None]) -> None:
@@ -95,12 +92,7 @@ class Loads:
     """Open files in threads, by group. Only the newest request of a group reports.
 
     A request waits for an earlier one of its group, unless that was dropped. A setting changed ten times quickly
-    opens its files twice, not ten times.
-
-    Parameters
-    ----------
-    hand_over
-        Queues a function to run in the window's thread.
+    opens its files twice, not ten times. ``hand_over`` queues a function to run in the window's thread.
     """
 
     def __init__(self, hand_over: Callable[[Callable[[], None]], None]) -> None:

@@ -1,10 +1,137 @@
-"""The header: the menus, the project, and what leads on."""
+"""The header: the menus, the project, what comes next in a sentence, and the one button that does it."""
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QToolButton, QVBoxLayout, QWidget
+import time
 
+from PySide6.QtCore import QPoint, Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QCursor, QKeySequence, QShortcut
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QMenu, QPushButton, QToolButton, QVBoxLayout, QWidget
+
+from lfcal_gui.models import Step
 from lfcal_gui.widgets import ElidedLabel
+
+NEAR_PX, HELD_S, POLL_MS = 24, 0.4, 100
+"""The button stays while the pointer is so near, and so long after a change; how often it is tried again."""
+
+
+class NextLine(QWidget):
+    """Shows a `Step`, and a second button for an optional one. They wait while the user is about to press the others.
+
+    Signals
+    -------
+    pressed(action)
+        The button, or Stop next to it, was pressed.
+    declined(action, place)
+        The user leaves out an optional step.
+    """
+
+    pressed = Signal(str)
+    declined = Signal(str, str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.step: Step | None = None
+        self._wanted: Step | None = None
+        self._changed = 0.0
+        self.lead, self.words = QLabel(), ElidedLabel()
+        self.lead.setProperty("role", "lead")
+        self.words.setProperty("role", "next")
+        self.stop, self.other, self.button = QPushButton("Stop"), QPushButton(), QPushButton()
+        self.stop.setToolTip("End the recording once the position under way is safe")
+        self.button.setProperty("role", "primary")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addWidget(self.lead)
+        row.addWidget(self.words, 1)
+        for button in (self.stop, self.other, self.button):
+            row.addWidget(button)
+        self.stop.clicked.connect(lambda: self.step and self.pressed.emit(self.step.stop))
+        self.button.clicked.connect(self.press)
+        self.other.clicked.connect(lambda: self.step and self.step.other and self.pressed.emit(self.step.other.action))
+        self.stop.hide()
+        self.other.hide()
+        self.not_now = QAction("Not now", self)
+        self.not_now.setShortcut(QKeySequence.StandardKey.Delete)
+        self.not_now.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
+        self.not_now.triggered.connect(self._decline)
+        self.addAction(self.not_now)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.ActionsContextMenu)
+        self._key = QShortcut(QKeySequence("Ctrl+Return"), self)
+        self._key.setContext(Qt.ShortcutContext.WindowShortcut)
+        self._key.activated.connect(self.button.click)
+        self._later = QTimer(self)
+        self._later.setInterval(POLL_MS)
+        self._later.timeout.connect(self._settle)
+
+    def show_step(self, step: Step) -> None:
+        """Show a step."""
+        self._wanted = step
+        self.lead.setText(f"{step.lead}:")
+        self.words.setText(step.words)
+        self.setAccessibleName(step.line)
+        self._settle()
+
+    def press(self) -> None:
+        """Do what the button says."""
+        if self.step is not None:
+            self.pressed.emit(self.step.action)
+
+    def _decline(self) -> None:
+        optional = _optional(self.step)
+        if optional is not None:
+            self.declined.emit(optional.action, optional.place)
+
+    def _settle(self) -> None:
+        """Change the button, unless the user is about to press it."""
+        step, shown = self._wanted, self.step
+        if step is None:
+            return
+        same = shown is not None and _button(step) == _button(shown)
+        if not same and shown is not None and (self._near() or time.monotonic() - self._changed < HELD_S):
+            self._later.start()
+            return
+        self._later.stop()
+        self.step = step
+        self.not_now.setEnabled(_optional(step) is not None)
+        if same:
+            return
+        self._changed = time.monotonic()
+        self.button.setText(step.button)
+        tip = f"{step.button} (Ctrl+Return)"
+        self.button.setToolTip(f"{tip}; Del: not now" if step.optional else tip)
+        self.stop.setVisible(bool(step.stop))
+        self.other.setVisible(step.other is not None)
+        if step.other is not None:
+            self.other.setText(step.other.button)
+            self.other.setToolTip(f"Optional: {step.other.words} Del: not now")
+
+    def _near(self) -> bool:
+        """Return whether the pointer is at the buttons."""
+        if not self.isVisible():
+            return False
+        at = self.pointer()
+        return any(
+            one.isVisible()
+            and one.rect().adjusted(-NEAR_PX, -NEAR_PX, NEAR_PX, NEAR_PX).contains(one.mapFromGlobal(at))
+            for one in (self.button, self.other, self.stop)
+        )
+
+    @staticmethod
+    def pointer() -> QPoint:
+        """Return where the pointer is on the screen."""
+        return QCursor.pos()
+
+
+def _button(step: Step) -> tuple[object, ...]:
+    return step.button, step.action, step.stop, step.optional, step.other
+
+
+def _optional(step: Step | None) -> Step | None:
+    """Return the step that can be left out."""
+    return step if step is None or step.optional else step.other
+
 
 HEIGHT, NAME = 54, 190
 """Height of the header, and the most that the project's name takes (px)."""

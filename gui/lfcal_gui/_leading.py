@@ -12,8 +12,8 @@ from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QWidget
 
 from lfcal.base import Work
+from lfcal_gui._header import NextLine
 from lfcal_gui._leaving_out import LeavingOut
-from lfcal_gui._next_line import NextLine
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
@@ -55,21 +55,8 @@ def _iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[Any
 class Leading(QObject):
     """Connects a `NextLine` with the window.
 
-    Parameters
-    ----------
-    context, line
-        Of the window.
-    window
-        The window, whose clicks are looked at.
-    page
-        Makes a page at its first call.
-    shown
-        Returns key and place of the page that is looked at.
-
-    Signals
-    -------
-    changed(sitting)
-        The `Sitting` is another.
+    ``page`` makes a page at its first call. ``shown`` returns key and place of the page that is looked at.
+    ``changed(sitting)`` is emitted when the `Sitting` is another.
     """
 
     changed = Signal(object)

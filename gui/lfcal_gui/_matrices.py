@@ -14,12 +14,7 @@ from lfcal_gui.jobs import Jobs
 class Matrices(QObject):
     """Open H files, without waiting for them. A file that is not open yet is None; `changed` reports when it is.
 
-    Parameters
-    ----------
-    jobs
-        Jobs that open the files.
-    order_of
-        Returns the order of the axes of H that the project states for a file; empty: none.
+    ``order_of`` returns the order of the axes of H that the project states for a file; empty: none.
 
     Signals
     -------

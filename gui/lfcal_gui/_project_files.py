@@ -50,16 +50,7 @@ def stop_words(jobs: Jobs) -> str:
 
 
 class ProjectFiles(QObject):
-    """What the menu does with project files.
-
-    Parameters
-    ----------
-    project, jobs
-        The window's.
-    folder
-        Where recent projects and copies of unsaved work are kept.
-    window
-        Parent of the dialogs.
+    """What the menu does with project files; ``folder`` keeps recent projects and copies of unsaved work.
 
     Signals
     -------

@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     app = QApplication.instance() or QApplication(sys.argv[:1])
     assert isinstance(app, QApplication)
     from lfcal.base import LfcalError, bounded_threads, check_regular
-    from lfcal_gui._crash import CrashGuard
+    from lfcal_gui.crash_dialog import CrashGuard
     from lfcal_gui.log import Log, log_folder
 
     log = Log(log_folder())

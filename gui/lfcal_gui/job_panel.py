@@ -1,24 +1,298 @@
-"""The status area: what is at work, the queue, and how jobs ended."""
+"""Jobs in the window: a line in the status bar, and the list of all of them with their logs, and runs in units."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QFontDatabase, QHideEvent, QKeyEvent, QShowEvent
 from PySide6.QtWidgets import (
+    QApplication,
+    QDialog,
     QFileDialog,
+    QFrame,
     QHBoxLayout,
     QLabel,
+    QMainWindow,
+    QPlainTextEdit,
+    QProgressBar,
     QPushButton,
     QScrollArea,
     QSizePolicy,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
-from lfcal_gui._job_row import JobRow
-from lfcal_gui._run_panel import RunView
-from lfcal_gui.jobs import Jobs, WindowJob
+from lfcal.base import format_seconds
+from lfcal.work import HEADER, JOURNAL, RunTable, parts_folder, read_run, run_table
+from lfcal_gui.jobs import Jobs, JobState, WindowJob
+from lfcal_gui.models import JobLog
+from lfcal_gui.saving import ask_target, write_file
+from lfcal_gui.theme import style_sheet
+from lfcal_gui.widgets import HeadedCard, RowsTable, WrappedLabel, line, lines_px, set_role
+
+LOOK_MS = 1000
+"""Between two looks at the journal of a run (ms)."""
+
+UNITS_PX = 160
+"""Of the table (pixels)."""
+
+
+def look(run: Path) -> RunTable:
+    """Return where the run of a folder, or of the file it makes, stands; one that is over and gone says so.
+
+    Raises
+    ------
+    InputError
+        If there is no run, and nothing that one made.
+    """
+    named = run.suffix == ".parts" or not run.name or (run / JOURNAL).exists()
+    folder = run if named else parts_folder(run)
+    if run.name and not folder.exists() and (made := folder.with_suffix("")).exists():
+        return RunTable(f"{made.name}: is complete; no run is active", "", (), "")
+    return run_table(read_run(folder))
+
+
+class RunView(HeadedCard):
+    """One run, looked at every second until it is dismissed."""
+
+    def __init__(self, jobs: Jobs, run: Path, parent: QWidget | None = None) -> None:
+        super().__init__(run.name, parent)
+        self._jobs, self._run = jobs, run
+        self._rows: tuple[tuple[str, ...], ...] = ()
+        self._gone = False
+        self.add_button("Dismiss", "Remove this run from the list. The run continues", self._dismiss)
+        self.place = QLabel("")
+        self.place.setOpenExternalLinks(True)
+        self.place.setTextInteractionFlags(Qt.TextInteractionFlag.TextBrowserInteraction)
+        self.place.hide()
+        self.column.addWidget(self.place)
+        self.table = RowsTable(HEADER, wide=5)
+        self.table.setAccessibleName(f"Units of {run.name}")
+        self.table.setFixedHeight(UNITS_PX)
+        self.column.addWidget(self.table)
+        self._timer = QTimer(self)
+        self._timer.setInterval(LOOK_MS)
+        self._timer.timeout.connect(self.refresh)
+        self._timer.start()
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Look at the journal, in the background."""
+        self._jobs.compute(f"run {self._run}", lambda: look(self._run), self.show_table, self._lost)
+
+    def show_table(self, found: RunTable) -> None:
+        """Show the progress of the run."""
+        if self._gone:  # dismissed while its journal was read
+            return
+        self.title.setText(found.headline)
+        self.status.setText(found.pace)
+        self.place.setText(f'watch its workers at <a href="{found.place}">{found.place}</a>' if found.place else "")
+        self.place.setVisible(bool(found.place))
+        if found.rows != self._rows:  # else the sorting that the user chose would be lost every second
+            self._rows = found.rows
+            self.table.show_rows(found.rows)
+        self.table.setVisible(bool(found.rows))
+
+    def _lost(self, words: str) -> None:
+        if not self._gone:
+            self.status.setText(words)
+
+    def _dismiss(self) -> None:
+        self._gone = True
+        self._timer.stop()
+        self.leave()
+
+
+LOG_MS = 500
+"""Between two looks at a log that may grow (ms)."""
+
+LOG_SIZE = (820, 460)
+
+
+class JobLogView(QDialog):
+    """Show a `JobLog`, and update it until the window is closed."""
+
+    def __init__(self, log: JobLog, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._log, self._shown = log, ""
+        self.setWindowTitle(f"Log of {log.title}")
+        self.resize(*LOG_SIZE)
+        self.view = QPlainTextEdit()
+        self.view.setReadOnly(True)
+        self.view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
+        self.view.setAccessibleName(f"log of {log.title}")
+        self.view.setToolTip("Steps and warnings of the job with their times, updated while it runs")
+        self.view.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
+        self.copy, self.keep, close = QPushButton("Copy text"), QPushButton("Save …"), QPushButton("Close")
+        self.copy.setToolTip("Copy the log, for example for a bug report")
+        self.keep.setToolTip("Save the log as a text file. It is lost when lfcal is closed")
+        close.setToolTip("Close this window. The job continues, and its log is kept")
+        self.copy.clicked.connect(lambda: QApplication.clipboard().setText(self._log.text()))
+        self.keep.clicked.connect(lambda: self.save())
+        close.clicked.connect(self.close)
+        column = QVBoxLayout(self)
+        column.addWidget(self.view, 1)
+        column.addLayout(line(QWidget(), self.copy, self.keep, close, stretch=0))
+        self._timer = QTimer(self)
+        self._timer.setInterval(LOG_MS)
+        self._timer.timeout.connect(self.refresh)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Follow the job while the log is seen."""
+        self.setStyleSheet(style_sheet())
+        first = not self._shown
+        self.refresh()
+        if first:  # keep the width that the user chose
+            margins = self.layout().contentsMargins()
+            self.resize(max(self.width(), lines_px(self.view) + margins.left() + margins.right()), self.height())
+        self._timer.start()
+        super().showEvent(event)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        """Look no more."""
+        self._timer.stop()
+        super().hideEvent(event)
+
+    def refresh(self) -> None:
+        """Show what was said since the last look; the place that is read stays, unless that is the end."""
+        text = self._log.text()
+        if text == self._shown:
+            return
+        self._shown = text
+        bar = self.view.verticalScrollBar()
+        place, at_end = bar.value(), bar.value() >= bar.maximum()
+        self.view.setPlainText(text)
+        bar.setValue(bar.maximum() if at_end else place)
+
+    def save(self, path: str = "") -> None:
+        """Write the log; asks for the file unless it is given."""
+        name = re.sub(r"[^\w.-]+", "_", self._log.title).strip("_")
+        path = path or ask_target(self, "Save log", f"{name}.txt", "text (*.txt)")
+        if path:
+            write_file(self, path, lambda part: part.write_text(self._log.text(), encoding="utf-8"))
+
+
+GO_ON = "Resume from the parts that are done. After the window was closed, start the same work with the same file name"
+
+BAR = 150
+"""Width of the bar of a job's progress (px)."""
+
+
+class JobRow(HeadedCard):
+    """A job that waits, runs, or has ended."""
+
+    gone = Signal(int)
+    """The user wants to see it no longer; its number."""
+
+    def __init__(self, jobs: Jobs, job: WindowJob) -> None:
+        super().__init__(job.title)
+        self._jobs, self._job = jobs, job
+        self._view: JobLogView | None = None
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.bar.setFixedWidth(BAR)
+        self.bar.setAccessibleName(f"progress of {job.title}")
+        self.head.insertWidget(1, self.bar)
+        number = job.number
+        self.up = self._button("Up", "Run this job before the one above it", lambda: jobs.move(number, -1))
+        self.down = self._button("Down", "Run this job after the one below it", lambda: jobs.move(number, 1))
+        self.go_on = self._button("Resume", GO_ON, lambda: jobs.go_on(number))
+        self.log = self._button("Log", "Show steps and warnings of the job, to copy or save", self.show_log)
+        self.button = self._button("Stop", "", self._pressed)
+        self.error = WrappedLabel()
+        self.error.setProperty("role", "error")
+        self.error.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.error.hide()
+        self.column.addWidget(self.error)
+
+    def _button(self, text: str, tip: str, action: Callable[[], object]) -> QPushButton:
+        button = self.add_button(text, tip, action)
+        button.setAccessibleName(f"{text}: {self._job.title}")
+        return button
+
+    @property
+    def job(self) -> WindowJob:
+        """The job as it was shown last."""
+        return self._job
+
+    def show_job(self, job: WindowJob) -> None:
+        """Show the job as it is now."""
+        self._job = job if job.active else job.remembered()
+        record, place = job.progress, self._place()
+        self.bar.setVisible(job.active and not place)
+        self.bar.setRange(0, 1000 if record is not None and record.total else 0)
+        if record is not None and record.total:
+            self.bar.setValue(round(1000 * record.fraction))
+        self.status.setText(self._words(place))
+        self.up.setVisible(place > 1)
+        self.down.setVisible(0 < place < len(self._jobs.waiting()))
+        self.go_on.setVisible(bool(job.kept))
+        self.go_on.setEnabled(True)
+        self._show_button()
+        self.error.setText(job.error)
+        self.error.setVisible(bool(job.error))
+
+    def _place(self) -> int:
+        """Return the job's place among those that wait, from 1; 0 where it does not."""
+        waiting = self._jobs.waiting()
+        return waiting.index(self._job.number) + 1 if self._job.number in waiting else 0
+
+    def _words(self, place: int) -> str:
+        job, record = self._job, self._job.progress
+        if place:
+            return "waits: next" if place == 1 else f"waits: number {place} in the queue"
+        if job.active and job.stopping:
+            return "stopping …"
+        if job.state is JobState.RUNNING and record is not None:
+            eta = record.eta_seconds
+            left = f", about {format_seconds(eta)} to go" if eta is not None and record.done < record.total else ""
+            # for work in units, the stage is that of one unit, the count that of all units
+            count = f", {record.count} done" if record.per > 1 else f" {record.count}".rstrip()
+            return record.stage + count + left
+        if job.state in (JobState.DONE, JobState.CANCELLED):
+            return job.ended_words() + self._warned()
+        return job.state.value + (f"; {job.kept} are kept" if job.kept else "")
+
+    def _warned(self) -> str:
+        count = self._jobs.log(self._job.number).warned
+        return "" if not count else f", {count} warning{'s' if count > 1 else ''}: see its log"
+
+    def _show_button(self) -> None:
+        """Name the last button by what it does now."""
+        job = self._job
+        text, tip = "Dismiss", "Remove this job from the list"
+        if job.active:
+            text, tip = "Stop", "Stop this job. It may take a moment to clean up"
+        elif job.kept:
+            text, tip = "Discard", f"Delete what is kept of this job: {job.kept}"
+        self.button.setText(text)
+        self.button.setToolTip(tip)
+        self.button.setAccessibleName(f"{text}: {job.title}")
+        self.button.setEnabled(not (job.active and job.stopping))
+
+    def show_log(self) -> JobLogView:
+        """Show its log in a separate window."""
+        if self._view is None:
+            self._view = JobLogView(self._jobs.log(self._job.number), self.window())
+        self._view.show()
+        self._view.raise_()
+        return self._view
+
+    def _pressed(self) -> None:
+        self.button.setEnabled(False)
+        if self._job.active:
+            self._jobs.cancel(self._job.number)
+        elif self._job.kept:
+            self.go_on.setEnabled(False)
+            self._jobs.discard(self._job.number)
+        else:
+            self.gone.emit(self._job.number)
+
 
 KEPT = 20
 """Jobs that have ended and are still listed."""
@@ -141,3 +415,126 @@ class JobPanel(QWidget):
         self._rows.pop(number).leave()
         if number in self._shown:
             self._shown.remove(number)
+
+
+SHORT_BAR, LINE_PX = 90, 17
+"""Width of the bar, and height of the text: the status bar is as low as without it (px)."""
+
+SHEET = (900, 300)
+"""Greatest size of the sheet (px)."""
+
+NAMED = 2
+"""Jobs that the line names."""
+
+
+def jobs_words(active: list[WindowJob], failed: list[WindowJob]) -> str:
+    """Return the text of the status bar: a failed job, or the running jobs and the time left."""
+    if failed:
+        others = f", {len(failed) - 1} more" if len(failed) > 1 else ""
+        return f"Failed: {failed[-1].title}{others}"
+    if not active:
+        return "No jobs running"
+    names = ", ".join(job.title for job in active[:NAMED]) + (", …" if len(active) > NAMED else "")
+    first = active[0].progress
+    eta = None if first is None else first.eta_seconds
+    left = "" if eta is None or first is None or first.done >= first.total else f", {format_seconds(eta)} left"
+    return f"{names}{left}" if len(active) == 1 else f"{len(active)} jobs: {names}{left}"
+
+
+class JobsLine(QWidget):
+    """Progress bar and text; a click opens the list. A failed job stays in red until the list was opened."""
+
+    def __init__(self, jobs: Jobs, window: QMainWindow) -> None:
+        super().__init__(window)
+        self._jobs = jobs
+        self._failed: list[WindowJob] = []
+        self.sheet = JobsSheet(JobPanel(jobs), window)
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.bar.setFixedWidth(SHORT_BAR)
+        self.bar.setAccessibleName("progress of the running job")
+        self.button = QToolButton()
+        self.button.setAutoRaise(True)
+        self.button.setFixedHeight(LINE_PX)
+        self.button.setToolTip("All jobs: progress and log of each, and buttons to stop or continue it (Ctrl+J)")
+        self.button.clicked.connect(lambda _=False: self.toggle())
+        row = QHBoxLayout(self)
+        row.setContentsMargins(6, 0, 6, 0)
+        row.setSpacing(6)
+        row.addWidget(self.button)
+        row.addWidget(self.bar)
+        jobs.changed.connect(self._changed)
+        jobs.queued.connect(self.refresh)
+        self.refresh()
+
+    def toggle(self) -> None:
+        """Open or close the list; failed jobs count as read."""
+        self._failed.clear()
+        self.sheet.setVisible(self.sheet.isHidden())
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show which jobs run now."""
+        active = [job for job in self._jobs.jobs() if job.active]
+        active.sort(key=lambda job: job.state is JobState.WAITING)
+        words = jobs_words(active, self._failed)
+        self.button.setText(words)
+        self.button.setAccessibleName(f"jobs: {words}")
+        set_role(self.button, "error" if self._failed else "")
+        record = active[0].progress if active else None
+        known = record is not None and record.total > 0
+        self.bar.setVisible(bool(active))
+        self.bar.setRange(0, 1000 if known else 0)
+        if record is not None and known:
+            self.bar.setValue(round(1000 * record.fraction))
+
+    def _changed(self, job: WindowJob) -> None:
+        if (
+            job.state is JobState.FAILED
+            and self.sheet.isHidden()
+            and all(job.number != one.number for one in self._failed)
+        ):
+            self._failed.append(job)
+        self.refresh()
+
+
+class JobsSheet(QFrame):
+    """The list over the lower right of the page; Esc closes it."""
+
+    def __init__(self, panel: JobPanel, window: QMainWindow) -> None:
+        super().__init__(window)
+        self.panel, self._window = panel, window
+        self.setProperty("role", "card")
+        self.setProperty("overlay", True)
+        self.setAutoFillBackground(True)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(4, 4, 4, 4)
+        column.addWidget(panel)
+        window.installEventFilter(self)
+        self.hide()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Stay above the status bar."""
+        if event.type() == QEvent.Type.Resize and self.isVisible():
+            self._place()
+        return False
+
+    def showEvent(self, event: Any) -> None:
+        """Take its place and the keyboard."""
+        self._place()
+        self.raise_()
+        self.setFocus(Qt.FocusReason.OtherFocusReason)
+        super().showEvent(event)
+
+    def _place(self) -> None:
+        above = self._window.statusBar().mapTo(self._window, QPoint(0, 0))
+        width = min(SHEET[0], self._window.width() - 16)
+        height = min(max(SHEET[1], self.panel.minimumSizeHint().height()), above.y() - 8)
+        self.setGeometry(self._window.width() - width - 8, above.y() - height - 4, width, height)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Close it at Esc."""
+        if event.key() == Qt.Key.Key_Escape:
+            self.hide()
+        else:
+            super().keyPressEvent(event)

@@ -8,18 +8,169 @@ from __future__ import annotations
 import itertools
 import threading
 import time
+import traceback
+from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from lfcal.base import Work
+from lfcal.base import Cancelled, InputError, LfcalError, Progress, Work, WorkAbandoned, abandonable
 from lfcal_gui._background import COMPUTATIONS_S, LOADS_S, BackgroundThreads
-from lfcal_gui._job_line import Line
-from lfcal_gui._job_thread import JobRequest, JobThread
-from lfcal_gui.models import JobLog, JobState, Keeping, Taken, WindowJob, notes_of
-from lfcal_gui.workers import wait_for
+from lfcal_gui.models import JobLog, JobState, Keeping, Stamp, Taken, WindowJob, notes_of, stamp_of, warnings_to
+from lfcal_gui.workers import keep, wait_for, words_of
+
+
+class Line:
+    """Numbers of the waiting jobs, and of the running one.
+
+    Attributes
+    ----------
+    at_work
+        The job whose turn it is, None if there is none.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[int] = []
+        self.at_work: int | None = None
+
+    @property
+    def waiting(self) -> tuple[int, ...]:
+        """Jobs that wait, the next one first."""
+        return tuple(self._waiting)
+
+    def add(self, number: int) -> None:
+        """Let a job wait at the end."""
+        self._waiting.append(number)
+
+    def next(self) -> int | None:
+        """Return the next job, None if one is running or none waits."""
+        if self.at_work is not None or not self._waiting:
+            return None
+        self.at_work = self._waiting.pop(0)
+        return self.at_work
+
+    def leave(self, number: int) -> None:
+        """Forget a job that has ended, or waits no longer."""
+        if number == self.at_work:
+            self.at_work = None
+        elif number in self._waiting:
+            self._waiting.remove(number)
+
+    def move(self, number: int, by: int) -> bool:
+        """Move a job that waits by so many places, later where positive; return whether that changed the order."""
+        if number not in self._waiting:
+            return False
+        at = self._waiting.index(number)
+        to = min(max(at + by, 0), len(self._waiting) - 1)
+        self._waiting.insert(to, self._waiting.pop(at))
+        return to != at
+
+
+@dataclass(frozen=True)
+class JobRequest:
+    """The request of a job. The job starts from it, and resumes from it after a stop.
+
+    ``work`` returns the work, and is called in the job's thread. ``on_done`` gets the result, ``on_failed`` and
+    ``on_end`` get the job. ``before`` is called in the window's thread right before the job begins. ``needs`` are files
+    as they were when the job was requested. The other fields are those of `Jobs.start`.
+    """
+
+    work: Callable[[], Work[Any]]
+    on_done: Callable[[Any], None] | None = None
+    on_failed: Callable[[WindowJob], None] | None = None
+    on_end: Callable[[WindowJob], None] | None = None
+    before: Callable[[], None] | None = None
+    abandon: bool = False
+    leave: bool = False
+    at_once: bool = False
+    keeping: Keeping | None = None
+    needs: tuple[Stamp, ...] = field(default=())
+
+    def check(self) -> None:
+        """Raise `InputError` where a file is no longer what it was when the job was asked for."""
+        for stamp in self.needs:
+            if stamp_of(stamp[0]) != stamp:
+                name = Path(stamp[0]).name
+                raise InputError.expected(
+                    name, "the file as it was when this was requested", "a different file, or none", "start it again"
+                )
+
+    @staticmethod
+    def stamps(paths: Iterable[str]) -> tuple[Stamp, ...]:
+        """Return files as they are now; those that are not there are left to the work to refuse."""
+        return tuple(found for path in paths if (found := stamp_of(path)) is not None)
+
+
+class JobThread:
+    """Run the work of a job, and record its progress.
+
+    ``ended`` is called with the job's number and the fields of the `WindowJob` that its end changes. ``stop`` is set
+    when the job must end. ``before_s`` counts the seconds of its finished parts.
+    """
+
+    def __init__(
+        self, number: int, asked: JobRequest, log: JobLog, ended: Callable[[int, dict[str, Any]], None]
+    ) -> None:
+        self.number, self.asked, self._log, self._ended = number, asked, log, ended
+        self.stop = threading.Event()
+        self.before_s, self.reported = 0.0, 0.0
+        self._newest: deque[Progress] = deque(maxlen=1)
+        self.thread = threading.Thread(target=self._run, name=f"lfcal-job-{number}", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self.thread.start()
+
+    def take(self) -> Progress | None:
+        """Return the newest record, once."""
+        try:
+            return self._newest.pop()
+        except IndexError:
+            return None
+
+    def _run(self) -> None:
+        end: dict[str, Any]
+        with warnings_to(lambda words: self._log.say("warning", words)):
+            try:
+                end = {"state": JobState.DONE, "result": self._follow()}
+            except (Cancelled, WorkAbandoned):
+                end = {"state": JobState.CANCELLED, "kept": self._kept()}
+            except BaseException as error:
+                keep(f"job {self.number}", error)
+                trace = traceback.format_exc()
+                end = {"state": JobState.FAILED, "error": words_of(error), "details": trace, "kept": self._kept()}
+        self._ended(self.number, end)
+
+    def _follow(self) -> Any:
+        self.asked.check()
+        running, last = self.asked.work(), 0.0
+        try:
+            while True:
+                with abandonable(lambda: not (self.asked.leave and self.stop.is_set())):
+                    record = next(running)
+                self._log.follow(record)
+                if self.stop.is_set():
+                    raise Cancelled("stopped")
+                if record.seconds < last:  # another clock
+                    self.before_s += last
+                last = record.seconds
+                self._newest.append(record)
+        except StopIteration as end:
+            return end.value
+        finally:
+            running.close()
+
+    def _kept(self) -> str:
+        """Return what is kept of the work, once it has cleaned up behind itself."""
+        try:
+            return "" if self.asked.keeping is None else self.asked.keeping.look()
+        except (LfcalError, OSError) as error:
+            keep(f"job {self.number}", error)
+            return ""
+
 
 TELL_S = 0.03
 """Least time between two reported records of a job (s)."""
@@ -79,7 +230,7 @@ class Jobs(BackgroundThreads):
         title, page, kind
             Title of the job, key of its page, and its kind as in `WindowJob`.
         work, on_done, on_failed, on_end, before
-            As in `lfcal_gui._job_thread.JobRequest`.
+            As in `lfcal_gui.jobs.JobRequest`.
         abandon
             Whether it only opens files until its first record. Stopping it then does not wait.
         leave
@@ -230,14 +381,14 @@ class Jobs(BackgroundThreads):
     # -- the window's thread ---------------------------------------------------------------------------
     def _look(self) -> None:
         for running in tuple(self._running.values()):
-            if time.monotonic() - running.told > TELL_S:
+            if time.monotonic() - running.reported > TELL_S:
                 self._tell(running)
 
     def _tell(self, running: JobThread) -> None:
         """Report the newest record of a job. It is never dropped, since the next one may take long."""
         record = running.take()
         if record is not None:
-            running.told = time.monotonic()
+            running.reported = time.monotonic()
             self._change(running.number, progress=record)
 
     def _ended(self, number: int, changes: dict[str, Any]) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QEvent, QSettings, Qt, QTimer
+from PySide6.QtCore import QByteArray, QEvent, QObject, QSettings, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
     QApplication,
@@ -19,14 +20,11 @@ from PySide6.QtWidgets import (
 )
 
 from lfcal.base import LfcalError
-from lfcal_gui._header import HeaderBar
+from lfcal_gui._header import HeaderBar, NextLine
 from lfcal_gui._help import Manual
-from lfcal_gui._jobs_line import JobsLine
 from lfcal_gui._layouts import Layouts, LogView, add_dock, fit_screen
 from lfcal_gui._leading import Leading
-from lfcal_gui._leaving import Leaving
 from lfcal_gui._menus import WindowMenus
-from lfcal_gui._next_line import NextLine
 from lfcal_gui._page_window import PageWindow
 from lfcal_gui._project_files import ProjectFiles
 from lfcal_gui._rail import Rail
@@ -34,12 +32,33 @@ from lfcal_gui._scripts import Scripts
 from lfcal_gui._tools import Tools
 from lfcal_gui.base_page import BasePage, page_class
 from lfcal_gui.context import Context
+from lfcal_gui.job_panel import JobsLine
 from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
 from lfcal_gui.models import PAGES, PageSpec, Project, ProjectState, Sitting, available_pages, page_states, rail_words
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
 from lfcal_gui.widgets import ElidedLabel, name_controls, toggle_in
 from lfcal_gui.workers import LOG
+
+LOOK_MS = 20
+"""Between two looks whether the window can close (ms)."""
+
+
+class Leaving(QTimer):
+    """Calls ``done`` once nothing is at work that is worth waiting for, with whether something still is."""
+
+    def __init__(self, jobs: Jobs, done: Callable[[bool], None], parent: QObject) -> None:
+        super().__init__(parent)
+        self._jobs, self._done, self._began = jobs, done, time.monotonic()
+        self.setInterval(LOOK_MS)
+        self.timeout.connect(self._look)
+        self.start()
+
+    def _look(self) -> None:
+        if not self._jobs.waits_for(time.monotonic() - self._began):
+            self.stop()
+            self._done(self._jobs.waits_for(0))
+
 
 INI = QSettings.Format.IniFormat
 

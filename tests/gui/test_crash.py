@@ -16,9 +16,8 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui._crash import CrashGuard
 from lfcal_gui.app import safe_now
-from lfcal_gui.crash_dialog import CrashDialog
+from lfcal_gui.crash_dialog import CrashDialog, CrashGuard
 from lfcal_gui.log import FAULTS, NAME, Log, log_folder
 from lfcal_gui.models.mishaps import Mishap
 from lfcal_gui.window import MainWindow

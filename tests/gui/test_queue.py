@@ -12,9 +12,8 @@ from PySide6.QtWidgets import QApplication, QMessageBox, QPushButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.progress import Progress
-from lfcal_gui._job_line import Line
 from lfcal_gui.job_panel import JobPanel
-from lfcal_gui.jobs import Jobs, JobState, WindowJob
+from lfcal_gui.jobs import Jobs, JobState, Line, WindowJob
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 

@@ -14,8 +14,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
 from lfcal.work.journal import HEADER, JOURNAL, read_run, run_table
-from lfcal_gui._run_panel import look
-from lfcal_gui.job_panel import JobPanel
+from lfcal_gui.job_panel import JobPanel, look
 from lfcal_gui.jobs import Jobs
 from tests.gui.waiting import GUARD_MS
 

@@ -23,19 +23,19 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui._help import Manual
-from lfcal_gui._job_row import JobLogView
+from lfcal_gui._rescue import RestoreDialog
 from lfcal_gui._welcome import Welcome
 from lfcal_gui.base_page import EmptyState
 from lfcal_gui.crash_dialog import CrashDialog
+from lfcal_gui.job_panel import JobLogView
 from lfcal_gui.models.autosave import UnsavedCopy
-from lfcal_gui.models.job_log import JobLog
+from lfcal_gui.models.job import JobLog
 from lfcal_gui.models.page import PAGES
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
 from lfcal_gui.pages.h.panel import LEVELS
 from lfcal_gui.palette import Palette
 from lfcal_gui.preferences import Preferences
-from lfcal_gui.restore_dialog import RestoreDialog
 from lfcal_gui.widgets.naming import controls, name_controls
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import idle

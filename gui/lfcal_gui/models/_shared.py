@@ -43,9 +43,6 @@ from lfcal_gui.models.display import (
     tinted,
     to_uint8,
 )
-from lfcal_gui.models.doctor import doctor_html, doctor_text
-from lfcal_gui.models.filling import Filling
-from lfcal_gui.models.fitted import FittedCamera
 from lfcal_gui.models.form import (
     UNKNOWN,
     Field,
@@ -72,14 +69,21 @@ from lfcal_gui.models.gathering import (
     with_exported,
 )
 from lfcal_gui.models.history import History, Taken
-from lfcal_gui.models.job import JobState, Keeping, WindowJob
-from lfcal_gui.models.job_log import JobLog, notes_of, warnings_to
-from lfcal_gui.models.kept_run import KeptRun, going_on, stamp_of_files
-from lfcal_gui.models.manual import ATLAS, manual_folder, section_of
+from lfcal_gui.models.job import (
+    JobLog,
+    JobState,
+    Keeping,
+    KeptRun,
+    WindowJob,
+    going_on,
+    notes_of,
+    stamp_of_files,
+    warnings_to,
+)
+from lfcal_gui.models.manual import ATLAS, doctor_html, doctor_text, manual_folder, section_of
 from lfcal_gui.models.measure import line_profile, region_numbers, sampled, value_histogram
 from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
 from lfcal_gui.models.next_step import Sitting, Step, next_step, rail_words
-from lfcal_gui.models.opening import OpeningSettings, stated_order
 from lfcal_gui.models.pace import FORECASTS, Paces
 from lfcal_gui.models.page import (
     PAGES,
@@ -90,10 +94,11 @@ from lfcal_gui.models.page import (
     page_states,
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
-from lfcal_gui.models.remaking import WithoutBad, iter_made, new_file, shown_first, without_bad
+from lfcal_gui.models.remaking import Filling, WithoutBad, iter_made, new_file, shown_first, without_bad
+from lfcal_gui.models.settings import OpeningSettings, stated_order
 from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_solid, turned
-from lfcal_gui.models.stamp import Stamp, stamp_of
+from lfcal_gui.models.stamp import FittedCamera, Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.verdict import Verdict, kept_verdict, verdict_of, with_verdict
 from lfcal_gui.models.words import capital, plane_words, said_in_window, typeset, unbroken

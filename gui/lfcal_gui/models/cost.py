@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfcal.base import InputError, Work, format_seconds, format_share
-from lfcal_gui.models.opening import stated_order
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.settings import stated_order
 from lfcal_gui.models.words import typeset
 
 if TYPE_CHECKING:

@@ -1,13 +1,21 @@
-"""A piece of long work as the window knows it, and what it leaves where it ends early. No Qt."""
+"""A piece of long work as the window knows it, its log, and what it leaves where it ends early. No Qt."""
 
 from __future__ import annotations
 
+import threading
 import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, replace
+from datetime import datetime
 from enum import Enum
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
-from lfcal.base import Progress, format_seconds
+from lfcal.base import InputError, LfcalError, Progress, format_seconds
+from lfcal.judge import Judged, judgement_of
+from lfcal.work import PASS, RunChoice, RunState, discard, parts_folder, read_events, read_run, stamp_of
 from lfcal_gui.models.history import Taken
 
 
@@ -106,3 +114,230 @@ class WindowJob:
         if self.state is JobState.CANCELLED:
             return f"stopped after {took}" if seconds else "stopped"
         return f"done in {took}" if took else "done"
+
+
+MOST = 1000
+"""Lines kept of one job: solvers say something at every step."""
+
+_sinks: dict[int, Callable[[str], None]] = {}
+_shown: Callable[..., None] | None = None
+"""What this module shows warnings by, once it does."""
+_lock = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Said:
+    """One line: when (s since 1970), how long after the job began (s), of which kind, and the words."""
+
+    at: float
+    after: float
+    kind: str
+    words: str
+
+    def line(self) -> str:
+        """Return it as one line of text."""
+        return f"{datetime.fromtimestamp(self.at):%H:%M:%S}  {self.after:9.2f} s  {self.kind:<8} {self.words}"
+
+
+def _steady() -> Callable[[], float]:
+    """Return a clock that begins with the system's (s since 1970) and runs evenly, also where that one is set."""
+    offset = time.time() - time.monotonic()
+    return lambda: offset + time.monotonic()
+
+
+class JobLog:
+    """The lines of one job; written by its thread, read by the window's.
+
+    Parameters
+    ----------
+    title
+        What the job is called.
+    command
+        The same as a command, empty if there is none.
+    now
+        Returns the time (s since 1970). By default the system's clock at the start of the job, continued with a
+        monotonic clock.
+    """
+
+    def __init__(self, title: str, command: str = "", now: Callable[[], float] | None = None) -> None:
+        self.title = title
+        self._now = now or _steady()
+        self._begun = self._now()
+        self._lines: list[Said] = []
+        self._dropped = 0
+        self._stage: tuple[str, float] | None = None
+        self._latest: Progress | None = None
+        self._over = False
+        self._lock = threading.Lock()
+        self.say("begin", title)
+        for line in command.splitlines():
+            self.say("command", line)
+
+    @property
+    def warned(self) -> int:
+        """Number of warnings."""
+        return sum(line.kind == "warning" for line in self.lines())
+
+    def say(self, kind: str, words: str) -> None:
+        """Add a line; of more than `MOST` the oldest that the job said by the way go."""
+        at = self._now()
+        with self._lock:
+            if self._over:  # an abandoned job runs for a while; drop its lines
+                return
+            self._lines.append(Said(at, at - self._begun, kind, words))
+            if len(self._lines) > MOST:
+                told = (k for k, line in enumerate(self._lines) if line.kind in ("note", "stage"))
+                del self._lines[next(told, 0)]
+                self._dropped += 1
+
+    def follow(self, record: Progress) -> None:
+        """Add what is new in a record: the end of a stage, with its time, and a note."""
+        before, self._latest = self._latest, plain_record(record)
+        if self._stage is None or self._stage[0] != record.stage:
+            self._end_stage(before)
+            self._stage = (record.stage, self._now())
+        if record.note and (before is None or before.note != record.note):
+            self.say("note", f"{record.stage}: {record.note}")
+
+    def _end_stage(self, last: Progress | None) -> None:
+        if self._stage is not None and last is not None:
+            self.say("stage", f"{_far(last)} in {format_seconds(self._now() - self._stage[1])}")
+        self._stage = None
+
+    def end(self, words: str, details: str = "") -> None:
+        """Add how it ended, and the traceback of an unexpected error."""
+        self._end_stage(self._latest)
+        self.say("end", words)
+        for line in details.rstrip().splitlines():
+            self.say("trace", line)
+        self._over = True
+
+    def go_on(self) -> None:
+        """Reopen the log of a job that resumes."""
+        self._over, self._latest = False, None
+        self.say("begin", "resumed")
+
+    def lines(self) -> tuple[Said, ...]:
+        """Return the lines so far."""
+        with self._lock:
+            return tuple(self._lines)
+
+    def text(self) -> str:
+        """Return all of it, with the stage that is under way."""
+        begun = datetime.fromtimestamp(self._begun)
+        head = [f"{self.title}, begun {begun:%Y-%m-%d %H:%M:%S}"]
+        if self._dropped:
+            head.append(f"({self._dropped} notes are left out)")
+        latest, under_way = self._latest, self._stage is not None and not self._over
+        now = [f"now: {_far(latest)}"] if under_way and latest is not None else []
+        return "\n".join((*head, *(line.line() for line in self.lines()), *now)) + "\n"
+
+
+def _far(record: Progress) -> str:
+    done = " done" if record.per > 1 else ""
+    return record.stage + (f": {record.count}{done}" if record.count else "")
+
+
+@runtime_checkable
+class Noted(Protocol):
+    """A result of a job that says something of itself."""
+
+    notes: Any
+
+
+def notes_of(result: Any) -> tuple[str, ...]:
+    """Return what a result says of itself: the verdict on what was judged, and its ``notes``, if those are lines."""
+    verdict = (judgement_of(result).verdict,) if isinstance(result, Judged) else ()
+    notes = result.notes if isinstance(result, Noted) else ()
+    lines = isinstance(notes, list | tuple) and all(isinstance(one, str) for one in notes)
+    return (*verdict, *notes) if lines else verdict
+
+
+@contextmanager
+def warnings_to(sink: Callable[[str], None]) -> Iterator[None]:
+    """Hand what is warned of in this thread to ``sink`` as well, while the context lasts."""
+    thread = threading.get_ident()
+    with _lock:
+        _hook()
+        _sinks[thread] = sink
+    try:
+        yield
+    finally:
+        with _lock:
+            _sinks.pop(thread, None)
+
+
+def _hook() -> None:
+    """Route the warnings of each thread to its log. The previous handler still receives them."""
+    global _shown
+    before = warnings.showwarning
+    if before is _shown:
+        return
+
+    def show(message: Any, category: Any, *rest: Any, **more: Any) -> None:
+        sink = _sinks.get(threading.get_ident())
+        if sink is not None:
+            sink(f"{category.__name__}: {' '.join(str(message).split())}")
+        before(message, category, *rest, **more)
+
+    warnings.showwarning = _shown = show
+
+
+def going_on() -> RunChoice:
+    """Return how the window runs units: in its process, resuming an earlier run of the same work."""
+    return RunChoice("threads", begun="resume")
+
+
+def stamp_of_files(*places: str, but: str) -> str:
+    """Return a stamp that changes with the files of folders and lists. The output file ``but`` does not count.
+
+    Only the recorded files of a session count: its folder often holds results, too.
+    """
+    from lfcal.frames import RECORDINGS, files_of
+
+    made, found = Path(but).absolute(), set()
+    for place in places:
+        files = [path.absolute() for path in files_of(place) if path.is_file()]
+        if place and (Path(place) / "session.json").is_file():
+            files = [path for path in files if path.name.startswith((*RECORDINGS, "session"))]
+        found |= set(files)
+    return stamp_of(sorted(str(path) for path in found - {made}))
+
+
+@dataclass(frozen=True)
+class KeptRun:
+    """The units of a run; see `lfcal_gui.models.job.Keeping`.
+
+    Attributes
+    ----------
+    out
+        The output file.
+    """
+
+    out: str
+
+    def look(self) -> str:
+        """Return the number of finished units as text; remove their folder if there is none."""
+        try:
+            state = read_run(parts_folder(self.out))
+        except InputError:  # it ended before the first unit
+            return ""
+        if state.running:  # run by another window, or by a command
+            return ""
+        which = state.title.rpartition(", ")[2]  # "simulate H.h5, pass 2 of 4"
+        of_which = f" of {which}" if which.startswith(f"{PASS} ") else ""
+        if state.count("done") or PASS in read_events(parts_folder(self.out)):
+            return f"{state.count('done')} of {len(state.units)} {_kind(state)}{of_which}"
+        with suppress(LfcalError):
+            self.discard()
+        return ""
+
+    def discard(self) -> None:
+        """Remove the units' files."""
+        discard(parts_folder(self.out))
+
+
+def _kind(state: RunState) -> str:
+    """Return what the units are: units called ``"plane 0003"`` are planes."""
+    kinds = {unit.name.rsplit(" ", 1)[0] for unit in state.units} or {"plane"}
+    return f"{kinds.pop()}s" if len(kinds) == 1 else "units"

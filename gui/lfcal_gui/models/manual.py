@@ -1,9 +1,12 @@
-"""Pages of the manual and sections of them, as Markdown. No Qt."""
+"""What the menu Help shows: pages of the manual and their sections, and what the doctor found. No Qt."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from html import escape
 from pathlib import Path
+from typing import Any
 
 import lfcal
 from lfcal.base import StorageError
@@ -27,3 +30,34 @@ def section_of(text: str, name: str) -> str:
         if re.match(rf"## [^\n]*\n\s*`{re.escape(name)}`\.", section):
             return section
     return text
+
+
+def _sections(found: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return heading and pairs of name and value of every part."""
+    devices = [(d["title"] or d["name"], d["version"] or f"absent: {d['reason']}") for d in found["devices"]]
+    return [
+        ("This machine", [(name, str(value)) for name, value in found["machine"].items()]),
+        ("Libraries", [(name, version or "absent") for name, version in found["libraries"].items()]),
+        ("Devices", devices),
+        ("Plug-ins left out", [(f"{p['kind']} {p['name']}", p["reason"]) for p in found["plugins"]]),
+    ]
+
+
+def doctor_text(found: Mapping[str, Any]) -> str:
+    """Return all of it as plain text."""
+    parts = [(title, rows) for title, rows in _sections(found) if rows]
+    return "\n\n".join("\n".join((title, *(f"  {name}: {value}" for name, value in rows))) for title, rows in parts)
+
+
+def doctor_html(found: Mapping[str, Any]) -> str:
+    """Return all of it as a page."""
+    return "".join(
+        f"<h3>{title}</h3><table>"
+        + "".join(
+            f"<tr><td style='padding-right:14px'>{escape(name)}</td><td>{escape(value)}</td></tr>"
+            for name, value in rows
+        )
+        + "</table>"
+        for title, rows in _sections(found)
+        if rows
+    )

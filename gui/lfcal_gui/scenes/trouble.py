@@ -13,13 +13,13 @@ import numpy as np
 from lfcal.accuracy import PLACES
 from lfcal.base import sample_session
 from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal_gui._rescue import RestoreDialog
 from lfcal_gui.app import safe_now
 from lfcal_gui.crash_dialog import CrashDialog
 from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models import Mishap, UnsavedCopy
 from lfcal_gui.palette import Palette, doable
-from lfcal_gui.restore_dialog import RestoreDialog
 from lfcal_gui.scenes.sample import open_sample
 from lfcal_gui.scenes.stage import Capture, Stage
 

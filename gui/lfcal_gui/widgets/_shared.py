@@ -7,6 +7,7 @@ from lfcal_gui.widgets.axis_arrows import AxisArrows
 from lfcal_gui.widgets.cards import (
     INSPECTOR,
     HeadedCard,
+    VerdictCard,
     button,
     card,
     choice_box,
@@ -25,8 +26,7 @@ from lfcal_gui.widgets.compare_panel import ComparedNumbers, ComparePanel
 from lfcal_gui.widgets.contrast import Contrast
 from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
-from lfcal_gui.widgets.folded import Folded
-from lfcal_gui.widgets.folded_form import FoldedForm
+from lfcal_gui.widgets.folded_form import Folded, FoldedForm
 from lfcal_gui.widgets.naming import name_controls
 from lfcal_gui.widgets.period_map import PeriodMap
 from lfcal_gui.widgets.picture import Picture, link, share_contrast
@@ -34,5 +34,4 @@ from lfcal_gui.widgets.picture_menu import offer_menu, table_entries
 from lfcal_gui.widgets.plots import LINES, LinePlot, line_px, shown_tone
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.strip import PlaneTile, Strip, expected_apertures, legend_words, outline_tones
-from lfcal_gui.widgets.verdict_card import VerdictCard
 from lfcal_gui.widgets.words import ElidedLabel, FittedBrowser, WrappedLabel, lines_px, set_look, set_role

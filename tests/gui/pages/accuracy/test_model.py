@@ -14,8 +14,8 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.models.cost import MeasuredCurves, axis_labels, iter_measure, points_of, rung_words, subject_of
-from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.settings import OpeningSettings
 from lfcal_gui.pages.accuracy.model import NO_USE, AccuracySettings, subjects, use_of, words_of
 from lfcal_gui.pages.accuracy.step import step
 from lfcal_gui.pages.frames.model import FrameSettings

@@ -20,7 +20,7 @@ from lfcal.work import parts_folder, read_run
 from lfcal_gui.context import Context
 from lfcal_gui.job_panel import JobPanel
 from lfcal_gui.jobs import Jobs, JobState
-from lfcal_gui.models.kept_run import KeptRun
+from lfcal_gui.models.job import KeptRun
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.frames.model import iter_assembly
 from tests.cli.conftest import SHAPE, small_plan, true_frame

@@ -12,8 +12,8 @@ import pytest
 
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
-from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.settings import OpeningSettings
 from lfcal_gui.pages.reconstruct.export_model import KINDS, ExportSettings, iter_exported
 from lfcal_gui.pages.reconstruct.step import export_step, step
 from tests.cli import conftest

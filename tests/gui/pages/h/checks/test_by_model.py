@@ -17,9 +17,8 @@ from lfcal.base.progress import Work, drain
 from lfcal.fit.setup import Setup, starting_effects
 from lfcal.judge import Inspection
 from lfcal.psf import save
-from lfcal_gui.models.fitted import FittedCamera
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.models.stamp import FittedCamera, stamp_of
 from lfcal_gui.pages.h.checks_view import ChecksView
 from lfcal_gui.pages.h.model_checks import (
     CheckRow,

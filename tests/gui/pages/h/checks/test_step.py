@@ -16,8 +16,8 @@ from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows
 from lfcal.tasks import Inspect
 from lfcal_gui.models.comparison import CompareRequest, compare_step
-from lfcal_gui.models.opening import OpeningSettings
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.settings import OpeningSettings
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.pages.h.model_checks import (
     FIELDS,

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from lfcal.base.progress import Progress
-from lfcal_gui.models.job_log import MOST, JobLog, notes_of, warnings_to
+from lfcal_gui.models.job import MOST, JobLog, notes_of, warnings_to
 
 
 def ticking(step: float = 1.0) -> JobLog:
@@ -79,9 +79,9 @@ def test_notes_of_a_result() -> None:
 
 def test_times_do_not_follow_a_clock_that_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = itertools.count(7.0, 2.0)
-    monkeypatch.setattr("lfcal_gui.models.job_log.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("lfcal_gui.models.job.time.monotonic", lambda: next(clock))
     log = JobLog("Assemble H.h5")
-    monkeypatch.setattr("lfcal_gui.models.job_log.time.time", lambda: 0.0)
+    monkeypatch.setattr("lfcal_gui.models.job.time.time", lambda: 0.0)
     log.end("done")
     assert [line.after for line in log.lines()] == pytest.approx([2.0, 4.0])
     assert log.lines()[0].at > 1e9

@@ -17,7 +17,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base import Clock
 from lfcal.base.sample import sample_session
-from lfcal_gui._next_line import HELD_S, NextLine
+from lfcal_gui._header import HELD_S, NextLine
 from lfcal_gui.models import Step
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
