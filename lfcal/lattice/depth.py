@@ -81,6 +81,9 @@ BIAS_PX, VIEWS_BIAS = 0.04, 0.03
 """Systematic error of disparities, added to their standard error: of windows on slanted surfaces, of interpolation
 (pixels; samples)."""
 
+COMPLETE = 0.85
+"""Smallest weight of the good pixels about a pixel: one of the eight may be missing."""
+
 MIN_DISPARITY_PX = 0.75
 """Smallest disparity of neighbouring micro-images (pixels)."""
 
@@ -355,7 +358,8 @@ class _Scene:
         bad = bad | _hot(light)
         index, centres = _lenslets(lattice, radius)
         if white is None:
-            lit = _own_white(light, ~bad, centres, radius)
+            # a little beyond the radius, so that the filter is complete at the rim
+            lit = _own_white(light, ~bad, centres, max(radius, min(radius + 1.5, lattice.pitch_px / 2)))
         else:
             lit = subtract_dark(white, dark, lattice, "white frame")
             lit /= np.float32(max(float(np.percentile(lit, 99)), 1e-30))
@@ -499,15 +503,16 @@ def _joined(joined: Image, raster: Raster, pitch: float) -> DepthMap:
 def _smoothed(light: Image, good: Image) -> tuple[Image, Image]:
     """Return the light after a filter (1, 2, 1) along both axes: linear interpolation is then accurate.
 
-    Only good pixels contribute, and a pixel stays good if at least half of the weights are good.
+    Only good pixels contribute. A pixel stays good if one neighbour is missing; at the rim of a micro-image, where a
+    whole row is, the rest would show a place further inside.
     """
     import cv2
 
     line = np.array([0.25, 0.5, 0.25], np.float32)
     total = cv2.sepFilter2D(light * good, -1, line, line, borderType=cv2.BORDER_REPLICATE)
     count = cv2.sepFilter2D(good, -1, line, line, borderType=cv2.BORDER_REPLICATE)
-    kept = ((count >= 0.5) & (good > 0)).astype(np.float32)
-    return np.where(kept > 0, total / np.maximum(count, 0.5), 0).astype(np.float32), kept
+    kept = ((count >= COMPLETE) & (good > 0)).astype(np.float32)
+    return np.where(kept > 0, total / np.maximum(count, COMPLETE), 0).astype(np.float32), kept
 
 
 def _near(scene: _Scene) -> NDArray[np.int32]:
@@ -664,7 +669,8 @@ def _compared(scene: _Scene, workers: int | None) -> tuple[Image, Image, Array, 
     views = extract_views(scene.light * lit, scene.lattice, radius_px=scene.radius, full=True, workers=workers)
     weights = sample_views(lit, views.grid, np.empty_like(views.images), workers=workers)
     offsets = np.stack(np.meshgrid(views.offsets, views.offsets, indexing="ij"), axis=-1).reshape(-1, 2)
-    used = np.hypot(*offsets.T) <= scene.radius
+    # views at the rim are interpolated from the steep edge of the white light
+    used = np.hypot(*offsets.T) <= scene.radius - 0.5
     weights = weights.reshape(-1, *views.shape)[used]
     # interpolation averages noise: without these weights, noise alone would prefer the plane of the lenslets
     part = np.modf(views.grid.centres_px)[0]

@@ -123,6 +123,14 @@ def test_without_a_white_frame(flat: Drawn) -> None:
     check(depth_map(other.frame, lattice((440, 440), 13.0, "square"), method="views"), other)
 
 
+def test_the_rim_of_small_micro_images_does_not_move_the_depth() -> None:
+    drawn = draw(SHAPE, 11.0, plane(2.6), rotation=0.02)
+    for white in (drawn.white, None):
+        found = depth_map(drawn.frame, lattice(SHAPE, 11.0), white=white, slopes=(1.5, 12.0))
+        off, _ = errors(found, drawn)
+        assert abs(np.median(off[found.known])) < 0.1 and found.known.mean() > 0.9
+
+
 @pytest.mark.parametrize("method", ["micro-images", "views"])
 @pytest.mark.parametrize("noise", [0.0, 0.03])
 @pytest.mark.parametrize("white", [True, False])
