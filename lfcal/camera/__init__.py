@@ -2,6 +2,7 @@
 
 - ``main_lens``: photographic main lens or microscope
 - ``lattice``: lenslet array, square or hexagonal, one or three types
+- ``pupil_lenslets``: the single lenslets of a Fourier light-field microscope
 - ``sensor``: pixels and noise
 - ``distortion``: the manufacturer's distortion, stored with the camera
 - ``description``: the whole camera; depths, steps, JSON; which values are stated, measured, derived or assumed

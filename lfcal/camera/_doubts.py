@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from lfcal.camera.derived import derived_of
 from lfcal.camera.description import Camera
+from lfcal.camera.main_lens import Microscope
+from lfcal.camera.pupil_lenslets import PupilLenslets
 from lfcal.camera.quantities import Quantity, quantities_of, value_at
 
 __all__ = ["doubts"]
@@ -32,6 +36,8 @@ def doubts(camera: Camera) -> tuple[str, ...]:
     """
     derived_of(camera)  # raises if nothing can be calculated
     found = [line for quantity in quantities_of(camera) for line in _unusual(camera, quantity)]
+    if isinstance(camera.lattice, PupilLenslets):
+        return (*found, *_lenslets(camera, camera.lattice))
     return (*found, *_sensor(camera), *_apertures(camera))
 
 
@@ -50,6 +56,29 @@ def _unusual(camera: Camera, quantity: Quantity) -> list[str]:
         if low <= worst * factor <= high:
             return [f"{shown} µm; did you mean {worst * factor:g} µm ({mistake})?"]
     return [f"{shown} µm, which is unusual; lengths are in µm"]
+
+
+def _lenslets(camera: Camera, lenslets: PupilLenslets) -> list[str]:
+    """Return doubts about single lenslets: they overlap, get no light, or their images miss the sensor."""
+    assert isinstance(camera.optics, Microscope)
+    found, centres = [], np.array(lenslets.lens_centres_um)
+    if lenslets.clear_um > 1.001 * lenslets.spacing_um:
+        found.append(
+            f"lenslets of {lenslets.clear_um:g} µm overlap: the closest two are {lenslets.spacing_um:g} µm apart"
+        )
+    dark = np.hypot(*centres.T) - lenslets.clear_um / 2 > lenslets.pupil_um(camera.optics) / 2
+    if dark.any():
+        pupil = f"the pupil of {lenslets.pupil_um(camera.optics):.0f} µm"
+        remedy = "check the focal length of the Fourier lens, magnification and NA"
+        found.append(f"{int(dark.sum())} of {len(centres)} lenslets lie outside {pupil}; {remedy}")
+    pixels = camera.pixels(centres + np.array(lenslets.offset_um))
+    outside = ((pixels < 0) | (pixels > np.array(camera.sensor.shape) - 1)).any(-1)
+    if outside.any():
+        rows, columns = camera.sensor.shape
+        found.append(
+            f"{int(outside.sum())} of {len(centres)} elemental images lie outside the {rows} x {columns} px sensor"
+        )
+    return found
 
 
 def _sensor(camera: Camera) -> list[str]:

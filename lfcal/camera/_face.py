@@ -13,6 +13,7 @@ from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
 from lfcal.camera.plan import ScanPlan, moved_onto_sensor
 from lfcal.camera.presets import PRESETS, preset
+from lfcal.camera.pupil_lenslets import NoLatticeError, PupilLenslets
 from lfcal.camera.quantities import QUANTITIES, Quantity, has_value, quantities_of, value_at
 from lfcal.camera.regions import RegionPlan
 from lfcal.camera.sensor import Sensor
@@ -36,6 +37,8 @@ __all__ = [
     "MainLens",
     "Marks",
     "Microscope",
+    "NoLatticeError",
+    "PupilLenslets",
     "Quantity",
     "RegionPlan",
     "ScanPlan",

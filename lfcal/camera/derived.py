@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from lfcal.base import InputError, format_length
 from lfcal.camera.description import Camera
 from lfcal.camera.main_lens import MainLens
+from lfcal.camera.pupil_lenslets import PupilLenslets
 from lfcal.camera.quantities import quantities_of
 
 __all__ = ["DEPTH", "NOISE", "STEP", "WHOLE_FRAMES", "Derived", "assumed_of", "derived_of", "not_stated_for_noise"]
@@ -18,9 +19,16 @@ STEP = (
     "optics.working_distance_um",
     "optics.magnification",
     "lattice.gap_um",
+    "lattice.fourier_um",
 )
-"""Values that the step of the source depends on; the gap matters for a main lens only."""
-DEPTH = ("optics.focal_length_um", "optics.working_distance_um", "optics.magnification", "lattice.gap_um")
+"""Values that the step of the source depends on; the gap matters for a main lens, and without a lattice."""
+DEPTH = (
+    "optics.focal_length_um",
+    "optics.working_distance_um",
+    "optics.magnification",
+    "lattice.gap_um",
+    "lattice.fourier_um",
+)
 APERTURE = (
     "optics.focal_length_um",
     "optics.f_number",
@@ -74,8 +82,9 @@ def _assumed(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _that_matter(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the paths without the gap if the image is telecentric: its magnification does not depend on the gap."""
-    return tuple(path for path in paths if not (camera.optics.telecentric and path == "lattice.gap_um"))
+    """Return the paths without the gap if lattice and image are telecentric: magnification does not depend on it."""
+    unneeded = camera.has_lattice and camera.optics.telecentric
+    return tuple(path for path in paths if not (unneeded and path == "lattice.gap_um"))
 
 
 def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
@@ -115,7 +124,10 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
     micro-image diameter / lenslet pitch: 1
     """
     try:
-        found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
+        if isinstance(camera.lattice, PupilLenslets):
+            found = [*_elemental_images(camera, camera.lattice), *_in_object_space(camera)]
+        else:
+            found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
     except ArithmeticError:  # a division by almost zero, or an overflow
         raise InputError.expected(
             "camera", "values of a real camera", "numbers too extreme for a calculation", "check units and exponents"
@@ -155,6 +167,32 @@ def _in_the_optics(camera: Camera) -> list[_Row]:
     return rows
 
 
+def _elemental_images(camera: Camera, lenslets: PupilLenslets) -> list[_Row]:
+    optics = camera.optics
+    assert not isinstance(optics, MainLens)
+    pupil, px = lenslets.pupil_um(optics), camera.sensor.pixel_um
+    share = lenslets.clear_um / pupil
+    fine = camera.wavelength_um / (2 * optics.numerical_aperture * share)
+    relay = ("optics.magnification", "lattice.gap_um", "lattice.fourier_um")
+    aperture = ("optics.magnification", "optics.numerical_aperture", "lattice.fourier_um")
+    count = len(lenslets.lens_centres_um)
+    rows: list[_Row] = [
+        ("elemental images", str(count), float(count), "", ("lattice.lens_centres_um",)),
+        ("pupil on the lenslets", format_length(pupil), pupil, "µm", aperture),
+        ("lenslet diameter / pupil", f"{share:.3g}", share, "", (*aperture, "lattice.clear_um")),
+        ("magnification |M|", f"{camera.magnification:.4g}", camera.magnification, "", relay),
+        ("resolution λ/(2 NA) of a lenslet", format_length(fine), fine, "µm", (*aperture, "lattice.clear_um")),
+    ]
+    if count > 1:
+        apart = lenslets.spacing_um
+        field = apart / camera.magnification
+        rows.append(
+            ("between elemental images", f"{apart / px:.2f} px", apart / px, "px", ("lattice.lens_centres_um",))
+        )
+        rows.append(("field without overlap", format_length(field), field, "µm", (*relay, "lattice.lens_centres_um")))
+    return rows
+
+
 def _in_object_space(camera: Camera) -> list[_Row]:
     step, paths = camera.step_um(), _that_matter(camera, STEP)
     rows, columns = camera.sensor.shape
@@ -164,7 +202,7 @@ def _in_object_space(camera: Camera) -> list[_Row]:
         ("step for one pixel", format_length(step), step, "µm", paths),
         ("field of view (x × y)", shown, field, "µm", (*paths, *WHOLE_FRAMES)),
     ]
-    for k, kind in enumerate(camera.lattice.types):
+    for k, kind in enumerate(camera.lattice.types if camera.has_lattice else ()):
         focus = kind.focus_depth(camera.lattice.gap_um)
         ends = kind.depth_range or (focus, focus)
         rests = (*DEPTH, "lattice.types")

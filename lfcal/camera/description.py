@@ -16,13 +16,15 @@ from lfcal.base import FileFormatError, InputError, check_choice, check_number, 
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
+from lfcal.camera.pupil_lenslets import NoLatticeError, PupilLenslets
 from lfcal.camera.sensor import Sensor
 
 __all__ = ["MARKS", "Camera", "Marks", "build", "nearest_lens"]
 
 T = TypeVar("T")
 FORMAT = "lfcal-camera"
-VERSION = 2
+VERSION, LATTICE_VERSION = 3, 2
+"""Latest format version; only cameras with `PupilLenslets` need it. Older programs read the others."""
 
 ADDED: dict[int, dict[str, dict[str, Any]]] = {
     2: {
@@ -91,7 +93,7 @@ class Marks:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A plenoptic camera or light-field microscope.
+    """A plenoptic camera, light-field microscope, or Fourier light-field microscope.
 
     Attributes
     ----------
@@ -99,8 +101,11 @@ class Camera:
         Display name.
     optics
         `MainLens` or `Microscope`.
-    lattice, sensor
-        Lenslet array and image sensor.
+    lattice
+        Lenslet array: a periodic `LensletLattice`, or the `PupilLenslets` of a Fourier light-field microscope. What
+        only a periodic array has raises `NoLatticeError` for the latter; see `has_lattice`.
+    sensor
+        Image sensor.
     wavelength_um
         Design wavelength in vacuum (µm).
     bandwidth_um
@@ -123,7 +128,7 @@ class Camera:
 
     name: str
     optics: Optics
-    lattice: LensletLattice
+    lattice: LensletLattice | PupilLenslets
     sensor: Sensor
     wavelength_um: float = 0.55
     bandwidth_um: float = 0.0
@@ -134,7 +139,9 @@ class Camera:
         """Check every value."""
         check_type("camera name", self.name, str)
         check_type("camera optics", self.optics, (MainLens, Microscope))
-        check_type("lenslet lattice", self.lattice, LensletLattice)
+        check_type("lenslet lattice", self.lattice, (LensletLattice, PupilLenslets))
+        if not self.has_lattice:
+            check_type("optics in front of lenslets in a pupil plane", self.optics, Microscope)
         check_type("sensor", self.sensor, Sensor)
         if self.distortion is not None:
             check_type("distortion", self.distortion, BrownDistortion)
@@ -144,13 +151,27 @@ class Camera:
 
     # -- derived lengths -------------------------------------------------------------------------------
     @property
+    def has_lattice(self) -> bool:
+        """Whether the lenslets form a periodic lattice; a Fourier light-field microscope has single lenslets."""
+        return isinstance(self.lattice, LensletLattice)
+
+    @property
+    def periodic(self) -> LensletLattice:
+        """The lattice; raises `NoLatticeError` if the camera has none."""
+        if not isinstance(self.lattice, LensletLattice):
+            raise NoLatticeError.of("lenslet lattice")
+        return self.lattice
+
+    @property
     def pitch_px(self) -> float:
         """Micro-image pitch along a row (sensor pixels)."""
         return self.lattice.pitch_um / self.sensor.pixel_um
 
     @property
     def period_px(self) -> tuple[float, float]:
-        """Period ``(y, x)`` of the array on the sensor, unrounded (pixels)."""
+        """Period ``(y, x)`` of the patterns on the sensor, unrounded (pixels): 1 without a lattice."""
+        if not self.has_lattice:
+            return 1.0, 1.0
         y, x = self.lattice.period_um
         return y / self.sensor.pixel_um, x / self.sensor.pixel_um
 
@@ -163,6 +184,8 @@ class Camera:
     @property
     def magnification(self) -> float:
         """|M| from the working plane to the sensor, by the chief ray."""
+        if isinstance(self.lattice, PupilLenslets):
+            return self.optics.magnification * self.lattice.relay
         return self.optics.magnification * self.lattice_scale
 
     def pixels(self, xy_um: ArrayLike) -> NDArray[np.float64]:
@@ -191,7 +214,7 @@ class Camera:
         of the pattern is then exactly that of the micro-images at every depth.
         """
         if isinstance(self.optics, Microscope):
-            return self.sensor.pixel_um / self.optics.magnification
+            return self.sensor.pixel_um / self.magnification
         # similar triangles about the lens's centre: step / object distance = pixel / image distance
         distance = self._object_distance(z_um)
         return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
@@ -200,8 +223,10 @@ class Camera:
         """Return the distance ``a`` of the image of depth ``z_um`` behind the lenslet array (µm).
 
         z > 0 is away from the camera: there the image lies in front of the array and ``a`` is negative.
-        A microscope has ``a = -M² z / n`` (paraxial); a main lens follows the thin-lens equation.
+        A microscope has ``a = -M² z / n`` (paraxial); a main lens follows the thin-lens equation. Lenslets in a pupil
+        plane see no such image: `NoLatticeError`.
         """
+        self._check_lattice("virtual depth")
         if isinstance(self.optics, Microscope):
             return -(self.optics.magnification**2) * z_um / self.optics.medium_index
         return self.optics.image_of(self._object_distance(z_um)) - self.optics.image_distance_um
@@ -212,6 +237,7 @@ class Camera:
 
     def depth_of(self, virtual_depth: float) -> float:
         """Return the object depth z (µm) whose image lies at ``virtual_depth``: inverse of `virtual_depth`."""
+        self._check_lattice("virtual depth")
         a = virtual_depth * self.lattice.gap_um
         if isinstance(self.optics, Microscope):
             return -a * self.optics.medium_index / self.optics.magnification**2
@@ -222,6 +248,10 @@ class Camera:
             limit = f"above {infinity:.4g} (an object at infinity)"
             raise InputError.expected("virtual depth", limit, virtual_depth, "choose a larger virtual depth")
         return 1.0 / (1.0 / self.optics.focal_length_um - 1.0 / image) - self.optics.working_distance_um
+
+    def _check_lattice(self, what: str) -> None:
+        if not self.has_lattice:
+            raise NoLatticeError.of(what)
 
     def _object_distance(self, z_um: float) -> float:
         assert isinstance(self.optics, MainLens)
@@ -238,7 +268,9 @@ class Camera:
         data = asdict(self)
         data["optics"] = {"type": type(self.optics).__name__, **asdict(self.optics)}
         data["marks"] = dict(self.marks)
-        return {"format": FORMAT, "version": VERSION, **data}
+        if not self.has_lattice:
+            data["lattice"] = {"type": type(self.lattice).__name__, **data["lattice"]}
+        return {"format": FORMAT, "version": LATTICE_VERSION if self.has_lattice else VERSION, **data}
 
     def to_json(self) -> str:
         """Return the description as JSON text."""
@@ -261,6 +293,8 @@ class Camera:
             raise FileFormatError.expected("camera optics", "type MainLens or Microscope", optics, "correct it")
         kind = MainLens if optics["type"] == "MainLens" else Microscope
         body["optics"] = build(kind, {k: v for k, v in optics.items() if k != "type"}, "optics")
+        if "lattice" in body:
+            body["lattice"] = _lattice(body["lattice"])
         if "marks" in body:
             body["marks"] = _marks(body["marks"])
         return build(cls, body, "camera")
@@ -269,6 +303,17 @@ class Camera:
     def from_json(cls, text: str) -> Camera:
         """Return the camera described by JSON ``text``."""
         return cls.from_dict(parse_json(text, "camera description"))
+
+
+def _lattice(entries: Any) -> LensletLattice | PupilLenslets:
+    """Return the lenslets that ``entries`` describe: a lattice has no type, for older programs wrote none."""
+    kind = entries.get("type", "LensletLattice") if isinstance(entries, Mapping) else "LensletLattice"
+    if kind not in ("LensletLattice", "PupilLenslets"):
+        raise FileFormatError.expected("camera.lattice", "type LensletLattice or PupilLenslets", kind, "correct it")
+    own = {k: v for k, v in entries.items() if k != "type"} if isinstance(entries, Mapping) else entries
+    if kind == "PupilLenslets":
+        return build(PupilLenslets, own, "camera.lattice")
+    return build(LensletLattice, own, "camera.lattice")
 
 
 def _completed(data: Mapping[str, Any], version: int) -> dict[str, Any]:
@@ -356,8 +401,14 @@ def _value(hint: Any, value: Any, what: str) -> Any:
 
 
 def nearest_lens(camera: Camera, pixel: tuple[float, float]) -> tuple[float, float]:
-    """Return the sensor position ``(row, column)`` of the type-0 micro-image centre nearest to ``pixel`` (pixels)."""
+    """Return the sensor position ``(row, column)`` of the type-0 micro-image centre nearest to ``pixel`` (pixels).
+
+    Without a lattice, it is the place where the optical axis meets the sensor.
+    """
     lattice = camera.lattice
+    if isinstance(lattice, PupilLenslets):
+        row, column = camera.pixels(lattice.offset_um)
+        return float(row), float(column)
     point = camera.sensor_um(pixel)
     # one period in each direction contains at least one lenslet of each type
     reach = max(lattice.period_um)

@@ -13,6 +13,7 @@ from lfcal.camera.description import Camera, Marks
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
+from lfcal.camera.pupil_lenslets import PupilLenslets
 from lfcal.camera.quantities import QUANTITIES, quantities_of
 from lfcal.camera.sensor import Sensor
 
@@ -24,6 +25,13 @@ PATHS = {quantity.path for quantity in QUANTITIES} | {FOCUS, RANGES}
 # a microscope's camera rarely has the sensor of a plenoptic one; both are assumptions and marked as such
 MICROSCOPE_SENSOR: dict[str, Any] = {"shape": (2048, 2048), "pixel_um": 6.5, "bit_depth": 16, "read_noise_e": 1.5}
 MICROSCOPE_PITCH_UM = 125.0
+FOURIER_UM, LENSLET_UM = 150e3, 60e3
+KINDS: dict[str, tuple[type[Optics], type[LensletLattice | PupilLenslets], str]] = {
+    "MainLens": (MainLens, LensletLattice, "a main lens"),
+    "Microscope": (Microscope, LensletLattice, "a microscope"),
+    "FourierMicroscope": (Microscope, PupilLenslets, "a Fourier light-field microscope"),
+}
+"""Kinds of cameras: their optics, their lenslets, and their name in messages."""
 SEEN_IN_PIXELS = tuple(f"lattice.{n}" for n in ("pitch_um", "row_pitch_um", "offset_um", "clear_um", "distortion"))
 
 
@@ -37,7 +45,7 @@ class Draft:
     Parameters
     ----------
     kind
-        ``"MainLens"`` or ``"Microscope"``.
+        ``"MainLens"``, ``"Microscope"`` or ``"FourierMicroscope"``.
     given
         Values stated by the user, by path; later values do not replace them.
 
@@ -59,7 +67,7 @@ class Draft:
     """
 
     def __init__(self, kind: str, given: Mapping[str, Any] | None = None) -> None:
-        self._kind: type[Optics] = MainLens if kind == "MainLens" else Microscope
+        self._kind, self._lenslets, self._title = KINDS[kind]
         self._values: dict[str, tuple[Any, str]] = {}
         self.distortion: BrownDistortion | None = None
         for path, value in (given or {}).items():
@@ -72,7 +80,7 @@ class Draft:
         Lattices are measured in pixels: with another pixel pitch, their derived or measured lengths are scaled.
         Assumed gaps and focal lengths are assumed again.
         """
-        draft = cls(type(camera.optics).__name__, given)
+        draft = cls(type(camera.optics).__name__ if camera.has_lattice else "FourierMicroscope", given)
         draft.distortion = camera.distortion
         marks, scale = camera.marks, 1.0
         if "sensor.pixel_um" in given:
@@ -90,13 +98,14 @@ class Draft:
                 draft._values.setdefault(path, (value, mark))
         for path in ("wavelength_um", "bandwidth_um"):
             draft.put(path, getattr(camera, path), marks[path])
-        draft._put_types(camera, given)
+        if isinstance(camera.lattice, LensletLattice):
+            draft._put_types(camera.lattice, camera.marks, given)
         return draft
 
-    def _put_types(self, camera: Camera, given: Mapping[str, Any]) -> None:
-        lattice, mark = camera.lattice, camera.marks["lattice.types"]
+    def _put_types(self, lattice: LensletLattice, marks: Marks, given: Mapping[str, Any]) -> None:
+        mark = marks["lattice.types"]
         if any(kind.depth_range for kind in lattice.types):
-            self.put(RANGES, tuple(kind.depth_range for kind in lattice.types), camera.marks[RANGES])
+            self.put(RANGES, tuple(kind.depth_range for kind in lattice.types), marks[RANGES])
         if mark == "assumed" or "lattice.gap_um" in given:  # types keep the virtual depth that is in focus
             self.put(FOCUS, tuple(kind.focus_depth(lattice.gap_um) for kind in lattice.types), mark)
         else:
@@ -104,12 +113,18 @@ class Draft:
 
     def put(self, path: str, value: Any, mark: str = "stated") -> None:
         """Set ``value`` unless one is set already; None sets nothing."""
-        part, _, name = path.rpartition(".")
-        if path not in PATHS or (part == "optics" and name not in {f.name for f in fields(self._kind)}):
-            kind = "a main lens" if self._kind is MainLens else "a microscope"
-            raise InputError.expected("value of a camera", f"a value of {kind}", path, "see lfcal camera show")
+        if path not in PATHS or not self._has(path):
+            raise InputError.expected("value of a camera", f"a value of {self._title}", path, "see lfcal camera show")
         if value is not None:
             self._values.setdefault(path, (value, mark))
+
+    def _has(self, path: str) -> bool:
+        """Return whether such a camera has a value at ``path``."""
+        part, _, name = path.rpartition(".")
+        if part == "lattice":
+            own = {"focus", "depth_ranges"} if self._lenslets is LensletLattice else set()
+            return name in own | {f.name for f in fields(self._lenslets)}
+        return part != "optics" or name in {f.name for f in fields(self._kind)}
 
     def state(self, path: str, value: Any) -> None:
         """Set ``value`` as stated, replacing the present one."""
@@ -127,6 +142,8 @@ class Draft:
         if path in self._values:
             return self._values[path][0]
         part, _, name = path.rpartition(".")
+        if part == "lattice" and self._lenslets is PupilLenslets:
+            return getattr(self.copy()._in_a_pupil(self._build("optics")), name)
         return getattr(self._build(part), name)
 
     def mark(self, path: str) -> str:
@@ -154,15 +171,38 @@ class Draft:
 
     def _complete(self, name: str) -> Camera:
         optics, sensor = self._build("optics"), self._build("sensor")
+        if self._lenslets is PupilLenslets:
+            lattice: LensletLattice | PupilLenslets = self._in_a_pupil(optics)
+            mark = ""
+        else:
+            lattice, mark = self._lattice(optics)
+        light = self._put_under("", {"wavelength_um", "bandwidth_um"})
+        camera = Camera(name, optics, lattice, sensor, distortion=self.distortion, **light)
+        return replace(camera, marks=self._marks(camera, mark))
+
+    def _in_a_pupil(self, optics: Microscope) -> PupilLenslets:
+        """Return the lenslets in a pupil plane; unknown ones are assumed to be seven, side by side across the pupil."""
+        self.put("lattice.fourier_um", FOURIER_UM, "assumed")
+        focal = self._values.get("lattice.focal_lengths_um")
+        self.put("lattice.gap_um", LENSLET_UM if focal is None else focal[0][0], "assumed")
+        self.put("lattice.focal_lengths_um", (self.get("lattice.gap_um"),), "assumed")
+        across = 2 * optics.numerical_aperture * self.get("lattice.fourier_um") / optics.magnification / 3
+        angles = [k * math.pi / 3 for k in range(6)]
+        ring = ((round(across * math.cos(a), 3), round(across * math.sin(a), 3)) for a in angles)
+        self.put("lattice.lens_centres_um", ((0.0, 0.0), *ring), "assumed")
+        known = self._put_under("lattice", {f.name for f in fields(PupilLenslets)} - {"clear_um"})
+        apart = PupilLenslets(**known, clear_um=across).spacing_um
+        self.put("lattice.clear_um", apart if math.isfinite(apart) else across, "assumed")
+        return PupilLenslets(**known, **self._put_under("lattice", {"clear_um"}))
+
+    def _lattice(self, optics: Optics) -> tuple[LensletLattice, str]:
+        """Return the lenslet lattice, and the mark of its lens types."""
         pitch = MICROSCOPE_PITCH_UM if self._kind is Microscope else LensletLattice().pitch_um
         self.put("lattice.pitch_um", pitch, "assumed")
         self.put("lattice.gap_um", self.get("lattice.pitch_um") * optics.working_f_number, "assumed")
         types, mark = self._types()
         own = {f.name for f in fields(LensletLattice)} - {"types"}
-        lattice = LensletLattice(types=types, **self._put_under("lattice", own))
-        light = self._put_under("", {"wavelength_um", "bandwidth_um"})
-        camera = Camera(name, optics, lattice, sensor, distortion=self.distortion, **light)
-        return replace(camera, marks=self._marks(camera, mark))
+        return LensletLattice(types=types, **self._put_under("lattice", own)), mark
 
     def _build(self, part: str) -> Any:
         kind = self._kind if part == "optics" else Sensor if part == "sensor" else LensletLattice
@@ -191,7 +231,8 @@ class Draft:
 
     def _marks(self, camera: Camera, types: str) -> Marks:
         marks = {path: self.mark(path) for path in (RANGES, "lattice.distortion") if self._values.get(path, (None,))[0]}
-        marks["lattice.types"] = types
+        if camera.has_lattice:
+            marks["lattice.types"] = types
         for quantity in quantities_of(camera):
             if quantity.path != "lattice.types":
                 marks[quantity.path] = self.mark(quantity.path)

@@ -217,9 +217,10 @@ class ScanPlan:
             The planes, as object-space depths (µm) or as virtual depths; give one of them.
         cutout
             Pixels kept, one number or ``(nt, ns)``; by default enough for the geometric pattern at every
-            depth with a margin for the lenslets' diffraction.
+            depth with a margin for the lenslets' diffraction. Without a lattice, no more than the sensor holds.
         anchor
-            As in `ScanPlan`; by default, the cell is at the sensor's centre, on whole pixels.
+            As in `ScanPlan`; by default, the cell is at the sensor's centre, on whole pixels. Without a lattice, the
+            single position is at the optical axis.
         stage, order, exposure_s, settle_s, frames_averaged, resample
             As in `ScanPlan`.
 
@@ -237,7 +238,8 @@ class ScanPlan:
             cutout = cutout_for(camera, depths)
         if anchor is None:
             # on whole pixels, so that cutouts need no interpolation
-            row, column = camera.sensor.centre_px
+            middle = camera.sensor.centre_px
+            row, column = middle if camera.has_lattice else nearest_lens(camera, middle)
             anchor = (float(round(row - (ny - 1) / 2)), float(round(column - (nx - 1) / 2)))
         window = cutout if isinstance(cutout, tuple | list) else (cutout, cutout)
         return cls(
@@ -283,7 +285,9 @@ class ScanPlan:
 
     @property
     def virtual_depths(self) -> tuple[float, ...]:
-        """Virtual depth v = a/B of each plane."""
+        """Virtual depth v = a/B of each plane; empty for a camera that has none (`Camera.has_lattice`)."""
+        if not self.camera.has_lattice:
+            return ()
         return tuple(self.camera.virtual_depth(z) for z in self.depths_um)
 
     @property

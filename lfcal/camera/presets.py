@@ -9,6 +9,7 @@ from lfcal.base import InputError, choose
 from lfcal.camera.description import Camera
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
+from lfcal.camera.pupil_lenslets import PupilLenslets
 from lfcal.camera.sensor import Sensor
 
 __all__ = ["PRESETS", "preset"]
@@ -77,17 +78,36 @@ def lfm_60x12() -> Camera:
     )
 
 
+def flfm_20x05() -> Camera:
+    """Return a 20x/0.5 Fourier light-field microscope: 7 hexagonally placed lenslets across a pupil of 7.5 mm.
+
+    A design by the rules of Guo et al. 2019: lateral resolution λ/(2 NA) of a lenslet, 1.6 µm, is two pixels.
+    """
+    pitch = 2500.0
+    ring = tuple((pitch * math.cos(k * math.pi / 3), pitch * math.sin(k * math.pi / 3)) for k in range(6))
+    centres = ((0.0, 0.0), *((round(x, 6), round(y, 6)) for x, y in ring))
+    return Camera(
+        "flfm_20x05",
+        Microscope(20.0, 0.5, 1.0),
+        PupilLenslets(centres, fourier_um=150e3, gap_um=60e3, focal_lengths_um=(60e3,), clear_um=pitch),
+        Sensor((1200, 1200), 6.5, 16, 30e3, 1.5, black_level=100.0),
+        wavelength_um=0.525,
+        bandwidth_um=0.02,
+    )
+
+
 PRESETS: dict[str, Callable[[], Camera]] = {
     "r29": r29,
     "lfm_20x05": lfm_20x05,
     "lfm_60x12": lfm_60x12,
+    "flfm_20x05": flfm_20x05,
     "bench": bench,
 }
 """Functions that make the presets, by name."""
 
 
 def preset(name: str) -> Camera:
-    """Return a built-in camera: ``r29``, ``lfm_20x05``, ``lfm_60x12`` or ``bench``.
+    """Return a built-in camera: ``r29``, ``lfm_20x05``, ``lfm_60x12``, ``flfm_20x05`` or ``bench``.
 
     Examples
     --------

@@ -9,6 +9,7 @@ from typing import Any
 
 from lfcal.camera.description import Camera
 from lfcal.camera.lattice import LensletLattice
+from lfcal.camera.pupil_lenslets import PupilLenslets
 
 __all__ = ["QUANTITIES", "Quantity", "has_value", "quantities_of", "value_at"]
 
@@ -58,6 +59,8 @@ class Quantity:
             return self.empty
         if self.path == "sensor.shape":
             return f"{value[0]} x {value[1]} {self.unit}"
+        if self.path == CENTRES:
+            return "; ".join(f"{x:.6g}, {y:.6g}" for x, y in value) + f" {self.unit}"
         parts = value if isinstance(value, tuple) else (value,)
         shown = ", ".join(part if isinstance(part, str) else f"{part / self.scale:.6g}" for part in parts)
         return f"{shown} {self.unit}".rstrip() + (f", {self.meaning}" if self.meaning else "")
@@ -67,6 +70,7 @@ LENS = "--lens FOCAL,F_NUMBER,DISTANCE"
 OBJECTIVE = "--objective MAGNIFICATION,NA,INDEX"
 SENSOR = "--sensor ROWSxCOLUMNS,PIXEL"
 
+CENTRES = "lattice.lens_centres_um"
 CLEAR = "lattice.clear_um"
 UNSTATED = {"square": "squares without gaps", "hexagonal": "round, the pitch across"}
 """Shape of lenslets without a stated clear diameter, by the kind of array; others are round, within their cells."""
@@ -88,6 +92,10 @@ QUANTITIES = (
     Quantity("lattice.row_pitch_um", "distance of rows", "µm", usual=(4.0, 5e3)),
     Quantity("lattice.gap_um", "gap from lenslets to sensor", "µm", usual=(10.0, 5e4), option="--gap UM"),
     Quantity("lattice.types", "focal lengths of the lenslets", "µm", usual=(10.0, 5e4), option="--focus V,V,V"),
+    Quantity("lattice.fourier_um", "focal length of the Fourier lens", "mm", 1e3, (1e4, 1e6)),
+    Quantity("lattice.focal_lengths_um", "focal lengths of the lenslets", "mm", 1e3, (1e3, 1e6)),
+    Quantity(CENTRES, "centres of the lenslets from the axis (x, y)", "µm"),
+    Quantity("lattice.aperture", "aperture of the lenslets (round, square)"),
     Quantity("lattice.rotation_rad", "rotation of the array", "°", math.pi / 180),
     Quantity("lattice.shear_rad", "shear of the array", "°", math.pi / 180),
     Quantity("lattice.offset_um", "centre of a type-0 micro-image (x, y)", "µm"),
@@ -113,6 +121,13 @@ QUANTITIES = (
 """Every value that a user can state, in display order."""
 
 _PATHS = frozenset(quantity.path for quantity in QUANTITIES)
+
+IN_A_PUPIL: dict[str, dict[str, Any]] = {
+    "lattice.gap_um": {"usual": (1e3, 1e6)},
+    "lattice.offset_um": {"label": "optical axis on the sensor (x, y)"},
+    CLEAR: {"label": "diameter of a lenslet", "usual": (100.0, 5e4), "empty": "none"},
+}
+"""What differs where the lenslets are in a pupil plane."""
 
 UNLESS: dict[str, object] = {
     "lattice.row_pitch_um": None,
@@ -165,7 +180,10 @@ def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
     focal length of the tube lens: 200 mm
     """
     found = (quantity for quantity in QUANTITIES if has_value(camera, quantity.path))
-    return tuple(_fitting(quantity, camera.lattice) if quantity.path == CLEAR else quantity for quantity in found)
+    lattice = camera.lattice
+    if isinstance(lattice, PupilLenslets):
+        return tuple(replace(quantity, **IN_A_PUPIL.get(quantity.path, {})) for quantity in found)
+    return tuple(_fitting(quantity, lattice) if quantity.path == CLEAR else quantity for quantity in found)
 
 
 def _fitting(quantity: Quantity, lattice: LensletLattice) -> Quantity:

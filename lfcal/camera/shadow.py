@@ -5,14 +5,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lfcal.camera.description import Camera
+from lfcal.camera.description import Camera, nearest_lens
 from lfcal.camera.main_lens import Microscope
+from lfcal.camera.pupil_lenslets import PupilLenslets
 
 __all__ = ["cutout_for", "half_extent_px", "rms_radius_px"]
 
 AIRY_RADII = 3.0
 """Margin in Airy radii of a lenslet; 5.7 % of a spot at the pattern's edge is outside, much less of the pattern."""
+
+ELEMENTAL_AIRY_RADII = 8.0
+"""The same for single lenslets: 2.1 % of an outer spot, all of it far from the others, falls outside."""
 
 RAYS = 256
 
@@ -33,13 +38,30 @@ def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
     return radius * abs(camera.image_shift_um(z_um)) / image, radius / image
 
 
+def _elemental(camera: Camera, lenslets: PupilLenslets, z_um: float) -> tuple[NDArray[np.float64], float]:
+    """Return the spots ``(n, 2)`` of a point about its chief ray, and the largest radius of one by rays (µm).
+
+    A ray through c + e of a lenslet at c meets the sensor at c (1 + s) + e (1 - B/f + s), s = `PupilLenslets.spread`.
+    """
+    assert isinstance(camera.optics, Microscope)
+    spread = lenslets.spread(camera.optics, z_um)
+    blur = np.abs(1 - lenslets.gap_um / lenslets.focal_um + spread).max() * lenslets.clear_um / 2
+    corner = 1.0 if lenslets.aperture == "round" else math.sqrt(2)
+    return np.array(lenslets.lens_centres_um) * (1 + spread), corner * float(blur)
+
+
 def half_extent_px(camera: Camera, z_um: float) -> float:
     """Return the half width of the pattern of a point at depth ``z_um`` about its chief ray (sensor pixels).
 
     A ray through pupil point p meets the array p·a/(b+a) from the chief ray with slope -p/(b+a). Its lenslet deflects
     it by -e/f, where e is the distance from the lenslet's centre. On the sensor, B behind, this gives ``p (a - B)/(b +
-    a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge.
+    a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge. Without a lattice, the pattern
+    is the spots behind all lenslets.
     """
+    if isinstance(camera.lattice, PupilLenslets):
+        spots, blur = _elemental(camera, camera.lattice, z_um)
+        airy = 1.22 * camera.wavelength_um * camera.lattice.gap_um / camera.lattice.clear_um
+        return (float(np.abs(spots).max()) + blur + ELEMENTAL_AIRY_RADII * airy) / camera.sensor.pixel_um
     gap = camera.lattice.gap_um
     shadow, slope = _edge_slope(camera, z_um)
     spread = abs(math.copysign(shadow, camera.image_shift_um(z_um)) - gap * slope)
@@ -55,6 +77,9 @@ def rms_radius_px(camera: Camera, z_um: float) -> float:
     Uses the rays of `half_extent_px` from an evenly lit pupil (for a microscope, by the sine condition), with the
     deflection and diffraction by the lenslets. It is valid for a pattern of several lenslets.
     """
+    if isinstance(camera.lattice, PupilLenslets):
+        spots, blur = _elemental(camera, camera.lattice, z_um)
+        return math.sqrt(float((spots**2).sum(-1).mean()) + blur**2 / 2) / camera.sensor.pixel_um
     optics, gap = camera.optics, camera.lattice.gap_um
     share = (np.arange(RAYS) + 0.5) / RAYS  # of the pupil's area
     if isinstance(optics, Microscope):
@@ -76,7 +101,13 @@ def rms_radius_px(camera: Camera, z_um: float) -> float:
 def cutout_for(camera: Camera, depths_um: tuple[float, ...]) -> int:
     """Return the odd side of the smallest square cutout that contains the pattern at every depth (pixels).
 
-    Half a pixel is added for an anchor between two pixels.
+    Half a pixel is added for an anchor between two pixels. The pattern of a camera without a lattice may be as large as
+    the sensor: its cutout is at most the largest odd square about the optical axis.
     """
     half = max(half_extent_px(camera, z) for z in depths_um)
-    return 2 * math.ceil(half + 0.5) + 1
+    side = 2 * math.ceil(half + 0.5) + 1
+    if camera.has_lattice:
+        return side
+    axis = [round(v) for v in nearest_lens(camera, camera.sensor.centre_px)]
+    room = min(min(k, n - 1 - k) for k, n in zip(axis, camera.sensor.shape, strict=True))
+    return min(side, 2 * max(room, 0) + 1)

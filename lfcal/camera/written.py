@@ -14,8 +14,8 @@ __all__ = ["read_camera_value", "read_length", "read_pitch", "read_sensor", "rea
 
 LENGTHS = {"nm": 1e-3, "um": 1.0, "µm": 1.0, "mm": 1e3, "m": 1e6}
 WHOLE = ("optics.blades", "lattice.type_step", "sensor.bit_depth")
-TEXT = ("lattice.kind", "sensor.cfa")
-SEVERAL = ("lattice.types", "lattice.offset_um", "lattice.focus")
+TEXT = ("lattice.kind", "lattice.aperture", "sensor.cfa")
+SEVERAL = ("lattice.types", "lattice.focal_lengths_um", "lattice.offset_um", "lattice.focus")
 NUMBER = re.compile(r"\s*([-+]?(?:inf|[0-9.]+(?:[eE][-+]?\d+)?))\s*([a-zµ°]*)\s*")
 
 
@@ -34,9 +34,20 @@ def read_camera_value(path: str, text: str) -> Any:
     convert: Callable[[str], Any] = (
         (lambda part: _whole(part, path)) if path in WHOLE else lambda part: _one(part, path)
     )
+    if path == "lattice.lens_centres_um":
+        return tuple(_centre(part) for part in text.split(";"))
     if path in SEVERAL:
         return tuple(convert(part) for part in text.split(","))
     return convert(text)
+
+
+def _centre(text: str) -> tuple[float, float]:
+    parts = text.split(",")
+    if len(parts) != 2:
+        wanted = "centres as X,Y;X,Y; ... (µm)"
+        raise InputError.expected("lattice.lens_centres_um", wanted, repr(text), "for example 0,0; 2500,0")
+    x, y = (read_length(part, "µm", "lattice.lens_centres_um") for part in parts)
+    return x, y
 
 
 def _one(text: str, path: str) -> float:

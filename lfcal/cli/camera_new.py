@@ -20,6 +20,7 @@ KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "multifocus": ("MainLens", {"lattice.kind": "hexagonal", "lattice.focus": (2.0, 3.0, 5.0)}),
     "focused": ("MainLens", {"lattice.kind": "hexagonal", "lattice.focus": (3.0,)}),
     "microscope": ("Microscope", {"lattice.kind": "square", "lattice.focus": (float("inf"),)}),
+    "fourier": ("FourierMicroscope", {}),
 }
 """Kinds of cameras with their optics and assumed lenslet values."""
 
@@ -31,7 +32,11 @@ UNASKED = ("lattice.row_pitch_um", "lattice.rotation_rad", "lattice.offset_um", 
 def command(
     out: Path = typer.Option(..., "-o", "--out", help="The camera file to write."),
     *,
-    kind: str = typer.Option("", "--type", help="multifocus (three lens types), focused (one), or microscope."),
+    kind: str = typer.Option(
+        "",
+        "--type",
+        help="multifocus (three lens types), focused (one), microscope, or fourier (Fourier light-field microscope).",
+    ),
     start: str = typer.Option("", "--preset", help="Preset to start from."),
     name: str = typer.Option("", help="Name of the camera; default: the name of the file."),
     values: dict[str, Any],

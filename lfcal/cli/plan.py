@@ -51,28 +51,23 @@ def _rows(one: Planned) -> list[list[str]]:
     plan: ScanPlan = one.plan
     forecast, task = one.forecast, one.task
     nz, ny, nx, nt, ns = plan.shape
-    camera, (py, px), (ry, rx) = plan.camera, plan.camera.period_px, plan.period_residual_px
+    row, column = plan.lattice_anchor
     steps = [format_length(plan.step_um(z)[1]) for z in range(nz)]
     depths, virtual = [format_length(z) for z in plan.depths_um], [f"{v:z.4g}" for v in plan.virtual_depths]
-    row, column = plan.lattice_anchor
     computed = _rests(plan, DEPTH)
     readout = forecast.readout_hours
     rate = f"{format_bytes(forecast.bytes_per_s)}/s"
     unread = f" {WITHOUT_READOUT}: the camera would deliver {rate}" if readout is None else ""
     half = one.facts["half_cell"] is not None
     return [
-        ["camera", f"{camera.name}: {camera.lattice.kind}, {len(camera.lattice.types)} lens type(s)"],
-        ["cell of the lenslet array (x × y)", f"{px:.3f} × {py:.3f} px"],
-        ["positions per plane (x × y)", f"{nx} × {ny} = {nx * ny}"],
-        ["residual over one period (x, y)", f"{rx:+.3f}, {ry:+.3f} px{_cure(plan)}"],
-        ["tilt over one period", f"{plan.tilt_residual_px:+.3f} px"],
+        *_array(plan),
         ["planes", f"{nz}"],
         ["  object-space depth", _span(depths) + ("" if task.depths else computed)],
-        ["  virtual depth", _span(virtual) + ("" if task.virtual_depths else computed)],
+        *([["  virtual depth", _span(virtual) + ("" if task.virtual_depths else computed)]] if virtual else []),
         ["  lateral step (x)", _span(steps) + _rests(plan, STEP)],
         ["cutout (rows × columns)", f"{nt} × {ns} px"],
         ["image of position y = x = 0", f"row {plan.anchor[0]:g}, column {plan.anchor[1]:g}"],
-        ["  from the nearest type-0 lenslet", f"{row:+.2f}, {column:+.2f} px (rows, columns)"],
+        [_from(plan), f"{row:+.2f}, {column:+.2f} px (rows, columns)"],
         ["order", plan.order],
         ["source positions", f"{forecast.positions}"],
         ["frames", f"{forecast.frames} ({plan.frames_averaged} per position)"],
@@ -90,6 +85,27 @@ def _rows(one: Planned) -> list[list[str]]:
         *_noise(one.facts.get("noise")),
         *([["half-cell scan", _other_half(ny // 2, nx // 2)]] if half else []),
     ]
+
+
+def _array(plan: ScanPlan) -> list[list[str]]:
+    """Return the rows on the lenslets and their period."""
+    camera, (_, ny, nx, *_) = plan.camera, plan.shape
+    count = ["positions per plane (x × y)", f"{nx} × {ny} = {nx * ny}"]
+    if not camera.has_lattice:
+        lenslets = len(camera.lattice.lenslets_within(math.inf, math.inf)[0])
+        return [["camera", f"{camera.name}: {lenslets} lenslets in a pupil plane, no lattice"], count]
+    (py, px), (ry, rx) = camera.period_px, plan.period_residual_px
+    return [
+        ["camera", f"{camera.name}: {camera.lattice.kind}, {len(camera.lattice.types)} lens type(s)"],
+        ["cell of the lenslet array (x × y)", f"{px:.3f} × {py:.3f} px"],
+        count,
+        ["residual over one period (x, y)", f"{rx:+.3f}, {ry:+.3f} px{_cure(plan)}"],
+        ["tilt over one period", f"{plan.tilt_residual_px:+.3f} px"],
+    ]
+
+
+def _from(plan: ScanPlan) -> str:
+    return "  from the nearest type-0 lenslet" if plan.camera.has_lattice else "  from the optical axis"
 
 
 def _noise(planes: tuple[float, ...] | None) -> list[list[str]]:

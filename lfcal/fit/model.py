@@ -14,7 +14,16 @@ from lfcal.base import Clock, Work, for_each_chunk, worker_count
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.setup import Setup
 from lfcal.psf import Facts, Header, Plane, PlaneSource, Reopening, Stored, Zeros
-from lfcal.simulate import PlaneResponse, Sampling, at_wavelength, effects_from_records, effects_to_records, filtered
+from lfcal.simulate import (
+    PlaneResponse,
+    Sampling,
+    at_wavelength,
+    effects_from_records,
+    effects_to_records,
+    filtered,
+    lattice_scene_for,
+    resolve_level,
+)
 from lfcal.simulate.accuracy import grid_margin
 from lfcal.simulate.engines import Displaceable, PlaneEngine, engine_for
 
@@ -61,7 +70,8 @@ class PlaneModel:
         # the same margin with and without a filter, because another grid would have another error
         self._halo = max(response.halo, 1)
         rows, columns = plan.cutout
-        scene = replace(response.scene, cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
+        lit = lattice_scene_for(plan, z, setup.effects, depth_error_um=further)
+        scene = replace(resolve_level(lit, LEVEL)[0], cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
         margin = grid_margin(scene, LIGHT_OUTSIDE.get(sampling, 1.0))
         self._pixel = scene.pixel_um
         self._sampling = replace(sampling, margin_px=max(sampling.margin_px, margin))

@@ -471,7 +471,7 @@ def _types(few: _Few) -> Work[Explanation | None]:
 
     def ordered(order: tuple[int, ...]) -> Camera:
         types = tuple(camera.lattice.types[k] for k in order)
-        return replace(camera, lattice=replace(camera.lattice, types=types))
+        return replace(camera, lattice=replace(camera.periodic, types=types))
 
     order = yield from _best(few, orders, ordered)
     after = yield from _after(few, None if order is None else ordered(order))

@@ -315,7 +315,7 @@ def _value(name: str, one: DatedFit, newest: DatedFit) -> float:
     if name not in SHIFTS:
         return one.values[name][0]
     middle = np.array(newest.middle_um)
-    there, here = newest.camera.lattice, one.camera.lattice
+    there, here = newest.camera.periodic, one.camera.periodic
     q, r = np.rint(there.lenslet_at(middle))
     at = there.centres_um(q, r)
     k = np.rint(here.lenslet_at(at))

@@ -106,7 +106,7 @@ def check_camera(
         found = check_camera(part, frame, dark=dark, workers=workers)
         if found.camera is None:
             return found
-        whole = replace(found.camera, sensor=camera.sensor, lattice=_shifted(found.camera.lattice, by_um))
+        whole = replace(found.camera, sensor=camera.sensor, lattice=_shifted(found.camera.periodic, by_um))
         return replace(found, camera=whole)
     lines = [_shape(camera, frame.shape)]
     if lines[0].verdict == WRONG:
@@ -128,7 +128,7 @@ def check_camera(
 
 def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tuple[Camera, tuple[float, float]]:
     """Return the camera of a part of the sensor, and the offset of its centre from that of the sensor (x, y; µm)."""
-    sensor, lattice = camera.sensor, camera.lattice
+    sensor, lattice = camera.sensor, camera.periodic
     if any(o < 0 or o + n > size for o, n, size in zip(origin, shape, sensor.shape, strict=True)):
         raise InputError.expected(
             "origin of the white image (row, column)",
@@ -181,7 +181,7 @@ def _kind(camera: Camera, fit: LatticeFit) -> CheckLine:
 
 def _of_kind(camera: Camera, kind: str) -> Camera:
     """Return ``camera`` with the measured kind of array; a square one has one type."""
-    lattice = camera.lattice
+    lattice = camera.periodic
     if lattice.kind == kind:
         return camera
     return replace(camera, lattice=replace(lattice, kind=kind, types=lattice.types[:1], row_pitch_um=None))

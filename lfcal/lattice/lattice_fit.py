@@ -202,7 +202,7 @@ class LatticeFit:
                 self.shape,
                 "choose the camera it was taken with",
             )
-        stated = camera.lattice
+        stated = camera.periodic
         if stated.kind != self.kind:
             raise InputError.expected("lattice of the white image", stated.kind, self.kind, "correct the camera")
         pixel = camera.sensor.pixel_um

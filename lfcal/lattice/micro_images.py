@@ -106,7 +106,7 @@ class CameraLattice:
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
         """Return centres ``(..., 2)`` as (row, column) of lenslets q, r."""
-        return self.camera.pixels(self.camera.lattice.centres_um(q, r))
+        return self.camera.pixels(self.camera.periodic.centres_um(q, r))
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
         """Return fractional indices ``(..., 2)`` as (q, r) of image points: the inverse of `centres_px`."""

@@ -7,7 +7,7 @@ from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted, tolerance_f
 from lfcal.simulate.response import PlaneResponse, at_wavelength
 from lfcal.simulate.scene import LAWS
 from lfcal.simulate.simulate import effects_from_records, effects_to_records
-from lfcal.simulate.staging import filtered, origin_of, outlook_of, resolve_level, scene_for
+from lfcal.simulate.staging import filtered, lattice_scene_for, origin_of, outlook_of, resolve_level, scene_for
 
 __all__ = [
     "LAWS",
@@ -19,6 +19,7 @@ __all__ = [
     "effects_from_records",
     "effects_to_records",
     "filtered",
+    "lattice_scene_for",
     "light_in_cutout",
     "origin_of",
     "outlook_of",

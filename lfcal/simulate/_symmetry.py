@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import PupilIris, Scene
 
 __all__ = ["folded", "is_mirror_symmetric", "mirrored_rows"]
@@ -52,9 +53,9 @@ def _iris_is_symmetric(iris: PupilIris) -> bool:
     return abs(turns - round(turns)) < 1e-9
 
 
-def mirrored_rows(scene: Scene, rows: NDArray[np.int64]) -> dict[int, int]:
+def mirrored_rows(scene: AnyScene, rows: NDArray[np.int64]) -> dict[int, int]:
     """Return ``{i: j}``: row ``rows[i]`` is the mirror image of ``rows[j]``, which is not a key itself."""
-    if not is_mirror_symmetric(scene):
+    if isinstance(scene, PupilScene) or not is_mirror_symmetric(scene):
         return {}
     lattice = scene.lattice
     twice = 2 * lattice.row_step_um * scene.scale / scene.pixel_um

@@ -172,8 +172,8 @@ def _variants(camera: Camera, path: str) -> Iterator[Camera]:
     given: tuple[Any, ...] = ()
     if path == "lattice.types":
         for share in (1 - FOCUS, 1 + FOCUS):
-            types = tuple(replace(one, focal_length_um=one.focal_length_um * share) for one in camera.lattice.types)
-            yield replace(camera, lattice=replace(camera.lattice, types=types))
+            types = tuple(replace(one, focal_length_um=one.focal_length_um * share) for one in camera.periodic.types)
+            yield replace(camera, lattice=replace(camera.periodic, types=types))
     elif path == "lattice.kind":
         kind = "hexagonal" if value == "square" else "square"
         one_type: dict[str, Any] = {

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
-from lfcal.simulate.plane_task import EffectsLike, budgeted
+from lfcal.simulate.engines import pupil_passed
+from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
+from lfcal.simulate.pupil_scene import PupilScene
 from lfcal.simulate.sensor import white_tile
+from lfcal.simulate.staging import scene_for
 
 __all__ = ["light_in_cutout"]
 
@@ -33,19 +36,28 @@ def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple
     Means over positions spread evenly over the period, one for each plane, at most 1; NaN if no light passes.
     """
     budget = budgeted(effects, plan, None)
+    rows, columns = (_evenly_spaced(n) for n in plan.period)
+    if plan.camera.has_lattice:
+        passed = _passed_by_lattice(plan, budget)
+    else:
+        scenes = (scene_for(plan, z, budget.at(depth)[0]) for z, depth in enumerate(plan.depths_um))
+        passed = [pupil_passed(scene) for scene in scenes if isinstance(scene, PupilScene)]
+    found = []
+    for z, light in enumerate(passed):
+        held = [float(np.sum(H[z, int(y), int(x)], dtype=np.float64)) for y in rows for x in columns]
+        found.append(min(1.0, float(np.mean(held)) / light) if light > 0 else float("nan"))
+    return tuple(found)
+
+
+def _passed_by_lattice(plan: ScanPlan, budget: Budget) -> list[float]:
+    """Return the light that the lenslets let through, by planes."""
     # the mean light that lenslets transmit: over one cell of the array, for any number of positions of the plan
     # or over the part of it that the sensor contains, beginning where it fits
     sizes = plan.camera.sensor.shape
     ny, nx = (max(1, min(round(side), n)) for side, n in zip(plan.cell_camera.period_px, sizes, strict=True))
     row, column = (min(a, float(n - size)) for a, n, size in zip(plan.anchor, sizes, (ny, nx), strict=True))
     cell = replace(plan, period=(ny, nx), cutout=(1, 1), anchor=(row, column))
-    rows, columns = (_evenly_spaced(n) for n in plan.period)
-    found = []
-    for z, depth in enumerate(plan.depths_um):
-        passed = float(white_tile(cell, budget.at(depth)[0]).mean())
-        held = [float(np.sum(H[z, int(y), int(x)], dtype=np.float64)) for y in rows for x in columns]
-        found.append(min(1.0, float(np.mean(held)) / passed) if passed > 0 else float("nan"))
-    return tuple(found)
+    return [float(white_tile(cell, budget.at(depth)[0]).mean()) for depth in plan.depths_um]
 
 
 def _evenly_spaced(count: int) -> NDArray[np.intp]:

@@ -17,7 +17,7 @@ from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.accuracy import RETRIES, balanced, finer, settle, step_for
 from lfcal.simulate.effects import Effect, LightSample
 from lfcal.simulate.engines import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling, engine_for
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.staging import filter_kernel, filtered, light_samples, outlook_of, resolve_level, scene_for
 
 __all__ = ["PlaneResponse"]
@@ -82,7 +82,7 @@ class PlaneResponse:
         self.settled, self.reached = sampling, math.nan
         samples = light_samples(effects, outlook)
         # rays do not depend on the wavelength, unless images and foci do
-        alike = self.level == "geometric" and not (scene.colour_rate or scene.dispersion_um2)
+        alike = self.level == "geometric" and _is_achromatic(scene)
         self.samples = merged(samples, scene.wavelength_um) if alike else samples
         self._engines: dict[float, PlaneEngine] = {}
         self._lock = threading.Lock()
@@ -215,9 +215,11 @@ class PlaneResponse:
             return undisplaced.displaced(planned + shift)
         return self._make_engine(replace(undisplaced.scene, offsets_um=planned + shift))
 
-    def _make_engine(self, scene: Scene) -> PlaneEngine:
+    def _make_engine(self, scene: AnyScene) -> PlaneEngine:
         if self.sampling is not None:
             return engine_for(scene, self.level, self.sampling)
+        if self.settled is not None and isinstance(scene, PupilScene):
+            return engine_for(scene, self.level, self.settled)
         if self.settled is not None:  # other wavelengths and source points need the same sampling as the first
             engine, _, self.settled = balanced(scene, self.level, self.settled)
             return engine
@@ -250,7 +252,7 @@ class PlaneResponse:
         return filtered(values, self.kernel)[..., h:-h, h:-h]
 
 
-def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
+def _pairs_together(scene: AnyScene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the order of rows in which those that mirror each other follow each other: engines compute one."""
     # neighbouring rows are in one block, because an engine mirrors rows only within a block
     twins = mirrored_rows(scene, ys)
@@ -258,8 +260,15 @@ def _pairs_together(scene: Scene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.array(order, np.intp)
 
 
-def at_wavelength(scene: Scene, wavelength_um: float) -> Scene:
+def _is_achromatic(scene: AnyScene) -> bool:
+    """Return whether rays are the same at all wavelengths."""
+    return isinstance(scene, PupilScene) or not (scene.colour_rate or scene.dispersion_um2)
+
+
+def at_wavelength(scene: AnyScene, wavelength_um: float) -> AnyScene:
     """Return the scene for another wavelength; aberrations keep their path lengths, images and foci move."""
+    if isinstance(scene, PupilScene):
+        return replace(scene, wavelength_um=wavelength_um)
     scale = scene.wavelength_um / wavelength_um
     # the glass keeps its path length in µm, which is another number of waves
     terms = tuple((n, m, waves * scale) for n, m, waves in scene.wavefront)

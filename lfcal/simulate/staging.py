@@ -5,28 +5,41 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, choose
-from lfcal.camera import Camera, LensletLattice, Microscope, ScanPlan
-from lfcal.simulate.effects import Bandwidth, Effect, LightEffect, LightSample, Outlook, PsfEffect, SceneEffect
+from lfcal.camera import Camera, LensletLattice, Microscope, NoLatticeError, ScanPlan
+from lfcal.simulate.effects import (
+    Bandwidth,
+    Effect,
+    LightEffect,
+    LightSample,
+    Outlook,
+    PsfEffect,
+    PupilOutlook,
+    SceneEffect,
+)
 from lfcal.simulate.engines import LEVELS
+from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import PupilIris, Scene
 
 __all__ = [
+    "check_applicable",
     "filter_kernel",
     "filtered",
     "grid_pixel",
     "ideal_scene",
+    "lattice_scene_for",
     "light_samples",
     "origin_of",
     "outlook_of",
     "resolve_level",
     "scene_for",
     "scene_of",
+    "wave_level",
 ]
 
 
@@ -119,7 +132,8 @@ def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
     camera = plan.cell_camera
     middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
     field = (middle - np.array(camera.sensor.centre_px)) * camera.sensor.pixel_um
-    return Outlook(
+    kind = Outlook if camera.has_lattice else PupilOutlook
+    return kind(
         camera,
         plan.depths_um[z],
         plan.cutout,
@@ -184,6 +198,34 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: b
     return replace(scene, lattice=replace(scene.lattice, types=types))
 
 
+def wave_level(camera: Camera) -> str:
+    """Return the level by which waves are followed: the Debye path of a microscope's lattice, else lens by lens."""
+    return "debye" if camera.optics.telecentric and camera.has_lattice else "wave"
+
+
+def check_applicable(camera: Camera, effects: Iterable[Effect]) -> None:
+    """Raise `NoLatticeError` for an effect that needs a lenslet lattice, which the camera has not."""
+    for effect in effects:
+        if not effect.applies_to(camera):
+            raise NoLatticeError.of(f"effect {effect.name}")
+
+
+def _pupil_scene(plan: ScanPlan, outlook: Outlook, halo: int) -> PupilScene:
+    """Return the scene behind single lenslets; their period, one pixel, is never resampled."""
+    assert isinstance(outlook, PupilOutlook)
+    _, _, residual_y, residual_x = origin_of(plan)
+    about, px = plan.lattice_anchor, plan.camera.sensor.pixel_um
+    offsets = None
+    if residual_y or residual_x:
+        offsets = np.broadcast_to(np.array([residual_y, residual_x]) * px, (*plan.period, 2)).copy()
+    return replace(
+        outlook.scene,
+        cutout=(plan.cutout[0] + 2 * halo, plan.cutout[1] + 2 * halo),
+        axis_um=((residual_y - about[0]) * px, (residual_x - about[1]) * px),
+        offsets_um=offsets,
+    )
+
+
 def scene_for(
     plan: ScanPlan,
     z: int,
@@ -192,19 +234,38 @@ def scene_for(
     halo: int = 0,
     depth_error_um: float = 0.0,
     on_sensor: bool = False,
-) -> Scene:
+) -> AnyScene:
     """Return the scene of plane ``z`` with every scene effect of ``effects``; pixels are as in `ideal_scene`."""
     outlook = outlook_of(plan, z)
     if depth_error_um:
         outlook = replace(outlook, z_um=outlook.z_um + depth_error_um)
-    scene = ideal_scene(plan, outlook, halo=halo, on_sensor=on_sensor)
-    for effect in effects:
+    chosen = tuple(effects)
+    check_applicable(plan.camera, chosen)
+    scene: Any = (
+        ideal_scene(plan, outlook, halo=halo, on_sensor=on_sensor)
+        if plan.camera.has_lattice
+        else _pupil_scene(plan, outlook, halo)
+    )
+    for effect in chosen:
         if isinstance(effect, SceneEffect):
             scene = effect.on_scene(scene, outlook)
+    found: AnyScene = scene
+    return found
+
+
+def lattice_scene_for(plan: ScanPlan, z: int, effects: Iterable[Effect], *, depth_error_um: float = 0.0) -> Scene:
+    """Return `scene_for` of a camera with a lenslet lattice; raises `NoLatticeError` for others."""
+    scene = scene_for(plan, z, effects, depth_error_um=depth_error_um)
+    if isinstance(scene, PupilScene):
+        raise NoLatticeError.of("this calculation")
     return scene
 
 
-def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
+@overload
+def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]: ...
+@overload
+def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]: ...
+def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]:
     """Return the scene and the engine's level; ``auto`` means rays unless an effect needs waves.
 
     A named wave level always computes lenslet diffraction; ``microscope`` is the Debye path.
@@ -213,6 +274,8 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]:
 
     if level not in ALL_LEVELS:
         raise InputError.expected("level", " or ".join(ALL_LEVELS), repr(level), choose(level, ALL_LEVELS))
+    if isinstance(scene, PupilScene):
+        return scene, "wave" if level == "auto" else level  # its engine refuses levels that it has not
     if level == "microscope":
         level = "debye"
     if level == "auto":

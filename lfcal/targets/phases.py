@@ -58,7 +58,7 @@ class Phases:
         # from the top and from the left, whichever way the rows run
         index *= np.sign([sides[0, 1], sides[1, 0]])[:, None]
         period = np.abs([sides[0, 1], sides[1, 0]])
-        return cls(plan, plan.camera.lattice, np.linalg.inv(index), period)
+        return cls(plan, plan.camera.periodic, np.linalg.inv(index), period)
 
     @property
     def count(self) -> int:

@@ -28,7 +28,7 @@ def test_json_gives_the_camera_back(camera: Camera) -> None:
 def test_presets_are_sound(name: str) -> None:
     camera = preset(name)
     assert camera.name == name and Camera.from_json(camera.to_json()) == camera
-    for v in (-4.0, -1.5, 1.5, 4.0):
+    for v in (-4.0, -1.5, 1.5, 4.0) if camera.has_lattice else ():
         assert camera.virtual_depth(camera.depth_of(v)) == pytest.approx(v, rel=1e-9)
 
 
@@ -51,8 +51,7 @@ def test_the_photographic_preset_is_that_of_the_paper() -> None:
 
 
 def test_farther_objects_have_images_in_front_of_the_array() -> None:
-    for name in PRESETS:
-        camera = preset(name)
+    for camera in filter(lambda one: one.has_lattice, map(preset, PRESETS)):
         assert camera.image_shift_um(10.0) < 0 < camera.image_shift_um(-10.0)
         assert camera.image_shift_um(0.0) == pytest.approx(0.0, abs=1e-6)
 
@@ -265,7 +264,7 @@ def test_paths_of_marks_are_text() -> None:
         Marks(((3, "stated"),))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("version", [0, 3, "1", True, None])
+@pytest.mark.parametrize("version", [0, 4, "1", True, None])
 def test_other_versions_are_refused(version: Any) -> None:
     with pytest.raises(InputError, match="version"):
         Camera.from_dict({**preset("bench").to_dict(), "version": version})

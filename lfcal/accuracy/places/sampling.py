@@ -8,7 +8,7 @@ from lfcal.accuracy.curves import Rung
 from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import plain
-from lfcal.simulate import Sampling, iter_ladder, plan_effects, resolve_level, scene_for
+from lfcal.simulate import Sampling, iter_ladder, lattice_scene_for, plan_effects, resolve_level
 from lfcal.simulate.accuracy import LadderRung, quick_steps
 
 __all__ = ["PLACE"]
@@ -27,7 +27,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     """Measure the ladder of `lfcal.simulate.ladder` a few samplings at a time."""
     plan, z = subject.planned, subject.middle
     effects = plan_effects(plan, TOLERANCE).effects
-    scene = scene_for(plan, z, effects)
+    scene = lattice_scene_for(plan, z, effects)
     _, level = resolve_level(replace(scene, lenslet_diffraction=True, main_diffraction=True))
     samplings = quick_steps(scene, level)
     reference = QUICK if seconds < QUICK_SECONDS else None

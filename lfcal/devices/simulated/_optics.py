@@ -58,7 +58,11 @@ class PatternRenderer:
         self._rate = peak * (sensor.max_value - sensor.black_level) / brightest
 
     def _sigma(self, depth_um: float) -> float:
-        return min(1.5 + 0.3 * abs(self._camera.virtual_depth(depth_um)), self._limit / 3)
+        if self._camera.has_lattice:
+            blur = 0.3 * abs(self._camera.virtual_depth(depth_um))
+        else:  # as much as the spots move
+            blur = 0.3 * abs(half_extent_px(self._camera, depth_um) - half_extent_px(self._camera, 0.0))
+        return min(1.5 + blur, self._limit / 3)
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
         """Return a patch of six standard deviations about the image of ``source_um``."""

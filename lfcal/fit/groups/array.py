@@ -65,7 +65,7 @@ class Geometry(Group):
         """Return the setup with this gap, rotation and offset of the array."""
 
         def placed(camera: Camera) -> Camera:
-            lattice = about(camera.lattice, frame.middle_um, values["rotation_rad"] - camera.lattice.rotation_rad, 0.0)
+            lattice = about(camera.periodic, frame.middle_um, values["rotation_rad"] - camera.lattice.rotation_rad, 0.0)
             x, y = lattice.offset_um
             moved = (x + values["offset_x_um"], y + values["offset_y_um"])
             return replace(camera, lattice=replace(lattice, gap_um=values["gap_um"], offset_um=moved))
@@ -91,7 +91,7 @@ class Pitch(Group):
 
         def grown(camera: Camera) -> Camera:
             grow = values["pitch_um"] / camera.lattice.pitch_um - 1.0
-            return replace(camera, lattice=about(camera.lattice, frame.middle_um, 0.0, grow))
+            return replace(camera, lattice=about(camera.periodic, frame.middle_um, 0.0, grow))
 
         return setup.edited(grown)
 

@@ -34,7 +34,7 @@ class FocalLengths(Group):
         del frame
 
         def ground(camera: Camera) -> Camera:
-            lattice = camera.lattice
+            lattice = camera.periodic
             types = tuple(replace(t, focal_length_um=values[f"focal_{k}_um"]) for k, t in enumerate(lattice.types))
             return replace(camera, lattice=replace(lattice, types=types))
 

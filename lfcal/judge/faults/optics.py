@@ -252,7 +252,7 @@ def _dimmed(gains: F8) -> PutIn:
 def _types_of(plan: ScanPlan, index: NDArray[np.intp], cutout: tuple[int, int]) -> NDArray[np.intp]:
     """Return the type of the lenslet whose centre is nearest to each sample's ``(n, nt, ns)``."""
     camera = plan.camera
-    lattice = camera.lattice
+    lattice = camera.periodic
     nt, ns = cutout
     out = np.empty((len(index), nt, ns), np.intp)
     for k, (y, x) in enumerate(index[:, 1:].tolist()):

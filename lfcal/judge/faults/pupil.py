@@ -232,7 +232,7 @@ def _with_focal(known: Behind, kind: int, change: float) -> Behind:
     camera = known.setup.camera
     types = list(camera.lattice.types)
     types[kind] = replace(types[kind], focal_length_um=types[kind].focal_length_um * (1 + change))
-    lattice = replace(camera.lattice, types=tuple(types))
+    lattice = replace(camera.periodic, types=tuple(types))
     return replace(known, setup=replace(known.setup, camera=replace(camera, lattice=lattice)))
 
 

@@ -27,7 +27,7 @@ from lfcal.simulate.effects import (
 from lfcal.simulate.engines import SWITCH, EnergyError
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.staging import filter_kernel, outlook_of, resolve_level, scene_for
+from lfcal.simulate.staging import filter_kernel, lattice_scene_for, outlook_of, resolve_level
 
 __all__ = ["MAX_RUNS", "Influence", "estimates_of"]
 
@@ -196,7 +196,7 @@ class Influence:
         return scenes[0] == scenes[1] and _same(*kernels) and _same(*offsets)
 
     def _scene(self, effects: tuple[Effect, ...]) -> Scene:
-        return scene_for(self._plan, self._z, effects)
+        return lattice_scene_for(self._plan, self._z, effects)
 
     def _response_pair(self, changed: tuple[Effect, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the responses with all effects and with ``changed``, both with the sampling that the energy needs."""

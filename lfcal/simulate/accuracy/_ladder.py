@@ -19,7 +19,7 @@ from lfcal.simulate.accuracy.sampling import LevelSampling, steps_for
 from lfcal.simulate.engines import EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import EffectsLike, budgeted
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.staging import resolve_level, scene_for
+from lfcal.simulate.staging import lattice_scene_for, resolve_level
 
 __all__ = [
     "Ladder",
@@ -174,7 +174,7 @@ def iter_ladder(
         raise InputError.expected("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan")
     budget = budgeted(effects, plan, tolerance)
     chosen, _ = budget.at(plan.depths_um[z])
-    scene, level = _with_waves(scene_for(plan, z, chosen))
+    scene, level = _with_waves(lattice_scene_for(plan, z, chosen))
     places = _places(scene.period, positions)
     asked = quick_steps(scene, level) if samplings is None else samplings
     steps = [(s.level, s.sampling) if isinstance(s, LevelSampling) else (level, s) for s in asked]

@@ -16,8 +16,8 @@ import numpy as np
 
 from lfcal.base import one_blas_thread
 from lfcal.simulate.accuracy.sampling import grid_extent, step_for
-from lfcal.simulate.effects import EngineSeconds, Outlook
-from lfcal.simulate.engines import Sampling
+from lfcal.simulate.effects import EngineSeconds, Outlook, PupilOutlook
+from lfcal.simulate.engines import Sampling, pupil_cost
 
 __all__ = ["correct_rate", "engine_seconds", "engine_times", "few_seconds", "machine_rate", "table_seconds"]
 
@@ -142,6 +142,10 @@ def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) 
 
 def _estimated_seconds(outlook: Outlook, level: str, tolerance: float, positions: float) -> float:
     """Return CPU-seconds of positions that are not mirror images of each other, by the uncorrected constants."""
+    if isinstance(outlook, PupilOutlook):
+        level = "reference" if level == "reference" else "wave"
+        sampling = step_for(outlook.scene, level, tolerance).sampling
+        return positions * pupil_cost(outlook.scene, level, sampling) / FITTED_RATE
     if level == "geometric":
         widest = math.ceil(max(_spots_px(outlook)))
         seen = _lit_lenslets(outlook, widest)
@@ -211,6 +215,8 @@ def _lit_lenslets(outlook: Outlook, half_px: int) -> float:
 
 def table_seconds(outlook: Outlook) -> float:
     """Return CPU-seconds of the Fourier transform for a plane's table of the main iris's fringes."""
+    if isinstance(outlook, PupilOutlook):
+        return 0.0
     side = 4 * (outlook.shadow_px + 4 * outlook.camera.pitch_px)
     return _slowness() * 2.5e-7 * side**2
 

@@ -17,7 +17,7 @@ from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.staging import light_samples, outlook_of
+from lfcal.simulate.staging import light_samples, outlook_of, wave_level
 
 __all__ = ["CostScaling", "computed_share", "cost_scaling", "engine_clock", "plane_seconds", "predict_seconds"]
 
@@ -119,10 +119,15 @@ def _samples(plan: ScanPlan, z: int, budget: Budget) -> int:
 
 def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
     """Return the estimated CPU-seconds of a plane; ``auto`` uses rays unless an effect needs waves."""
-    waves = "debye" if plan.camera.optics.telecentric else "wave"
+    waves = wave_level(plan.camera)
     level = {"auto": waves, "microscope": "debye"}.get(level, level)
     chosen, _ = budget.at(plan.depths_um[z])
-    if level == waves and budget.selection is not None and not any(effect.needs_waves for effect in chosen):
+    if (
+        plan.camera.has_lattice
+        and level == waves
+        and budget.selection is not None
+        and not any(effect.needs_waves for effect in chosen)
+    ):
         level = "geometric"
     return _samples(plan, z, budget) * engine_seconds(outlook_of(plan, z), level)
 

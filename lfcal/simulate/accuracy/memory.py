@@ -11,10 +11,11 @@ import numpy as np
 from lfcal.base import worker_count
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy.probe import places
-from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
+from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, step_for, steps_for, tilt_orders
 from lfcal.simulate.effects import Effect
-from lfcal.simulate.engines import Sampling
+from lfcal.simulate.engines import Sampling, pupil_bytes
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted
+from lfcal.simulate.pupil_scene import PupilScene
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
 from lfcal.work import RunChoice
@@ -130,6 +131,9 @@ def _plane_bytes(
     kernel = filter_kernel(effects, plan.camera)
     # rows of responses are copied for the filter
     filtered = 0 if kernel is None else 12 * math.prod(plan.cutout) * plan.period[1] * 4
+    if isinstance(scene, PupilScene):
+        chosen = sampling or step_for(scene, resolved, share).sampling
+        return SMALL_PARTS + filtered + pupil_bytes(scene, resolved, chosen)
     if sampling is not None:
         return SMALL_PARTS + filtered + engine_bytes(scene, LevelSampling(resolved, sampling, 0.0), workers)
     steps = steps_for(scene, resolved)

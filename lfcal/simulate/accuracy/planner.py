@@ -21,7 +21,7 @@ from lfcal.simulate.effects import (
     Outlook,
     catalogue,
 )
-from lfcal.simulate.staging import light_samples, outlook_of
+from lfcal.simulate.staging import check_applicable, light_samples, outlook_of, wave_level
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
@@ -229,8 +229,10 @@ def plan_effects(
     # a given effect replaces that of the same name in the catalogue, in its order
     candidates = tuple({e.name: e for e in (*catalogue(), *effects)}.values())
     settings = _settings(overrides or {}, candidates)
+    check_applicable(plan.camera, (*effects, *(e for e in candidates if (overrides or {}).get(e.name) == "on")))
+    candidates = tuple(e for e in candidates if e.applies_to(plan.camera))
     known = {effect.name for effect in effects}
-    costs = _Costs(planes, "debye" if plan.camera.optics.telecentric else "wave", tolerance)
+    costs = _Costs(planes, wave_level(plan.camera), tolerance)
     counting = tuple(e for e in candidates if _counts(e, e.name in known, frames))
     estimates = estimates_of(candidates, counting, planes, plan)
     drafts = [
@@ -272,8 +274,9 @@ class _Costs:
         self.full = sum(engine.waves for _, engine in self.planes)
 
     def level_of(self, effects: Iterable[Effect]) -> str:
-        """Return the level that the effects need."""
-        return self.waves if any(effect.needs_waves for effect in effects) else "geometric"
+        """Return the level that the effects need; only waves are followed behind single lenslets."""
+        waves = not self.planes[0][0].camera.has_lattice
+        return self.waves if waves or any(effect.needs_waves for effect in effects) else "geometric"
 
     def of(self, effect: Effect) -> float:
         """Return the computing time that one effect adds to a wave simulation of one source point."""

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, steps_for
+from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, step_for, steps_for
 from lfcal.simulate.engines import SWITCH, EnergyError, PlaneEngine, Sampling, engine_for
+from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import Scene
 
 __all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "places", "settle"]
@@ -69,7 +70,7 @@ class Settled:
     error: float
 
 
-def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) -> Settled:
+def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False) -> Settled:
     """Return the cheapest sampling of a level with an error of at most ``share``, or the finest one.
 
     Samplings are tried from the fastest that is expected to suffice. Each is compared with one that is finer in all
@@ -93,6 +94,9 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
     EnergyError
         If the energy does not balance at any sampling.
     """
+    if isinstance(scene, PupilScene):  # the error of its engine is known before (see tests of the engine)
+        step = step_for(scene, level, share)
+        return Settled(engine_for(scene, level, step.sampling), level, step.sampling, step.expected)
     if level == "geometric":
         return Settled(engine_for(scene, level), level, Sampling(), 0.0)
     probe = _ErrorProbe(scene, level)
@@ -122,7 +126,7 @@ def settle(scene: Scene, level: str, share: float, *, escalate: bool = False) ->
     return settled
 
 
-def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
+def balanced(scene: AnyScene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
     """Return an engine whose energy balances, its responses at a few positions, and its sampling."""
     ys, xs = places(scene)
     for attempt in range(RETRIES + 1):
@@ -141,13 +145,13 @@ def balanced(scene: Scene, level: str, sampling: Sampling) -> tuple[PlaneEngine,
     return engine, found.astype(np.float64), sampling
 
 
-def places(scene: Scene) -> tuple[list[int], list[int]]:
+def places(scene: AnyScene) -> tuple[list[int], list[int]]:
     """Return rows and columns of the positions that represent all others.
 
     Four are used. There are more near the native plane, where one lenslet or the gap between two receives all the
     light.
     """
-    near = scene.objective is None and scene.fresnel_number < SWITCH
+    near = isinstance(scene, Scene) and scene.objective is None and scene.fresnel_number < SWITCH
     shares = ((0.0, 0.2, 0.5), (0.07, 0.25, 0.41, 0.75)) if near else ((0.0, 0.5), (0.25, 0.75))
     rows, columns = (sorted({int(s * n) for s in some}) for some, n in zip(shares, scene.period, strict=True))
     return rows, columns

@@ -6,7 +6,17 @@ import math
 from dataclasses import dataclass, replace
 
 from lfcal.simulate.effects import Outlook
-from lfcal.simulate.engines import MAX_ORDERS, MAX_SAMPLES, MAX_SIDE, SWITCH, Extent, Sampling
+from lfcal.simulate.engines import (
+    MAX_ORDERS,
+    MAX_SAMPLES,
+    MAX_SIDE,
+    PUPIL_LEVELS,
+    SWITCH,
+    Extent,
+    Sampling,
+    pupil_error,
+)
+from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import Scene
 
 __all__ = [
@@ -70,6 +80,12 @@ sampling for its angles, a response on a corner has an error of 5 %, with 1.6 of
 
 OUTSIDE = 0.15
 """Share of light farther than r outside the shadow, times r / (lambda Nw)."""
+
+PUPIL_MARGINS = (8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 670, 1000)
+"""Margins (px) of the windows behind single lenslets."""
+
+PUPIL_NODES, PUPIL_FLOOR = 8, 1e-5
+"""Nodes per pixel behind single lenslets, at most, and error that never matters."""
 
 REFERENCE = ((1.0, 0.03), (1.25, 0.006), (1.6, 0.002), (2.4, 0.0005))
 """Samples of the reference relative to the smallest number for the light's angles, and the expected error of each."""
@@ -142,13 +158,15 @@ class Fringes:
         return 0.4 / self.pitch_px
 
 
-def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ...]:
+def steps_for(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling, ...]:
     """Return the samplings of a level, fastest first.
 
     Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; or windows whose fields
     are added, if no grid holds the scene. Level ``"debye"``: nodes of the separable path; for other arrays, a grid.
     Level ``"grid"``: all grids that are small enough, or else the smallest one, which its engine refuses.
     """
+    if isinstance(described, PupilScene):
+        return _pupil_steps(described, level)
     fringes = Fringes.of(described)
     if level == "debye":
         grid = _grid_steps(described, fringes) if isinstance(described, Scene) and not _separable(described) else ()
@@ -181,6 +199,20 @@ def steps_for(described: Scene | Outlook, level: str) -> tuple[LevelSampling, ..
             nodes_per_px=fringes.nodes + extra, margin_px=_margin_px(margin, fringes), energy_floor=floor, coherent=True
         )
         steps.append(LevelSampling(level, sampling, error))
+    return tuple(steps)
+
+
+def _pupil_steps(scene: PupilScene, level: str) -> tuple[LevelSampling, ...]:
+    """Return the steps behind single lenslets: wider windows, and on each pixel the nodes that they are worth."""
+    if level not in PUPIL_LEVELS:
+        return (LevelSampling(level, Sampling(), 0.0),)  # its engine refuses it
+    steps = []
+    for margin in PUPIL_MARGINS if level == "wave" else (WIDEST,):
+        tried = [Sampling(nodes_per_px=n, margin_px=margin) for n in range(1, PUPIL_NODES + 1)]
+        finest = pupil_error(scene, level, tried[-1])
+        # the fewest nodes that add a tenth to the window's error
+        chosen = next((s for s in tried if pupil_error(scene, level, s) <= 1.1 * finest + PUPIL_FLOOR), tried[-1])
+        steps.append(LevelSampling(level, chosen, pupil_error(scene, level, chosen)))
     return tuple(steps)
 
 
@@ -267,7 +299,7 @@ def _margin_px(margin: float, fringes: Fringes) -> int:
     return min(WIDEST, math.ceil(margin * fringes.spot))
 
 
-def step_for(described: Scene | Outlook, level: str, tolerance: float) -> LevelSampling:
+def step_for(described: AnyScene | Outlook, level: str, tolerance: float) -> LevelSampling:
     """Return the fastest sampling of a level that is expected to keep ``tolerance``, or the finest one."""
     steps = steps_for(described, level)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])

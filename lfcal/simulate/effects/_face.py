@@ -35,7 +35,7 @@ from lfcal.simulate.effects.optics import (
     LensletDiffraction,
     LensTypeDefocus,
 )
-from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.effects.outlook import Outlook, PupilOutlook
 from lfcal.simulate.effects.pixels import AngularResponse, Crosstalk, PixelFill
 from lfcal.simulate.effects.registered import CATALOGUE, catalogue, find_effects
 from lfcal.simulate.effects.sensor import (
@@ -97,6 +97,7 @@ __all__ = [
     "PixelKernel",
     "PositioningError",
     "PsfEffect",
+    "PupilOutlook",
     "Quantisation",
     "ReadNoise",
     "Saturation",

@@ -233,6 +233,8 @@ class Effect(ABC):
     """Whether rays cannot show the effect, so that it switches lenslet diffraction on."""
     by_wavelength: ClassVar[bool] = False
     """Whether it depends on wavelength; wavelengths are then spread over the spectrum, even without `Bandwidth`."""
+    without_lattice: ClassVar[bool] = False
+    """Whether it also applies to cameras without a lenslet lattice (`lfcal.camera.Camera.has_lattice`)."""
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Smallest and largest values of magnitudes that are limited."""
     units: ClassVar[Mapping[str, str]] = {}
@@ -263,6 +265,10 @@ class Effect(ABC):
     def spectrum_um(self) -> float | None:
         """Return the full width of the spectrum stated by an effect that depends on wavelength; None: the camera's."""
         return None
+
+    def applies_to(self, camera: Camera) -> bool:
+        """Return whether ``camera`` has what the effect acts on."""
+        return self.without_lattice or camera.has_lattice
 
     def magnitude(self, field: str, camera: Camera) -> Any:
         """Return the magnitude ``field``; if it is None, the camera's value, or a typical one."""

@@ -44,6 +44,7 @@ class SensorNonlinearity(FrameEffect):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (-0.5, 0.5)}
     units: ClassVar[Mapping[str, str]] = {"share": "share"}
     title: ClassVar[str] = "sensor nonlinearity"
+    without_lattice: ClassVar[bool] = True
     # acts on the collected charge, which the well has limited; read noise is added later
     rank: ClassVar[int] = 67
     deviation: ClassVar[bool] = True

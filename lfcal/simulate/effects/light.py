@@ -47,6 +47,7 @@ class FiniteSource(LightEffect):
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"diameter_um": (50.0, 0.2)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"diameter_um": (0.0, math.inf)}
     title: ClassVar[str] = "finite source size"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 10
     deviation: ClassVar[bool] = True
 
@@ -74,7 +75,9 @@ class FiniteSource(LightEffect):
         accurate up to k R of about D/2. The edge of the shadow moves over lenslets in the same way.
         """
         radius = self.image_px(outlook) / 2
-        moved = max(radius / outlook.depth / min(outlook.widths_px), 2 * radius / outlook.camera.pitch_px)
+        moved = radius / outlook.depth / min(outlook.widths_px)
+        if outlook.camera.has_lattice:
+            moved = max(moved, 2 * radius / outlook.camera.pitch_px)
         return min(MAX_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
@@ -137,6 +140,7 @@ class Bandwidth(LightEffect):
     described: ClassVar[Mapping[str, str]] = {"width_um": "bandwidth_um"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_um": (0.0, math.inf)}
     title: ClassVar[str] = "bandwidth"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 20
 
     def width(self, outlook: Outlook) -> float:
@@ -155,11 +159,15 @@ class Bandwidth(LightEffect):
         fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
         spots = (0.25 + 0.13 * fringes) * x * x / (1.0 + x * (1.0 + 0.1 * fringes) / 0.12)
         iris = 0.25 * (x / outlook.lenslets) ** 2
+        if not outlook.camera.has_lattice:  # the rings of each spot scale with the wavelength
+            return Estimate(x, "relative", min(1.0, x * (0.2 + 0.03 * fringes)), "x = dl/l; (0.2 + 0.03 N_F) x")
         error = min(1.0, spots + iris + self._between(outlook, x))
         return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
 
     def holds(self, outlook: Outlook) -> bool:
         """Return whether each lenslet sees enough fringes of the iris for them to wash out in the same way."""
+        if not outlook.camera.has_lattice:
+            return True
         return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
 
     @staticmethod
@@ -178,6 +186,8 @@ class Bandwidth(LightEffect):
         width = self.width(outlook)
         if width == 0:
             return 1
+        if not outlook.camera.has_lattice:
+            return max(least, 3)
         # number of fringes of the iris that wash out over the spectrum: proportional to Fresnel number times width
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import Camera
 from lfcal.simulate.effects.base import Estimate, MotionEffect
-from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate.effects.outlook import Outlook, PupilOutlook
 
 __all__ = ["Backlash", "DepthError", "Drift", "PositioningError"]
 
@@ -51,6 +51,7 @@ class PositioningError(MotionEffect):
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (2.0, 0.05)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "stage error"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 10
 
     def rms(self, camera: Camera) -> float:
@@ -101,6 +102,7 @@ class Backlash(MotionEffect):
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"play_um": (10.0, 0.2)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"play_um": (0.0, math.inf)}
     title: ClassVar[str] = "backlash"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 20
 
     def play(self, camera: Camera) -> float:
@@ -155,6 +157,7 @@ class Drift(MotionEffect):
     titles: ClassVar[Mapping[str, str]] = {"rows_um": "down, at the end", "columns_um": "right, at the end"}
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"rows_um": (5.0, 0.2), "columns_um": (5.0, 0.2)}
     title: ClassVar[str] = "drift over the session"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 30
 
     def end(self, camera: Camera) -> tuple[float, float]:
@@ -204,6 +207,7 @@ class DepthError(MotionEffect):
     typical_sizes: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (10.0, 0.1)}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_um": (0.0, math.inf)}
     title: ClassVar[str] = "depth error"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 40
 
     def rms(self, camera: Camera) -> float:
@@ -214,6 +218,9 @@ class DepthError(MotionEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that results."""
         camera = outlook.camera
+        if isinstance(outlook, PupilOutlook):
+            step = MEAN * self.rms(camera)
+            return Estimate(step, "µm", outlook.moved(outlook.spread_px(step)), "dz; spots by B dz M² c/(n f²)")
         # virtual depth is nonlinear in z: use a finite step of the mean size, not a derivative
         step = MEAN * self.rms(camera)
         dv = abs(camera.virtual_depth(outlook.z_um + step) - camera.virtual_depth(outlook.z_um))

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from lfcal.camera import Camera, Microscope
+from lfcal.camera import Camera, Microscope, PupilLenslets
+from lfcal.simulate.pupil_scene import PupilScene
 
-__all__ = ["Outlook", "share_moved", "share_widened"]
+__all__ = ["Outlook", "PupilOutlook", "share_moved", "share_widened"]
 
 
 def share_moved(shift: float, width: float) -> float:
@@ -277,3 +278,96 @@ class Outlook:
     def has_lens(self) -> bool:
         """Whether the optics are a photographic main lens."""
         return not self.camera.optics.telecentric
+
+
+@dataclass(frozen=True)
+class PupilOutlook(Outlook):
+    """The same for a Fourier light-field microscope, whose lenslets image the source itself.
+
+    There is no image near the lenslets: virtual depth and what follows from it raise `lfcal.camera.NoLatticeError`.
+
+    Examples
+    --------
+    >>> from lfcal.camera import preset
+    >>> from lfcal.simulate.effects import PupilOutlook
+    >>> plane = PupilOutlook(preset("flfm_20x05"), 20.0, cutout=(901, 901), period=(1, 1))
+    >>> print(f"{plane.lenslets:.0f} spots of {plane.widths_px[0]:.1f} px (rms)")
+    7 spots of 2.2 px (rms)
+    """
+
+    @property
+    def _lenslets(self) -> PupilLenslets:
+        assert isinstance(self.camera.lattice, PupilLenslets)
+        return self.camera.lattice
+
+    @cached_property
+    def scene(self) -> PupilScene:
+        """The scene of the ideal camera, about the optical axis."""
+        optics, sensor = self.camera.optics, self.camera.sensor
+        assert isinstance(optics, Microscope)
+        return PupilScene(
+            self.wavelength_um, sensor.pixel_um, self._lenslets, optics, self.z_um, self.cutout, self.period
+        )
+
+    @property
+    def depth(self) -> float:
+        """Share of the source's shift by which spots move: all of it."""
+        return 1.0
+
+    @property
+    def regular(self) -> bool:
+        """Whether formulas hold: spots are separate at every depth."""
+        return True
+
+    @property
+    def lenslets(self) -> float:
+        """Number of lenslets."""
+        return float(len(self._lenslets.lens_centres_um))
+
+    @cached_property
+    def geometric_px(self) -> tuple[float, ...]:
+        """Radius of the geometric spot of each lenslet (pixels)."""
+        spread = self._lenslets.spread(self.scene.objective, self.z_um)
+        bend = 1 - self.gap_um / self._lenslets.focal_um + spread
+        return tuple((abs(bend) * self.clear_um / 2 / self.pixel_um).tolist())
+
+    @property
+    def airy_px(self) -> float:
+        """Rms width 0.42 lambda B / d of a lenslet's diffraction (pixels)."""
+        return 0.42 * self.wavelength_um * self.gap_um / self.clear_um / self.pixel_um
+
+    @property
+    def fresnel_lenslets(self) -> tuple[float, ...]:
+        """Fresnel number of each lenslet's defocused spot."""
+        unit = self.clear_um / 2 * self.pixel_um / (self.wavelength_um * self.gap_um)
+        return tuple(radius * unit for radius in self.geometric_px)
+
+    @property
+    def pattern_px(self) -> float:
+        """Radius of the disc with as many pixels as all spots, with two Airy radii around each."""
+        reach = (radius + 5.8 * self.airy_px for radius in self.geometric_px)
+        return math.sqrt(sum(one * one for one in reach))
+
+    def spread_px(self, step_um: float) -> float:
+        """Return the mean shift of the spots when the source moves along the axis by ``step_um`` (pixels)."""
+        radii = [math.hypot(*one) for one in self._lenslets.lens_centres_um]
+        share = abs(self._lenslets.spread(self.scene.objective, step_um))
+        return share * sum(radii) / len(radii) / self.pixel_um
+
+    def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
+        """Return the relative L1 change when every spot is blurred by ``rms_px`` per axis."""
+        total = 0.0
+        for width, fringes in zip(self.widths_px, self.fresnel_lenslets, strict=True):
+            w, n = math.hypot(width, floor_px), self.resolved * fringes
+            finer = 1.3 + 2.6 * n + 0.35 * n * n  # rings of a coherent spot (measured, n up to 2)
+            total += min(2.0, finer * share_widened(w, math.hypot(w, rms_px)))
+        return total / len(self.widths_px)
+
+    def source_moved(self, shift_px: float) -> float:
+        """Return the relative L1 change when the source's image moves by ``shift_px``: all spots follow."""
+        return self.moved(shift_px)
+
+    def shadow_moved(self, shift_px: float) -> float:
+        """Return 0: there is no shadow of an iris."""
+        del shift_px
+        return 0.0

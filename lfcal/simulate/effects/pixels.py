@@ -48,6 +48,7 @@ class PixelFill(SceneEffect):
     described: ClassVar[Mapping[str, str]] = {"fill_factor": "sensor.fill_factor"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"fill_factor": (1e-6, 1.0)}
     title: ClassVar[str] = "pixel integration and fill factor"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 90
 
     def share(self, camera: Camera) -> float:
@@ -94,6 +95,7 @@ class Crosstalk(PsfEffect):
     titles: ClassVar[Mapping[str, str]] = {"share": "to each neighbour"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 0.25)}
     title: ClassVar[str] = "pixel crosstalk"
+    without_lattice: ClassVar[bool] = True
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:

@@ -72,6 +72,7 @@ class StrayLight(FrameEffect):
     titles: ClassVar[Mapping[str, str]] = {"share": "scattered share"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"share": (0.0, 1.0)}
     title: ClassVar[str] = "stray light"
+    without_lattice: ClassVar[bool] = True
     deviation: ClassVar[bool] = True
     rank: ClassVar[int] = 20
 
@@ -118,6 +119,7 @@ class ColourFilter(FrameEffect):
     described: ClassVar[Mapping[str, str]] = {"cfa": "sensor.cfa"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"leak": (0.0, 1.0)}
     title: ClassVar[str] = "colour filter array (Bayer)"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 30
 
     def __post_init__(self) -> None:
@@ -177,6 +179,7 @@ class FixedPattern(FrameEffect):
     described: ClassVar[Mapping[str, str]] = {"prnu": "sensor.prnu"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"prnu": (0.0, math.inf), "offset_e": (0.0, math.inf)}
     title: ClassVar[str] = "fixed pattern (PRNU)"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 40
     pixel_ns: ClassVar[float] = 9.0
 
@@ -227,6 +230,7 @@ class DarkCurrent(FrameEffect):
     described: ClassVar[Mapping[str, str]] = {"e_per_s": "sensor.dark_current_e_s"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"e_per_s": (0.0, math.inf)}
     title: ClassVar[str] = "dark current"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 50
 
     def mean_e(self, camera: Camera, exposure_s: float) -> float:
@@ -260,6 +264,7 @@ class ShotNoise(FrameEffect):
 
     name: ClassVar[str] = "shot_noise"
     title: ClassVar[str] = "shot noise"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 60
     stream: ClassVar[int | None] = 60  # a fixed number, so that a seed always gives the same session
     pixel_ns: ClassVar[float] = 25.0
@@ -291,6 +296,7 @@ class Saturation(FrameEffect):
 
     name: ClassVar[str] = "saturation"
     title: ClassVar[str] = "saturation"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 65
 
     def estimate(self, outlook: Outlook) -> Estimate:
@@ -335,6 +341,7 @@ class ReadNoise(FrameEffect):
     described: ClassVar[Mapping[str, str]] = {"rms_e": "sensor.read_noise_e"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rms_e": (0.0, math.inf)}
     title: ClassVar[str] = "read noise"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 70
     stream: ClassVar[int | None] = 70
     pixel_ns: ClassVar[float] = 9.0
@@ -371,6 +378,7 @@ class Quantisation(FrameEffect):
 
     name: ClassVar[str] = "quantisation"
     title: ClassVar[str] = "quantisation"
+    without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 90
     whole_numbers: ClassVar[bool] = True
 

@@ -9,6 +9,7 @@ from lfcal.simulate.engines.field import choose_mode, field_modes
 from lfcal.simulate.engines.grid import extent_of, largest_angle
 from lfcal.simulate.engines.masks import MAX_CACHED, MAX_TABLE, bent_fineness, fineness
 from lfcal.simulate.engines.microscope import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
+from lfcal.simulate.engines.pupil import PUPIL_LEVELS, pupil_bytes, pupil_cost, pupil_error, pupil_passed
 from lfcal.simulate.engines.reference import REFERENCE_CACHE_BYTES
 from lfcal.simulate.engines.tables import aperture_radius, aperture_width, table_reach, window_of
 from lfcal.simulate.engines.tilted import orders_of
@@ -23,6 +24,7 @@ __all__ = [
     "MAX_SAMPLES",
     "MAX_SIDE",
     "MAX_TABLE",
+    "PUPIL_LEVELS",
     "REFERENCE_CACHE_BYTES",
     "SWITCH",
     "Certificate",
@@ -43,6 +45,10 @@ __all__ = [
     "is_separable",
     "largest_angle",
     "orders_of",
+    "pupil_bytes",
+    "pupil_cost",
+    "pupil_error",
+    "pupil_passed",
     "reach_um",
     "table_reach",
     "window_of",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import LfcalError, check_number
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.pupil_scene import AnyScene
 
 __all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]
 
@@ -111,7 +111,7 @@ class PlaneEngine(Protocol):
     """
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> AnyScene:
         """The scene that is computed."""
         ...
 

@@ -6,12 +6,12 @@ from functools import partial
 
 from lfcal.base import InputError, check_choice
 from lfcal.simulate.engines.base import LEVELS, PlaneEngine, Sampling
-from lfcal.simulate.scene import Scene
+from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 
 __all__ = ["engine_for"]
 
 
-def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = None) -> PlaneEngine:
+def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None = None) -> PlaneEngine:
     """Return the engine of ``level`` for ``scene``; tables of the plane are built here, once.
 
     Raises
@@ -21,6 +21,13 @@ def engine_for(scene: Scene, level: str = "wave", sampling: Sampling | None = No
     """
     check_choice("level", level, LEVELS)
     chosen = sampling or Sampling()
+    if isinstance(scene, PupilScene):
+        from lfcal.simulate.engines.pupil import PUPIL_LEVELS, PupilPlane
+
+        if level not in PUPIL_LEVELS:
+            wanted = f"auto, {' or '.join(PUPIL_LEVELS)} for a Fourier light-field microscope"
+            raise InputError.expected("level", wanted, repr(level), "choose auto")
+        return PupilPlane(scene, level, chosen)
     if scene.pixel_aspect != 1:
         from lfcal.simulate.engines._oblong import OblongPlane
 

@@ -22,7 +22,7 @@ from lfcal.simulate.engines import Sampling
 from lfcal.simulate.plane_task import EffectsLike, budgeted, describe, tolerance_for
 from lfcal.simulate.sensor.noise import FrameKind, expose, random_numbers, sample_type, temporal_noise
 from lfcal.simulate.sensor.responses import Responses, joined, place, sum_of
-from lfcal.simulate.sensor.white import white_light, white_tile
+from lfcal.simulate.sensor.white import elemental_white, white_light, white_tile
 
 __all__ = ["SOURCE", "SimulatedCamera"]
 
@@ -165,8 +165,11 @@ class SimulatedCamera(Frames):
         """Return white frame number ``index``; its brightest pixels reach the share ``level`` of the full well."""
         with self._lock:
             if self._white is None:
-                tile = white_tile(self.plan, self.effects)
-                self._white = white_light(self.plan, tile / tile.max(), self.effects)
+                if self.camera.has_lattice:
+                    tile = white_tile(self.plan, self.effects)
+                    self._white = white_light(self.plan, tile / tile.max(), self.effects)
+                else:
+                    self._white = elemental_white(self.camera)
         light = self._white * np.float32(level * self.camera.sensor.full_well_e)
         return self.expose(light, self.plan.exposures[0], FrameKind.WHITE, index)
 

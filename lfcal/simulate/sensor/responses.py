@@ -67,7 +67,9 @@ class Responses:
             key = (z, depth_error_um)
             if key not in self.cached:
                 self._evict()
-                reach = max(self._extent_px(z, dz) for dz in (0.0, depth_error_um)) + 2 * self.plan.camera.pitch_px
+                reach = max(self._extent_px(z, dz) for dz in (0.0, depth_error_um))
+                if self.plan.camera.has_lattice:  # the neighbours of the lenslets in the shadow are lit too
+                    reach += 2 * self.plan.camera.pitch_px
                 cutout = tuple(max(n, 2 * int(reach) + 1) for n in self.plan.cutout)
                 effects, share = self.budget.at(self.plan.depths_um[z])
                 made = PlaneResponse(

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.camera import ScanPlan, cutout_for, nearest_lens
+from lfcal.camera import Camera, PupilLenslets, ScanPlan, cutout_for, nearest_lens
 from lfcal.simulate.effects import Bandwidth, Distortion, Effect, FiniteSource, MissingLenslets
 from lfcal.simulate.response import PlaneResponse
 
-__all__ = ["fold", "white_light", "white_tile"]
+__all__ = ["elemental_white", "fold", "white_light", "white_tile"]
 
 BLURRED_DEPTH = 1.2
 """Virtual depth of the plane, on either side of the lenslets, that represents a uniform scene. Here a point illuminates
@@ -63,6 +63,22 @@ def _blurred(plan: ScanPlan) -> ScanPlan:
     return replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0])
 
 
+def elemental_white(camera: Camera) -> NDArray[np.float32]:
+    """Return the light ``(rows, columns)`` of an even scene behind single lenslets: a disc behind each, evenly lit.
+
+    The field stop is taken to be the largest with which elemental images do not overlap, as in published designs.
+    """
+    lenslets = camera.lattice
+    assert isinstance(lenslets, PupilLenslets)
+    rows, columns = np.indices(camera.sensor.shape, np.float32)
+    out = np.zeros(camera.sensor.shape, np.float32)
+    radius = min(lenslets.spacing_um / 2 / camera.sensor.pixel_um, float(min(camera.sensor.shape)) / 2)
+    for row, column in camera.pixels(np.array(lenslets.lens_centres_um) + np.array(lenslets.offset_um)).tolist():
+        edge = np.clip(radius + 0.5 - np.hypot(rows - row, columns - column), 0.0, 1.0)
+        np.maximum(out, edge, out=out)
+    return out
+
+
 def white_light(plan: ScanPlan, tile: NDArray[np.float64], effects: Sequence[Effect] = ()) -> NDArray[np.float32]:
     """Return the pattern over the whole sensor ``(rows, columns)``: the tile, repeated with the lattice's exact period.
 
@@ -89,7 +105,7 @@ def _darken(out: NDArray[np.float32], plan: ScanPlan, effect: MissingLenslets) -
     first = np.rint(camera.lattice.lenslet_at(camera.sensor_um(nearest_lens(camera, plan.anchor)))).astype(int)
     half = math.ceil(camera.pitch_px)
     for r, q, passed in effect.lenslets:
-        row, column = camera.pixels(camera.lattice.centres_um(first[0] + q, first[1] + r))
+        row, column = camera.pixels(camera.periodic.centres_um(first[0] + q, first[1] + r))
         top, left = max(0, round(row) - half), max(0, round(column) - half)
         part = out[top : max(0, round(row) + half + 1), left : max(0, round(column) + half + 1)]
         if not part.size:

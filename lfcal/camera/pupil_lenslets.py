@@ -1,0 +1,166 @@
+"""The lenslets of a Fourier light-field microscope: a few large ones in a plane conjugate to the objective's pupil."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError, check_choice, check_length, check_number, check_tuple, check_type
+from lfcal.camera.main_lens import Microscope
+
+__all__ = ["NoLatticeError", "PupilLenslets"]
+
+MOST_LENSLETS = 1000
+"""Largest number of lenslets; published instruments have 3 to 50."""
+
+
+class NoLatticeError(InputError, AttributeError):
+    """Something that only a periodic lenslet array has was asked of a camera without one."""
+
+    @classmethod
+    def of(cls, name: str) -> NoLatticeError:
+        """Return the error for the property ``name`` of a lattice."""
+        got = "a Fourier light-field microscope, whose lenslets form no lattice"
+        return cls.expected(name, "a camera with a periodic lenslet array", got, "it does not apply to this camera")
+
+
+@dataclass(frozen=True, slots=True)
+class PupilLenslets:
+    """Single lenslets in a pupil plane, as in a Fourier light-field microscope (FLFM, XLFM, FiMic).
+
+    A Fourier lens behind the native image plane images the objective's pupil onto the lenslets. Each lenslet sees the
+    whole field from its part of the pupil and forms an elemental image. A point is imaged alike from every place of
+    the field, so the period is one pixel and each depth plane has a single pattern [1]_ [2]_ [3]_.
+
+    A property that only a periodic array has (pitch, period, types, ...) raises `NoLatticeError`.
+
+    Attributes
+    ----------
+    lens_centres_um
+        Centres (x, y) of the lenslets from the optical axis, x to the right, y downwards (µm).
+    fourier_um
+        Focal length of the Fourier lens (µm).
+    gap_um
+        Distance from the lenslets to the sensor (µm).
+    focal_lengths_um
+        Focal length of the lenslets (µm): one for all, or one for each.
+    clear_um
+        Diameter of round lenslets, side of square ones (µm).
+    aperture
+        ``"round"`` or ``"square"``, the sides along the sensor's rows and columns.
+    offset_um
+        Where the optical axis meets the sensor, (x, y) from its centre (µm).
+
+    References
+    ----------
+    .. [1] A. Llavador et al., "Resolution improvements in integral microscopy with Fourier plane recording", Opt.
+       Express 24, 20792 (2016); G. Scrofani et al., "FIMic: design for ultimate 3D-integral microscopy of in-vivo
+       biological samples", Biomed. Opt. Express 9, 335 (2018).
+    .. [2] L. Cong et al., "Rapid whole brain imaging of neural activity in freely behaving larval zebrafish", eLife 6,
+       e28158 (2017): XLFM.
+    .. [3] C. Guo et al., "Fourier light-field microscopy", Opt. Express 27, 25573 (2019).
+
+    Examples
+    --------
+    >>> from lfcal.camera import Microscope, PupilLenslets
+    >>> lenslets = PupilLenslets(((0.0, 0.0), (2500.0, 0.0)), 150e3, 60e3, (60e3,), 2500.0)
+    >>> print(lenslets.pupil_um(Microscope(20.0, 0.5)), lenslets.relay)
+    7500.0 0.4
+    >>> lenslets.pitch_um
+    Traceback (most recent call last):
+    lfcal.camera.pupil_lenslets.NoLatticeError: lattice.pitch_um: expected a camera with a periodic lenslet array, got
+    ... does not apply to this camera
+    """
+
+    lens_centres_um: tuple[tuple[float, float], ...]
+    fourier_um: float
+    gap_um: float
+    focal_lengths_um: tuple[float, ...]
+    clear_um: float
+    aperture: str = "round"
+    offset_um: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_type("centres of the lenslets", self.lens_centres_um, (tuple, list))
+        centres = tuple(check_tuple("centre of a lenslet (x, y) (µm)", one, 2) for one in self.lens_centres_um)
+        check_number("lenslets", len(centres), at_least=1, at_most=MOST_LENSLETS, remedy="list the centre of each")
+        if len(set(centres)) < len(centres):
+            raise InputError.expected("centres of the lenslets", "different places", "a repeated one", "remove it")
+        object.__setattr__(self, "lens_centres_um", centres)
+        check_length("focal length of the Fourier lens (µm)", self.fourier_um)
+        check_length("lenslet-sensor gap (µm)", self.gap_um)
+        focal = check_tuple("focal lengths of the lenslets (µm)", self.focal_lengths_um)
+        if len(focal) not in (1, len(centres)):
+            wanted = f"one for all, or one for each of {len(centres)} lenslets"
+            raise InputError.expected("focal lengths of the lenslets", wanted, len(focal), "correct them")
+        for one in focal:
+            check_length("focal length of a lenslet (µm)", one)
+        object.__setattr__(self, "focal_lengths_um", focal)
+        check_length("clear diameter of a lenslet (µm)", self.clear_um)
+        check_choice("aperture of the lenslets", self.aperture, ("round", "square"))
+        object.__setattr__(self, "offset_um", check_tuple("optical axis on the sensor (x, y) (µm)", self.offset_um, 2))
+
+    def __getattr__(self, name: str) -> Any:
+        """Raise for what only a lattice has; called for names that this class lacks."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise NoLatticeError.of(f"lattice.{name}")
+
+    @property
+    def focal_um(self) -> NDArray[np.float64]:
+        """Focal length of each lenslet ``(n,)`` (µm)."""
+        return np.broadcast_to(np.array(self.focal_lengths_um), len(self.lens_centres_um)).copy()
+
+    @property
+    def relay(self) -> float:
+        """Magnification from the native image plane to the sensor, by the chief ray: gap over Fourier focal length."""
+        return self.gap_um / self.fourier_um
+
+    @property
+    def clear_diameter_um(self) -> float:
+        """Clear diameter of a lenslet, or its side (µm)."""
+        return self.clear_um
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle of rows to the sensor: 0, for there are none."""
+        return 0.0
+
+    @property
+    def spacing_um(self) -> float:
+        """Smallest distance between two lenslets (µm); infinite for a single one."""
+        if len(self.lens_centres_um) == 1:
+            return math.inf
+        centres = np.array(self.lens_centres_um)
+        apart = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
+        return float(apart[~np.eye(len(centres), dtype=bool)].min())
+
+    def pupil_um(self, optics: Microscope) -> float:
+        """Return the diameter of the objective's pupil on the lenslets (µm): 2 NA f / M."""
+        return 2 * optics.numerical_aperture * self.fourier_um / optics.magnification
+
+    def spread(self, optics: Microscope, z_um: float) -> float:
+        """Return by how much the elemental spots of a point at ``z_um`` lie farther apart than the lenslets.
+
+        The lenslet at c images the point at c (1 + spread) from the axis: a point beyond the focal plane sends a
+        converging wave through the pupil. Paraxial: -z gap M² / (n f²).
+        """
+        return -z_um * self.gap_um * (optics.magnification / self.fourier_um) ** 2 / optics.medium_index
+
+    def lenslets_within(
+        self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Return the centres of elemental images ``(n, 2)`` as (x, y) inside a box about ``about_um``, and type 0."""
+        centres = np.array(self.lens_centres_um) + np.array(self.offset_um)
+        inside = (np.abs(centres - np.array(about_um)) <= (half_width_um, half_height_um)).all(-1)
+        return centres[inside], np.zeros(int(inside.sum()), np.intp)
+
+    def local(self, about_um: tuple[float, float]) -> PupilLenslets:
+        """Return the lenslets themselves: they are the same from every place of the field."""
+        del about_um
+        return self
