@@ -13,6 +13,8 @@ from lfcal.camera.pupil_lenslets import PupilLenslets
 
 __all__ = ["QUANTITIES", "Quantity", "has_value", "quantities_of", "value_at"]
 
+CENTRES = "lattice.lens_centres_um"
+
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
@@ -70,7 +72,6 @@ LENS = "--lens FOCAL,F_NUMBER,DISTANCE"
 OBJECTIVE = "--objective MAGNIFICATION,NA,INDEX"
 SENSOR = "--sensor ROWSxCOLUMNS,PIXEL"
 
-CENTRES = "lattice.lens_centres_um"
 CLEAR = "lattice.clear_um"
 UNSTATED = {"square": "squares without gaps", "hexagonal": "round, the pitch across"}
 """Shape of lenslets without a stated clear diameter, by the kind of array; others are round, within their cells."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.simulate.pupil_scene import AnyScene, PupilScene
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import PupilIris, Scene
 
 __all__ = ["folded", "is_mirror_symmetric", "mirrored_rows"]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
+from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate.engines import pupil_passed
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
-from lfcal.simulate.pupil_scene import PupilScene
 from lfcal.simulate.sensor import white_tile
 from lfcal.simulate.staging import scene_for
 

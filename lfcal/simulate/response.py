@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import raise_if_abandoned
 from lfcal.camera import ScanPlan
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.accuracy import RETRIES, balanced, finer, settle, step_for
 from lfcal.simulate.effects import Effect, LightSample
 from lfcal.simulate.engines import Certificate, Displaceable, EnergyError, PlaneEngine, Sampling, engine_for
-from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.staging import filter_kernel, filtered, light_samples, outlook_of, resolve_level, scene_for
 
 __all__ = ["PlaneResponse"]

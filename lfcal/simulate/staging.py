@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, choose
 from lfcal.camera import Camera, LensletLattice, Microscope, NoLatticeError, ScanPlan
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.effects import (
     Bandwidth,
     Effect,
@@ -23,7 +24,6 @@ from lfcal.simulate.effects import (
     SceneEffect,
 )
 from lfcal.simulate.engines import LEVELS
-from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import PupilIris, Scene
 
 __all__ = [

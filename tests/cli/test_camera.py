@@ -13,7 +13,17 @@ import pytest
 import tifffile
 import typer
 
-from lfcal.camera import Camera, LatticeDistortion, LensletLattice, LensType, MainLens, Marks, Sensor, preset
+from lfcal.camera import (
+    Camera,
+    LatticeDistortion,
+    LensletLattice,
+    LensType,
+    MainLens,
+    Marks,
+    PupilLenslets,
+    Sensor,
+    preset,
+)
 from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import REAL, needs_real, xml
 from tests.cli.conftest import Run
@@ -172,6 +182,24 @@ def test_new_asks(lfcal: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert camera.optics.tube_length_um == 180e3  # type: ignore[union-attr]
     assert not any("lenslet array" in text for text in asked)
     assert camera.marks["optics.numerical_aperture"] == "stated" and camera.marks["sensor.shape"] == "assumed"
+
+
+def test_a_fourier_microscope_is_described_by_options_and_planned(lfcal: Command, tmp_path: Path) -> None:
+    out = tmp_path / "flfm.json"
+    places = "lattice.lens_centres_um=-2mm,0; 2mm,0; 0,2.5mm"
+    done = lfcal("camera", "new", "--type", "fourier", "--yes", "--objective", "20,0.5,1", "--set", places, "-o", out)
+    assert done.code == 0, done.err
+    camera = Camera.from_json(out.read_text())
+    assert isinstance(camera.lattice, PupilLenslets)
+    assert camera.lattice.lens_centres_um == ((-2000.0, 0.0), (2000.0, 0.0), (0.0, 2500.0))
+    planned = lfcal("plan", out, "--depths=-10,0,10", "--json", "-o", tmp_path / "plan.json")
+    assert planned.code == 0, planned.err
+    facts = json.loads(planned.out)
+    assert facts["period"] == [1, 1] and facts["virtual_depths"] == []
+    refused = lfcal("plan", out, "--virtual-depths", "3", "-o", tmp_path / "other.json")
+    assert refused.code == 2 and "virtual depth" in refused.err
+    wrong = lfcal("camera", "new", "--type", "fourier", "--yes", "--pitch", "100", "-o", tmp_path / "no.json")
+    assert wrong.code == 2 and "one of a Fourier light-field microscope" in wrong.err
 
 
 @pytest.mark.parametrize(

@@ -90,8 +90,7 @@ def lattice_points(
     )
     middle_row, middle_column = ((n - 1) / 2 for n in camera.sensor.shape)
     height, width = max(1.0, rows[1] - rows[0]), max(1.0, columns[1] - columns[0])
-    pitch = camera.pitch_px
-    if height * width / pitch**2 > MAX_POINTS:
+    if camera.has_lattice and height * width / camera.pitch_px**2 > MAX_POINTS:
         return np.zeros((0, 2)), np.zeros(0, np.intp)
     about = (
         ((columns[0] + columns[1]) / 2 - middle_column) * pixel,

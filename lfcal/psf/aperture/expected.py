@@ -25,7 +25,7 @@ def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0,
     >>> print(round(footprint_px(microscope), 2), "px")
     15.0 px
     """
-    if camera is None:
+    if camera is None or not camera.has_lattice:
         return 0.0
     lattice = camera.lattice
     bend = max(lattice.gap_um / kind.focal_length_um for kind in lattice.types)

@@ -10,12 +10,12 @@ import numpy as np
 
 from lfcal.base import worker_count
 from lfcal.camera import ScanPlan
+from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, step_for, steps_for, tilt_orders
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import Sampling, pupil_bytes
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted
-from lfcal.simulate.pupil_scene import PupilScene
 from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import filter_kernel, resolve_level, scene_for
 from lfcal.work import RunChoice

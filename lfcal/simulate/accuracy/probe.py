@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, step_for, steps_for
 from lfcal.simulate.engines import SWITCH, EnergyError, PlaneEngine, Sampling, engine_for
-from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import Scene
 
 __all__ = ["LARGEST_GRID", "RETRIES", "Settled", "balanced", "places", "settle"]

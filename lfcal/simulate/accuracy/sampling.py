@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.effects import Outlook
 from lfcal.simulate.engines import (
     MAX_ORDERS,
@@ -16,7 +17,6 @@ from lfcal.simulate.engines import (
     Sampling,
     pupil_error,
 )
-from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import Scene
 
 __all__ = [

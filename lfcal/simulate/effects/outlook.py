@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from lfcal.camera import Camera, Microscope, PupilLenslets
-from lfcal.simulate.pupil_scene import PupilScene
+from lfcal.simulate._pupil_scene import PupilScene
 
 __all__ = ["Outlook", "PupilOutlook", "share_moved", "share_widened"]
 

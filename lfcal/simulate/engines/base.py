@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import LfcalError, check_number
-from lfcal.simulate.pupil_scene import AnyScene
+from lfcal.simulate._pupil_scene import AnyScene
 
 __all__ = ["LEVELS", "Certificate", "Displaceable", "EnergyError", "PlaneEngine", "Sampling"]
 

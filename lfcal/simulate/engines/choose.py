@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 
 from lfcal.base import InputError, check_choice
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.engines.base import LEVELS, PlaneEngine, Sampling
-from lfcal.simulate.pupil_scene import AnyScene, PupilScene
 
 __all__ = ["engine_for"]
 

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import centre, raise_if_abandoned
+from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate.engines._quadrature import gauss_legendre
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Sampling
-from lfcal.simulate.pupil_scene import PupilScene
 
 __all__ = ["PUPIL_LEVELS", "PupilPlane", "pupil_bytes", "pupil_cost", "pupil_error", "pupil_passed"]
 

@@ -9,7 +9,7 @@ from PySide6.QtGui import QColor, QPainter, QPainterPath, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from lfcal.base import format_length
-from lfcal.camera import Camera, MainLens, preset
+from lfcal.camera import Camera, LensletLattice, MainLens, preset
 from lfcal_gui.theme import TYPE_COLOURS, current_theme
 from lfcal_gui.widgets import offer_menu
 
@@ -112,16 +112,21 @@ class OpticsView(QWidget):
     def _draw_array(self, p: QPainter, box: QRectF) -> None:
         theme = current_theme()
         lattice = self._camera.lattice
-        shown = 5
-        scale = min((box.height() - 30) / (shown * lattice.pitch_um), (box.width() - PITCH_LABEL) / lattice.gap_um)
-        gap, pitch = lattice.gap_um * scale, lattice.pitch_um * scale
+        shown, pitch_um, types, word = 5, lattice.clear_um, 1, "lenslet"
+        if isinstance(lattice, LensletLattice):
+            pitch_um, types, word = lattice.pitch_um, len(lattice.types), "pitch"
+        assert pitch_um is not None
+        across, along = box.height() - 30, box.width() - PITCH_LABEL
+        # slow lenslets are drawn shorter than they are: they would be too narrow to be seen
+        scale = min(across / (shown * pitch_um), max(along / lattice.gap_um, 6 / pitch_um))
+        gap, pitch = min(lattice.gap_um * scale, along), pitch_um * scale
         x0 = box.left() + (box.width() - PITCH_LABEL - gap) / 2
         middle = box.center().y() - 4
         clear = lattice.clear_diameter_um * scale / 2
         half_cone = min(math.atan(0.5 / self._camera.optics.working_f_number), 1.4)
         for k in range(shown):
             y = middle + (k - (shown - 1) / 2) * pitch
-            colour = QColor(TYPE_COLOURS[k % len(lattice.types)])
+            colour = QColor(TYPE_COLOURS[k % types])
             self._draw_lenslet(p, x0, y, clear, colour)
             cone = QColor(colour)
             cone.setAlpha(46)
@@ -135,7 +140,7 @@ class OpticsView(QWidget):
         p.drawLine(QPointF(x0 + gap, middle - span), QPointF(x0 + gap, middle + span))
         self._dimension(p, x0, x0 + gap, middle + span + 6, f"gap {format_length(lattice.gap_um)}")
         p.setPen(QColor(theme.muted))
-        text = f"pitch\n{format_length(lattice.pitch_um)}"
+        text = f"{word}\n{format_length(pitch_um)}"
         p.drawText(QRectF(x0 + gap + 8, middle - 18, 70, 40), Qt.AlignmentFlag.AlignVCenter, text)
 
     def _draw_lenslet(self, p: QPainter, x: float, y: float, half: float, colour: QColor) -> None:

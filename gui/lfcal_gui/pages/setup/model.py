@@ -12,16 +12,19 @@ from lfcal.base import InputError, LfcalError, drain
 from lfcal.camera import (
     Camera,
     Derived,
+    Draft,
     LensletLattice,
     LensType,
     MainLens,
     Marks,
     Microscope,
+    PupilLenslets,
     ScanPlan,
     Sensor,
     derived_of,
     doubts,
     quantities_of,
+    read_camera_value,
 )
 from lfcal_gui.models import Field, ProjectState
 from lfcal_gui.pages.setup.model_scan import default_plan
@@ -31,7 +34,10 @@ if TYPE_CHECKING:
 
 DEGREE = math.pi / 180
 
-OPTICS = (("MainLens", "main lens"), ("Microscope", "microscope"))
+OPTICS = (("MainLens", "main lens"), ("Microscope", "microscope"), ("FourierMicroscope", "Fourier microscope"))
+KINDS = "A photographic main lens, a telecentric microscope, or one with lenslets in a pupil plane"
+APERTURES = (("round", "round"), ("square", "square"))
+CENTRES = "Centre of each lenslet from the optical axis: x, y; x, y; …, to the right and downwards"
 ARRAYS = (("hexagonal", "hexagonal"), ("square", "square"))
 CLEAR = "Of a lenslet on the sensor, round within its cell; empty: squares without gaps, discs of the pitch"
 FARTHEST = 1e6
@@ -43,7 +49,12 @@ SATURATED = "Sample value from which samples are saturated; empty: the highest o
 
 MAIN_LENS = (
     Field(
-        "optics.kind", "Optics", "", "A photographic main lens, or a telecentric microscope", "choice", choices=OPTICS
+        "optics.kind",
+        "Optics",
+        "",
+        KINDS,
+        "choice",
+        choices=OPTICS,
     ),
     Field("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
     Field("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
@@ -75,6 +86,10 @@ LATTICE = (
     Field("lattice.clear_um", "Clear diameter", "µm", CLEAR, optional=True, empty="as wide as the pitch"),
     Field("lattice.focus", "Types in focus at v", "", FOCUS, "floats", endless=True),
     Field("lattice.distortion", "Distortion", "", DISTORTED, "shown"),
+    Field("lattice.fourier_um", "Fourier lens", "mm", "Focal length of the lens between image and lenslets", scale=1e3),
+    Field("lattice.focal_lengths_um", "Lenslets' focal lengths", "µm", "One for all, or one for each", "floats"),
+    Field("lattice.lens_centres_um", "Lenslet centres", "µm", CENTRES, "text"),
+    Field("lattice.aperture", "Aperture", "", "Outline of a lenslet", "choice", choices=APERTURES),
 )
 
 UNKNOWN: dict[str, Any] = {"optional": True, "empty": "not known"}
@@ -103,10 +118,14 @@ LIGHT = (
     Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
 )
 
+OF_A_LATTICE = ("kind", "pitch_um", "row_pitch_um", "gap_um", "rotation_rad", "shear_rad", "clear_um")
+IN_A_PUPIL = ("fourier_um", "gap_um", "focal_lengths_um", "clear_um", "aperture")
+"""Values of the two kinds of lenslets that have a field of the same name."""
+
 BASIC = (
     *("optics.focal_length_um", "optics.f_number", "optics.working_distance_um"),
     *("optics.magnification", "optics.numerical_aperture", "optics.tube_length_um"),
-    *("lattice.pitch_um", "sensor.pixel_um", "camera.wavelength_um"),
+    *("lattice.pitch_um", "lattice.fourier_um", "sensor.pixel_um", "camera.wavelength_um"),
 )
 """Values that a camera cannot do without: three of a main lens or of a microscope, and three of the rest."""
 
@@ -158,10 +177,12 @@ def confirmed(camera: Camera, paths: Iterable[str]) -> Camera:
 
 def stated(before: Camera, after: Camera, key: str) -> Camera:
     """Return ``after``, which differs from ``before`` in one field, with that field marked as stated."""
-    if key == "optics.kind" and type(before.optics) is not type(after.optics):
-        kept = {path: mark for path, mark in after.marks if not path.startswith("optics.")}
-        taken = {q.path: "assumed" for q in quantities_of(after) if q.path.startswith("optics.")}
-        return replace(after, marks=Marks.of(kept | taken))
+    if key == "optics.kind":
+        changed = [k for k in ("optics", "lattice") if type(getattr(before, k)) is not type(getattr(after, k))]
+        parts = tuple(f"{part}." for part in changed)
+        kept = {path: mark for path, mark in after.marks if not path.startswith(parts)}
+        taken = {q.path: "assumed" for q in quantities_of(after) if q.path.startswith(parts)}
+        return replace(after, marks=Marks.of(kept | taken)) if parts else after
     if key == "lattice.kind" and before.lattice.kind != after.lattice.kind:
         after = replace(after, marks=Marks.of({path: mark for path, mark in after.marks if path not in OF_ROWS}))
     path = path_of(key)
@@ -234,14 +255,17 @@ def _same_geometry(one: Camera, other: Camera) -> bool:
 def values_of(camera: Camera) -> dict[str, Any]:
     """Return the value of every field for ``camera``."""
     optics, lattice, sensor = camera.optics, camera.lattice, camera.sensor
-    found: dict[str, Any] = {"optics.kind": type(optics).__name__}
+    found: dict[str, Any] = {"optics.kind": kind_of(camera)}
     for spec in MAIN_LENS[1:] if isinstance(optics, MainLens) else MICROSCOPE[1:]:
         found[spec.key] = getattr(optics, spec.key.split(".")[1])
-    for name in ("kind", "pitch_um", "row_pitch_um", "gap_um", "rotation_rad", "shear_rad", "clear_um"):
+    for name in IN_A_PUPIL if isinstance(lattice, PupilLenslets) else OF_A_LATTICE:
         found[f"lattice.{name}"] = getattr(lattice, name)
     found["lattice.offset_x"], found["lattice.offset_y"] = lattice.offset_um
-    found["lattice.focus"] = tuple(_tidy(t.focus_depth(lattice.gap_um)) for t in lattice.types)
-    found["lattice.distortion"] = _distortion(camera)
+    if isinstance(lattice, PupilLenslets):
+        found["lattice.lens_centres_um"] = "; ".join(f"{x:.9g}, {y:.9g}" for x, y in lattice.lens_centres_um)
+    else:
+        found["lattice.focus"] = tuple(_tidy(t.focus_depth(lattice.gap_um)) for t in lattice.types)
+        found["lattice.distortion"] = _distortion(camera)
     found["sensor.rows"], found["sensor.columns"] = sensor.shape
     for spec in SENSOR[2:]:
         found[spec.key] = getattr(sensor, spec.key.split(".")[1])
@@ -249,8 +273,13 @@ def values_of(camera: Camera) -> dict[str, Any]:
     return found
 
 
+def kind_of(camera: Camera) -> str:
+    """Return the kind of camera, one of `OPTICS`."""
+    return type(camera.optics).__name__ if camera.has_lattice else "FourierMicroscope"
+
+
 def _distortion(camera: Camera) -> str:
-    found = camera.lattice.distortion
+    found = camera.periodic.distortion
     if found is not None:
         return f"{found.model}, {found.largest / camera.sensor.pixel_um:.2f} px"
     return "none" if camera.distortion is None else "maker's, not applied"
@@ -263,9 +292,16 @@ def _tidy(depth: float) -> float:
 
 def optics_of_kind(camera: Camera, kind: str) -> Camera:
     """Return ``camera`` with optics of another kind, at their defaults."""
-    if kind == type(camera.optics).__name__:
+    if kind == kind_of(camera):
         return camera
-    return replace(camera, optics=MainLens() if kind == "MainLens" else Microscope())
+    optics = camera.optics
+    if kind == "MainLens" or isinstance(optics, MainLens):
+        optics = MainLens() if kind == "MainLens" else Microscope()
+    if kind == "FourierMicroscope":
+        lattice: LensletLattice | PupilLenslets = Draft(kind).camera("").lattice
+    else:
+        lattice = camera.lattice if camera.has_lattice else Draft(kind).camera("").lattice
+    return replace(camera, optics=optics, lattice=lattice)
 
 
 def apply_change(camera: Camera, key: str, value: Any) -> tuple[Camera | None, str]:
@@ -300,12 +336,15 @@ def _sensor(sensor: Sensor, name: str, value: Any) -> Sensor:
     return replace(sensor, **{name: value})
 
 
-def _lattice(lattice: LensletLattice, name: str, value: Any) -> LensletLattice:
+def _lattice(lattice: LensletLattice | PupilLenslets, name: str, value: Any) -> LensletLattice | PupilLenslets:
     x, y = lattice.offset_um
     if name == "offset_x":
         return replace(lattice, offset_um=(value, y))
     if name == "offset_y":
         return replace(lattice, offset_um=(x, value))
+    if isinstance(lattice, PupilLenslets):
+        own = read_camera_value("lattice.lens_centres_um", value) if name == "lens_centres_um" else value
+        return replace(lattice, **{name: own})
     if name == "focus":
         if any(FARTHEST < abs(v) < math.inf for v in value):
             raise InputError.expected("virtual depths in focus", "at most 1e6, or inf", value, "write inf for infinity")

@@ -177,7 +177,7 @@ def _described(camera: Camera, shape: tuple[int, ...]) -> NDArray[np.float64]:
     seen = replace(camera, sensor=replace(camera.sensor, shape=(shape[0], shape[1])))
     pixel = camera.sensor.pixel_um
     # what is described in another unit would fill the frame with millions
-    if camera.pitch_px < 2:
+    if camera.has_lattice and camera.pitch_px < 2:
         return np.empty((0, 2))
     centres, _ = seen.lattice.lenslets_within(shape[1] / 2 * pixel, shape[0] / 2 * pixel)
     return _thinned(seen.pixels(centres))

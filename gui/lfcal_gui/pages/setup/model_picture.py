@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import drain, format_bytes, format_count, format_length, format_seconds, format_share
-from lfcal.camera import Camera, Forecast, ScanPlan, not_stated_for_noise
+from lfcal.camera import Camera, Forecast, PupilLenslets, ScanPlan, not_stated_for_noise
 from lfcal_gui.models import CUTOUT, Outline, Overlay, Shot, cutout_of
 from lfcal_gui.pages.setup.model_check import Checked
 from lfcal_gui.pages.setup.model_scan import scan_path
@@ -95,7 +96,7 @@ class ScanScene:
             row, column, height, width = counted
             room = 0.3 * max(height, width)
             return row - room, column - room, height + 2 * room, width + 2 * room
-        side = LENSLETS * self.camera.pitch_px
+        side = LENSLETS * self.camera.pitch_px if self.camera.has_lattice else math.inf
         height, width = min(float(rows), side), min(float(columns), 1.5 * side)
         return (rows - height) / 2, (columns - width) / 2, height, width
 
@@ -129,7 +130,8 @@ class ScanScene:
     def centres(self, view: Area) -> Camera | None:
         """Return the camera whose centres of lenslets are drawn in ``view``; None: there are too many."""
         camera = self.lattice
-        return camera if view[2] * view[3] < CENTRES * camera.pitch_px**2 else None
+        few = not camera.has_lattice or view[2] * view[3] < CENTRES * camera.pitch_px**2
+        return camera if few else None
 
     def scan_overlays(self) -> tuple[Overlay, ...]:
         """Return the border of the scan and its path."""
@@ -171,6 +173,14 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
     """Return lenslets as discs, or as squares without gaps, at sensor rows and columns."""
     lattice = camera.lattice
     values = np.full((rows.size, columns.size), DARK, np.float32)
+    if isinstance(lattice, PupilLenslets):
+        radius = min(lattice.spacing_um, lattice.clear_um) / 2
+        xy = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
+        for centre in np.array(lattice.lens_centres_um) + np.array(lattice.offset_um):
+            reach = np.hypot(*np.moveaxis(xy - centre, -1, 0))
+            lit = np.clip((radius - reach) / (step * camera.sensor.pixel_um) + 0.5, 0, 1)
+            values = np.maximum(values, DARK + (LIT - DARK - SHADE * (reach / radius) ** 4) * lit).astype(np.float32)
+        return values
     if camera.pitch_px >= FINEST * step:
         xy = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
         index = lattice.lenslet_at(xy)

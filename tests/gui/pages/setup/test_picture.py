@@ -39,7 +39,7 @@ def test_every_cutout_of_the_scan_is_within_the_dashed_border(name: str) -> None
     assert row <= middle[0] and middle[0] + middle[2] <= row + height
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", [name for name in PRESETS if preset(name).has_lattice])
 def test_lenslets_are_bright_at_their_centres_and_dark_between(name: str) -> None:
     camera = preset(name)
     view = (100.0, 120.0, 6 * camera.pitch_px, 8 * camera.pitch_px)
@@ -57,6 +57,18 @@ def test_lenslets_with_apertures_of_a_point_are_drawn() -> None:
     lattice = replace(preset("bench").lattice, clear_um=1e-30)
     shot = ScanScene(replace(preset("bench"), lattice=lattice)).shot((100.0, 120.0, 80.0, 90.0))
     assert shot.values is not None and np.isfinite(shot.values).all()
+
+
+def test_single_lenslets_are_drawn_at_their_places() -> None:
+    camera = preset("flfm_20x05")
+    scene = ScanScene(camera)
+    shot = scene.shot(scene.area())
+    assert shot.values is not None and shot.values.min() == pytest.approx(DARK)
+    rows, columns = camera.sensor.shape
+    centres, _ = lattice_points(camera, (0.0, float(rows)), (0.0, float(columns)))
+    assert len(centres) == 7
+    for centre in centres:
+        assert shot.value_at(shot.pixel_at(*centre)) == pytest.approx(LIT, abs=0.01)
 
 
 def test_nothing_is_drawn_off_the_sensor() -> None:

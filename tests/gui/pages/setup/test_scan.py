@@ -14,6 +14,9 @@ from lfcal_gui.pages.setup.model_target import PlanSettings
 def test_plan_fields_go_both_ways(name: str) -> None:
     plan = plan_form.default_plan(preset(name))
     for key, value in plan_form.values_of(plan).items():
+        if key == "virtual_depths" and not plan.camera.has_lattice:
+            assert not value
+            continue
         again, error = plan_form.apply_change(plan, key, value)
         assert not error, (key, error)
         assert again is not None and again.shape == plan.shape
