@@ -22,7 +22,7 @@ PRNU, FLICKER = 0.01, 0.01
 
 def _one_type() -> Camera:
     camera = preset("bench")
-    return replace(camera, lattice=replace(camera.lattice, types=camera.lattice.types[1:2]))
+    return replace(camera, lattice=replace(camera.periodic, types=camera.lattice.types[1:2]))
 
 
 def _square() -> Camera:
@@ -33,7 +33,7 @@ def _square() -> Camera:
 
 def _turned(degrees: float) -> Camera:
     camera = preset("bench")
-    return replace(camera, lattice=replace(camera.lattice, rotation_rad=math.radians(degrees)))
+    return replace(camera, lattice=replace(camera.periodic, rotation_rad=math.radians(degrees)))
 
 
 def _whole_60x() -> Camera:

@@ -118,7 +118,7 @@ def blurred_type(r: Recording, s: float) -> F4:
     camera = r.plan.camera
     types = list(camera.lattice.types)
     types[1] = replace(types[1], focal_length_um=types[1].focal_length_um * (1 + s))
-    return r.noisy(r.with_camera(replace(camera, lattice=replace(camera.lattice, types=tuple(types)))))
+    return r.noisy(r.with_camera(replace(camera, lattice=replace(camera.periodic, types=tuple(types)))))
 
 
 def shadow(*, straight: bool) -> PutIn:

@@ -32,7 +32,7 @@ def _r29_like() -> Camera:
     camera, pitch = preset("r29"), 15.0 * 5.5
     gap = 5.0 * pitch
     types = tuple(LensType.focused_at(v, gap) for v in (2.0, 3.0, 5.0))
-    small = replace(camera.lattice, pitch_um=pitch, gap_um=gap, types=types, clear_um=0.98 * pitch)
+    small = replace(camera.periodic, pitch_um=pitch, gap_um=gap, types=types, clear_um=0.98 * pitch)
     return replace(camera, name="r29-like", lattice=small, sensor=replace(camera.sensor, shape=(400, 400)))
 
 

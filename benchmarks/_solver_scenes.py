@@ -95,7 +95,7 @@ def _microscope() -> Camera:
 
     # lenslets of whole pixels
     camera = preset("lfm_60x12")
-    lattice = replace(camera.lattice, pitch_um=100.1)
+    lattice = replace(camera.periodic, pitch_um=100.1)
     return replace(camera, lattice=lattice, sensor=replace(camera.sensor, shape=(260, 260), pixel_um=100.1 / 11))
 
 
