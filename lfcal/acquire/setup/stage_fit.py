@@ -399,7 +399,7 @@ def _depth_of(plan: ScanPlan, z: int, spread: NDArray[np.float64]) -> tuple[floa
     Near the focus the spread does not show the depth: it is taken to be the plan's.
     """
     camera, planned = plan.camera, plan.depths_um[z]
-    if rms_radius_px(camera, planned) < camera.pitch_px:
+    if not camera.has_lattice or rms_radius_px(camera, planned) < camera.pitch_px:
         return planned, False
     share = np.linspace(0.0, 4.0, 201)
     radii = np.array([rms_radius_px(camera, planned * s) for s in share])

@@ -17,7 +17,14 @@ from lfcal.judge.quality._lattice import wave_vectors
 from lfcal.judge.quality._periodicity import Periodicity, periodicity
 from lfcal.judge.quality.across import MatrixMeasures
 from lfcal.judge.quality.catalogue import METRICS
-from lfcal.judge.quality.measure import PASSES, PlaneContext, PlaneMeasures, iter_measure
+from lfcal.judge.quality.measure import (
+    PASSES,
+    PlaneContext,
+    PlaneMeasures,
+    has_elemental_images,
+    iter_measure,
+    lattice_camera,
+)
 from lfcal.judge.quality.metric import UNKNOWN, Metric, MetricSpec, Reading, judge
 from lfcal.judge.quality.report import QualityReport
 from lfcal.psf import PSFMatrix
@@ -114,7 +121,8 @@ def iter_inspect_plane(
     ``clock`` counts `PASSES` per plane; ``before`` planes are done. The rest is as in `iter_inspect`.
     """
     # with a distorted lattice, use the lattice at the scanned cell
-    camera = None if H.camera is None else H.camera.local(H.anchor)
+    described = lattice_camera(H)
+    camera = None if described is None else described.local(H.anchor)
     waves = wave_vectors(camera, H.period, H.pixel_scale)
     patterns = np.ascontiguousarray(H.plane(z), np.float32)
     context = _context(H, z, waves, _tiling(H, patterns, (controls or {}).get(z)))
@@ -152,10 +160,11 @@ def _context(H: PSFMatrix, z: int, waves: NDArray[np.float64], tiling: Periodici
 
 
 def _expected(H: PSFMatrix, z: int) -> NDArray[np.float64] | None:
-    if H.camera is None:
+    camera = lattice_camera(H)
+    if camera is None:
         return None
     try:
-        return expected_sum(H.camera, float(H.depths[z]), H.cutout, H.pixel_scale)
+        return expected_sum(camera, float(H.depths[z]), H.cutout, H.pixel_scale)
     except InputError:  # a depth that this camera cannot image: plane numbers, or depths of another camera
         return None
 
@@ -171,6 +180,8 @@ def _tiling(
 def _ask(spec: MetricSpec, plane: PlaneMeasures) -> Reading:
     """Return a metric's value of this plane."""
     if spec.of_plane is None or (spec.needs_light and not plane.lit):
+        return UNKNOWN
+    if spec.needs_centre and has_elemental_images(plane.about.matrix):
         return UNKNOWN
     return spec.of_plane(plane)
 
@@ -201,7 +212,7 @@ def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: floa
 def _told(plane: PlaneMeasures, shadow_px: float) -> Aperture:
     """Return the plane's aperture, which is refused if its sum shows the lenslets and not the shadow."""
     aperture, edges = plane.about.aperture, plane.edges
-    known = plane.about.matrix.camera is not None and math.isfinite(plane.spread) and plane.lit
+    known = lattice_camera(plane.about.matrix) is not None and math.isfinite(plane.spread) and plane.lit
     if not known or math.isfinite(shadow_px) or aperture.refusal or edges.cut_off:
         return aperture
     return aperture.refused("in focus")
@@ -213,17 +224,18 @@ def _iris(H: PSFMatrix, apertures: tuple[Aperture, ...]) -> Iris | None:
 
 def _inverted(H: PSFMatrix, z: int) -> bool | None:
     """Return whether the image is in front of the sensor and shows the iris inverted; None if unknown."""
-    if H.camera is None:
+    camera = lattice_camera(H)
+    if camera is None:
         return None
     try:
-        return H.camera.image_shift_um(float(H.depths[z])) < H.camera.lattice.gap_um
+        return camera.image_shift_um(float(H.depths[z])) < camera.lattice.gap_um
     except InputError:  # a depth that this camera cannot image: plane numbers, or depths of another camera
         return None
 
 
 def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
     """Return the virtual depth of each plane: from the shadow's size (v - 1) B / N, else from the spots' spacing."""
-    camera, spots = measures.matrix.camera, [p.positions.spots for p in measures.planes]
+    camera, spots = lattice_camera(measures.matrix), [p.positions.spots for p in measures.planes]
     found = np.array([math.nan if s is None else s.virtual_depth for s in spots])
     if camera is None:
         return found
@@ -243,12 +255,13 @@ def _steep(camera: Camera) -> bool:
 def _f_number(measures: MatrixMeasures) -> FNumber | None:
     """Return the working f-number from the shadow's sizes over depth, or None if it cannot be measured."""
     H, sizes = measures.matrix, measures.shadows_px
-    if H.camera is None or _steep(H.camera):
+    camera = lattice_camera(H)
+    if camera is None or _steep(camera):
         return None
     chosen = np.flatnonzero(np.isfinite(sizes))
-    pixel = H.camera.sensor.pixel_um / math.sqrt(math.prod(H.pixel_scale))
+    pixel = camera.sensor.pixel_um / math.sqrt(math.prod(H.pixel_scale))
     try:
-        shifts = [H.camera.image_shift_um(float(H.depths[z])) - H.camera.lattice.gap_um for z in chosen]
+        shifts = [camera.image_shift_um(float(H.depths[z])) - camera.lattice.gap_um for z in chosen]
         errors = np.hypot(SIZE_ERROR[0] * sizes[chosen], SIZE_ERROR[1])
         return working_f_number(sizes[chosen], shifts, pixel, errors)
     except InputError:

@@ -13,7 +13,7 @@ from lfcal.base import InputError
 from lfcal.camera import Camera, Microscope
 from lfcal.judge.quality._expected import footprint_variance
 from lfcal.judge.quality._sums import spread as spread_of
-from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.judge.quality.measure import PlaneMeasures, lattice_camera
 from lfcal.psf import PSFMatrix
 
 __all__ = ["MatrixMeasures", "shadow_sizes"]
@@ -83,7 +83,7 @@ class MatrixMeasures:
         energy = np.array([p.energy if p.lit else 0.0 for p in planes])
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)
-        shadows = shadow_sizes(planes, matrix.camera, matrix.pixel_scale)
+        shadows = shadow_sizes(planes, lattice_camera(matrix), matrix.pixel_scale)
         return cls(matrix, tuple(planes), energy, dark, _copies(planes, ~dark, _places(matrix)), shadows)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, Work, for_each_chunk
+from lfcal.camera import Camera
 from lfcal.judge.quality._dark import DarkCorners, dark_corners, darkness
 from lfcal.judge.quality._field import Parts, split
 from lfcal.judge.quality._kernels import step_pass
@@ -22,7 +23,16 @@ from lfcal.judge.quality.pattern_table import PatternTable
 from lfcal.psf import PSFMatrix, copied_positions
 from lfcal.psf.aperture import Aperture
 
-__all__ = ["PASSES", "Continuity", "Faulty", "PlaneContext", "PlaneMeasures", "iter_measure"]
+__all__ = [
+    "PASSES",
+    "Continuity",
+    "Faulty",
+    "PlaneContext",
+    "PlaneMeasures",
+    "has_elemental_images",
+    "iter_measure",
+    "lattice_camera",
+]
 
 DARK_FRAME = 0.2
 """Share of the median energy below which a pattern counts as missing."""
@@ -32,6 +42,17 @@ SLIPPED = 32
 
 PASSES = 6
 """Progress records of a plane: one for each pass over its patterns or their table."""
+
+
+def lattice_camera(matrix: PSFMatrix) -> Camera | None:
+    """Return the camera of an H if it has a lenslet lattice: metrics that need one do not apply without."""
+    camera = matrix.camera
+    return camera if camera is not None and camera.has_lattice else None
+
+
+def has_elemental_images(matrix: PSFMatrix) -> bool:
+    """Return whether patterns are images behind single lenslets: by the camera, else by a period of one pixel."""
+    return matrix.period == (1, 1) if matrix.camera is None else not matrix.camera.has_lattice
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -156,6 +156,8 @@ class MetricSpec:
             a single one for the whole matrix. A metric has one of the two functions.
     needs_light
         Whether the value is unknown for a dark plane, without calling ``of_plane``.
+    needs_centre
+        Whether it needs a pattern about the middle of the cutout: it does not apply to separate elemental images.
     needs_all
         Whether one unknown plane makes a good overall value unknown, as for counts that must be complete.
     plot
@@ -200,6 +202,7 @@ class MetricSpec:
     of_plane: Callable[[PlaneMeasures], Reading] | None = None
     of_matrix: Callable[[MatrixMeasures], Sequence[Reading]] | None = None
     needs_light: bool = True
+    needs_centre: bool = False
     needs_all: bool = False
     plot: Plot = "table"
     map_unit: str = ""

@@ -325,6 +325,9 @@ def _camera(H: PSFMatrix) -> str:
     if H.camera is None:
         return "not stated"
     c = H.camera
+    if not c.has_lattice:
+        lenslets = len(c.lattice.lenslets_within(math.inf, math.inf)[0])
+        return f"{c.name}: {lenslets} lenslets in a pupil plane, pixel {format_length(c.sensor.pixel_um)}"
     kinds = len(c.lattice.types)
     return (
         f"{c.name}: {c.lattice.kind} lattice, pitch {format_length(c.lattice.pitch_um)}, {kinds} lenslet "

@@ -32,6 +32,7 @@ METRICS = (
         meaning="Light on the cutout's edge over the light in the middle of the depth-plane sum.",
         advice="Assemble again with a larger cutout.",
         of_plane=_truncation,
+        needs_centre=True,
     ),
     MetricSpec(
         key="centring",
@@ -44,5 +45,6 @@ METRICS = (
         meaning="Distance of the aperture's centre from the cutout's.",
         advice="Assemble again with the anchor moved by this much.",
         of_plane=_centring,
+        needs_centre=True,
     ),
 )

@@ -96,6 +96,7 @@ METRICS = (
         meaning="Light outside the pattern, above the background and the tails of the camera's own diffraction.",
         advice="Find the leak or ghost in the depth-plane sum, mask it, record again.",
         of_plane=_leak,
+        needs_centre=True,
     ),
     MetricSpec(
         key="flicker",

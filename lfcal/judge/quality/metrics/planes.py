@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.camera import Camera, MainLens
 from lfcal.judge.quality.across import MatrixMeasures
-from lfcal.judge.quality.measure import PlaneMeasures
+from lfcal.judge.quality.measure import PlaneMeasures, lattice_camera
 from lfcal.judge.quality.metric import CostModel, Limits, MetricSpec, Reading
 
 __all__ = ["METRICS"]
@@ -61,14 +61,16 @@ def _readings(values: Values) -> tuple[Reading, ...]:
 
 
 def _depth(h: MatrixMeasures) -> tuple[Reading, ...]:
-    if h.matrix.camera is None:
+    camera = lattice_camera(h.matrix)
+    if camera is None:
         return _readings(np.full(len(h.planes), math.nan))
-    off, _ = _at_depth(h, h.matrix.camera)
+    off, _ = _at_depth(h, camera)
     return _readings(np.where(h.copies >= 0, math.nan, off))
 
 
 def _depth_order(h: MatrixMeasures) -> tuple[Reading, ...]:
-    order = _in_order(h) if h.matrix.camera is None else _at_depth(h, h.matrix.camera)[1]
+    camera = lattice_camera(h.matrix)
+    order = _in_order(h) if camera is None else _at_depth(h, camera)[1]
     return _readings(np.where(h.copies >= 0, math.nan, order))
 
 

@@ -11,7 +11,7 @@ __all__ = ["METRICS"]
 
 def _period(h: MatrixMeasures) -> tuple[Reading]:
     """Return by how much the recorded period differs from whole periods of the camera's lattice (pixels)."""
-    if h.matrix.camera is None:
+    if h.matrix.camera is None or not h.matrix.camera.has_lattice:
         return (UNKNOWN,)
     errors = []
     for recorded, known, scale in zip(h.matrix.period, h.matrix.camera.period_px, h.matrix.pixel_scale, strict=True):
