@@ -398,8 +398,8 @@ def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> 
 
 
 def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
-    """Return whether ``shape`` is that of the sensor of ``camera`` (None: unknown)."""
-    return camera is not None and tuple(shape) == tuple(camera.sensor.shape)
+    """Return whether ``shape`` is that of the sensor of ``camera`` (None: unknown), whose lattice may drift."""
+    return camera is not None and camera.has_lattice and tuple(shape) == tuple(camera.sensor.shape)
 
 
 def drift_words(view: Resampling, shape: tuple[int, int]) -> str:

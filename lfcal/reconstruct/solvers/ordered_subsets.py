@@ -54,7 +54,7 @@ def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
 def lenslet_phase(P: Projector) -> tuple[float, float]:
     """Return the phase (row, column) of a lenslet's centre: from the camera of H, else the middle of the period."""
     (ny, nx), camera = P.period, P.camera
-    if camera is None:
+    if camera is None or not camera.has_lattice:
         return (ny - 1) / 2, (nx - 1) / 2
     row, column = P.grid.anchor
     point = camera.sensor_um((float(row), float(column)))

@@ -118,7 +118,7 @@ def _parts_of(P: Projector, image: ArrayLike, subsets: int | None) -> Masks | No
     blocks = _blocks(subsets)
     if blocks == 1:
         return None
-    if P.camera is not None and P.grid.phases > 1.5 * P.camera.pitch_px**2:
+    if P.camera is not None and P.camera.has_lattice and P.grid.phases > 1.5 * P.camera.pitch_px**2:
         return interleaved_subsets(P.period, min(blocks**2, P.grid.phases))
     return views_of(P, image, blocks)
 

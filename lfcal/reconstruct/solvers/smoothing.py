@@ -26,7 +26,12 @@ FINE = 0.5
 
 
 def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
-    """Return how coarse lenslets sample planes at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on."""
+    """Return how coarse lenslets sample planes at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on.
+
+    Single lenslets in a pupil plane sample every plane with all pixels: 0.
+    """
+    if not camera.has_lattice:
+        return (0.0,) * np.size(depths)
     found = [abs(camera.virtual_depth(float(z))) for z in np.atleast_1d(np.asarray(depths, float))]
     return tuple(float(min(1.0, max(0.0, 2.0 - v))) for v in found)
 
@@ -39,6 +44,8 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
     distance is a whole lenslet (Stefanoiu et al. 2019, equations 8-10, written with v; with three lens types, the one
     in focus counts).
     """
+    if not camera.has_lattice:  # every pixel is a sample
+        return np.ones(np.size(depths))
     pitch = camera.pitch_px
     gap = camera.lattice.gap_um
     inverse_focus = [1.0 / lens.focus_depth(gap) for lens in camera.lattice.types]
@@ -139,7 +146,7 @@ class Sieve:
         standard deviation of `SIEVE` times the pitch. Its width falls to nothing at 2, where every point lies under
         several lenslets; there and elsewhere it is at least `FINE`.
         """
-        wide = SIEVE * camera.pitch_px
+        wide = SIEVE * camera.pitch_px if camera.has_lattice else FINE
         return cls(tuple(max(FINE, wide * share) for share in coarseness(camera, depths)))
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:

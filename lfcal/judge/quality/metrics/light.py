@@ -72,6 +72,7 @@ METRICS = (
         meaning="Energy that a constant background adds to a pattern or removes from it, without diffraction.",
         advice="Take a dark frame of the same exposure and temperature, and assemble again.",
         of_plane=_background,
+        needs_centre=True,
     ),
     MetricSpec(
         key="clipped",

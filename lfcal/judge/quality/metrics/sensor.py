@@ -13,8 +13,8 @@ __all__ = ["METRICS"]
 
 def _stuck(plane: PlaneMeasures) -> Reading:
     table = plane.table
-    # zeros of a model are not dead pixels, nor are those of only some patterns
-    if table.computed or plane.edges.cut_off:
+    # zeros of a model are not dead pixels, nor are those of only some patterns or of a single position
+    if table.computed or plane.edges.cut_off or plane.faulty.missing.size == 1:
         return UNKNOWN
     period, cutout = plane.faulty.missing.shape, table.lit.shape
     # fixed in the cutout; or fixed on the sensor, and therefore moving through the cutouts
