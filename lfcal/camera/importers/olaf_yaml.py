@@ -1,7 +1,12 @@
-"""Reader for configurations of oLaF and pyolaf: a flat yaml file (Stefanoiu et al. 2019, LFM_setCameraParams)."""
+"""Reader for configurations of oLaF and pyolaf: a flat yaml file (Stefanoiu et al. 2019, LFM_setCameraParams).
+
+Those of Fourier light-field microscopes (FLFM_setCameraParams) state the focal length ``fobj`` of the objective, the
+relay lenses ``f1`` and ``f2``, and the number of elemental images with their distance in pixels.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +19,9 @@ from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, ImportOptions, number, required
 
 __all__ = ["FORMAT"]
+
+MOST_ACROSS = 100
+"""Largest number of elemental images along a side."""
 
 MAX_CHARACTERS = 1 << 16
 """Largest size of a file (bytes); real files have 1 kB."""
@@ -33,6 +41,8 @@ ENTRIES = (
 def _read(text: str, source: Path, options: ImportOptions) -> Imported:
     entries = _entries(text, source)
     what = str(source)
+    if "noLensHoriz" in entries or "f1" in entries:
+        return _read_fourier(entries, source, options)
     for name in ("M", "NA", "ftl", "fm", "lensPitch", "pixelPitch"):
         required(entries, name, what)
     draft = Draft("Microscope", options.values)
@@ -70,15 +80,73 @@ def _entries(text: str, source: Path) -> Mapping[str, Any]:
         raise FileFormatError.expected(str(source), "yaml", reason, "correct the file") from None
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(str(source), "named entries", type(data).__name__, "correct the file")
-    # the Fourier microscope has its lenslets in a pupil plane: a different instrument with different entries
-    if "noLensHoriz" in data or "f1" in data:
-        raise FileFormatError.expected(
-            str(source),
-            "a light-field microscope",
-            "a Fourier light-field microscope",
-            "lfcal does not support such cameras",
-        )
     return data
+
+
+FOURIER_ENTRIES = (
+    ("NA", "optics.numerical_aperture"),
+    ("n", "optics.medium_index"),
+    ("f1", "optics.tube_length_um"),
+    ("f2", "lattice.fourier_um"),
+    ("lensPitch", "lattice.clear_um"),
+    ("mla2sensor", "lattice.gap_um"),
+    ("pixelPitch", "sensor.pixel_um"),
+    ("WaveLength", "wavelength_um"),
+)
+"""Entries of a Fourier light-field microscope, and paths in lfcal; all lengths are in µm."""
+
+
+def _read_fourier(entries: Mapping[str, Any], source: Path, options: ImportOptions) -> Imported:
+    what = str(source)
+    for name in ("fobj", "NA", "f1", "f2", "fm", "lensPitch", "pixelPitch", "noLensHoriz", "noLensVert"):
+        required(entries, name, what)
+    draft = Draft("FourierMicroscope", options.values)
+    for name, path in FOURIER_ENTRIES:
+        draft.put(path, number(entries, name, what))
+    tube, objective = number(entries, "f1", what), number(entries, "fobj", what)
+    if not tube or not objective:
+        raise FileFormatError.expected(f"{what}: f1, fobj", "focal lengths", "zero", "correct them")
+    draft.put("optics.magnification", tube / objective, "derived")
+    draft.put("lattice.focal_lengths_um", _focal_lengths(entries, what))
+    try:
+        centres, dark = _lit_centres(entries, draft, what)
+        draft.put("lattice.lens_centres_um", centres)
+        camera = draft.camera(source.stem)
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+    notes = (f"{dark} of {dark + len(centres)} lenslets are outside the pupil and were left out",) if dark else ()
+    return Imported(camera, notes)
+
+
+def _lit_centres(entries: Mapping[str, Any], draft: Draft, what: str) -> tuple[tuple[tuple[float, float], ...], int]:
+    """Return the centres of the lenslets that the pupil reaches, and how many it does not reach."""
+    counts = [number(entries, name, what) for name in ("noLensHoriz", "noLensVert")]
+    if not all(n is not None and n == int(n) and 1 <= n <= MOST_ACROSS for n in counts):
+        wanted = f"whole numbers from 1 to {MOST_ACROSS}"
+        raise FileFormatError.expected(f"{what}: noLensHoriz, noLensVert", wanted, counts, "correct them")
+    across, down = (int(n or 0) for n in counts)
+    spacing = number(entries, "spacingPixels", what)
+    pitch = draft.get("lattice.clear_um") if spacing is None else spacing * draft.get("sensor.pixel_um")
+    hexagonal = _kind(entries, what) == "hexagonal"
+    # 1: odd rows are shifted, 2: even ones, counted from 1
+    shifted = 0 if entries.get("shiftRow", 1) == 1 else 1
+    row = pitch * (math.sqrt(3) / 2 if hexagonal else 1.0)
+    places = [
+        (q * pitch + (pitch / 2 if hexagonal and r % 2 == shifted else 0.0), r * row)
+        for r in range(down)
+        for q in range(across)
+    ]
+    # about the middle lenslet, or the middle of two: the axis passes there
+    x, y = places[(down // 2) * across + across // 2]
+    if not across % 2:
+        x -= pitch / 2
+    if not down % 2:
+        y -= row / 2
+    optics = draft.get
+    pupil = optics("optics.numerical_aperture") * optics("lattice.fourier_um") / optics("optics.magnification")
+    centred = [(round(a - x, 6), round(b - y, 6)) for a, b in places]
+    lit = tuple(one for one in centred if math.hypot(*one) - optics("lattice.clear_um") / 2 < pupil)
+    return lit, len(centred) - len(lit)
 
 
 def _kind(entries: Mapping[str, Any], what: str) -> str | None:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
-from lfcal.camera import Camera, ImportOptions, Microscope, import_camera, preset
+from lfcal.camera import Camera, ImportOptions, Microscope, PupilLenslets, import_camera, preset
 from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import xml
 
@@ -89,7 +89,7 @@ def test_olaf_hexagonal_with_three_types(tmp_path: Path) -> None:
         ("NA: 0.5", "NA: half", "NA"),
         ("NA: 0.5", "NA: .nan", "NA"),
         ("WaveLength: 0.53", "WaveLength: 530", "µm"),
-        ("n: 1.33", "noLensHoriz: 12", "Fourier"),
+        ("n: 1.33", "noLensHoriz: 12", "'fobj'"),
         ("n: 1.33", "n: [1.33", "yaml"),
         ("n: 1.33", "n: !!python/object/apply:os.system ['true']", "yaml"),
     ],
@@ -98,6 +98,56 @@ def test_olaf_refusals_are_one_line(tmp_path: Path, old: str, new: str, said: st
     with pytest.raises(FileFormatError) as error:
         read(tmp_path, OLAF.replace(old, new))
     assert said in str(error.value) and "any.thing" in str(error.value)
+
+
+FLFM = """fobj: 9000
+NA: 0.5
+f1: 180000
+f2: 125000
+lensPitch: 3300
+pixelPitch: 5.5
+gridType: hex
+fm: 30000
+n: 1
+WaveLength: 0.525
+mla2sensor: 30000
+spacingPixels: 600
+noLensHoriz: 3
+noLensVert: 3
+shiftRow: 1
+"""
+
+
+def test_olaf_of_a_fourier_microscope(tmp_path: Path) -> None:
+    camera = read(tmp_path, FLFM)
+    assert optics(camera) == Microscope(20, 0.5, 1, 180e3)
+    lenslets = camera.lattice
+    assert isinstance(lenslets, PupilLenslets)
+    # oLaF's FLFM_setCameraParams: M = fm f1 / (f2 fobj)
+    assert camera.magnification == pytest.approx(30e3 * 180e3 / (125e3 * 9e3))
+    # 600 pixels of 5.5 µm apart; of 3 x 3 two lie outside a pupil of 6.25 mm
+    assert lenslets.spacing_um == pytest.approx(3300)
+    assert len(lenslets.lens_centres_um) == 7 and (0.0, 0.0) in lenslets.lens_centres_um
+    turned = read(tmp_path, FLFM.replace("shiftRow: 1", "shiftRow: 2"))
+    assert isinstance(turned.lattice, PupilLenslets) and len(turned.lattice.lens_centres_um) == 7
+    square = read(tmp_path, FLFM.replace("hex", "reg").replace("f2: 125000", "f2: 250000"))
+    assert isinstance(square.lattice, PupilLenslets) and len(square.lattice.lens_centres_um) == 9
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("fobj: 9000", "fobj: 0", "focal lengths"),
+        ("noLensHoriz: 3", "noLensHoriz: 2.5", "whole numbers"),
+        ("noLensVert: 3", "noLensVert: 3000", "whole numbers"),
+        ("f2: 125000", "", "'f2'"),
+        ("gridType: hex", "gridType: tri", "gridType"),
+    ],
+)
+def test_olaf_refusals_of_a_fourier_microscope(tmp_path: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(FileFormatError) as error:
+        read(tmp_path, FLFM.replace(old, new))
+    assert said in str(error.value)
 
 
 def test_napari_lf(tmp_path: Path) -> None:
