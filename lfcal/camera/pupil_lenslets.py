@@ -106,7 +106,7 @@ class PupilLenslets:
         object.__setattr__(self, "offset_um", check_tuple("optical axis on the sensor (x, y) (µm)", self.offset_um, 2))
 
     def __getattr__(self, name: str) -> Any:
-        """Raise for what only a lattice has; called for names that this class lacks."""
+        """Raise for what only a lattice has: Python asks here for names that this class lacks."""
         if name.startswith("__"):
             raise AttributeError(name)
         raise NoLatticeError.of(f"lattice.{name}")
