@@ -130,6 +130,8 @@ def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None =
         several = position is None and (ny, nx) != (1, 1)
         words = "choose a position if the optics are shift-invariant"
         return needs("one pattern for each plane", f"{ny} x {nx} positions", words) if several else None
+    if matrix.camera is not None and not matrix.camera.has_lattice:
+        return needs("lenses on a square grid", "single lenslets in a pupil plane")
     if matrix.camera is not None and matrix.camera.lattice.kind != "square":
         return needs("lenses on a square grid", f"a {matrix.camera.lattice.kind} array")
     if ny != nx or ny % 2 == 0:

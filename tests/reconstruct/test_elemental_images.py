@@ -11,7 +11,7 @@ from scipy.signal import fftconvolve
 
 from lfcal.camera import Camera, Microscope, PupilLenslets, ScanPlan, Sensor
 from lfcal.judge import inspect
-from lfcal.psf import PSFMatrix, assemble_plan, export
+from lfcal.psf import PSFMatrix, assemble_plan, codes_for, export
 from lfcal.reconstruct import Projector, SolverChoice, reconstruct
 from lfcal.simulate import SimulatedCamera, simulate_psf
 from lfcal.simulate.effects import Quantisation, ReadNoise, ShotNoise
@@ -90,6 +90,7 @@ def test_it_is_exported_for_codes_of_such_microscopes_and_for_no_other(H, tmp_pa
 
     stack = tifffile.imread(tmp_path / "psf.tif")
     assert stack.shape == (5, 161, 161)
+    assert [code.name for code in codes_for(H)] == ["flfm"]
     assert np.allclose(stack[2], H.plane(2)[0, 0], rtol=1e-5, atol=1e-9)
 
 
