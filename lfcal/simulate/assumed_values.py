@@ -110,6 +110,8 @@ class AssumedEffect:
 def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
     """Estimate the effect of each assumed value of a plan's camera, by rays; return them with the largest first.
 
+    There are no rays through single lenslets in a pupil plane: their values are not estimated.
+
     Examples
     --------
     >>> from dataclasses import replace
@@ -121,7 +123,7 @@ def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
     ['0 of 2', '1 of 2', '2 of 2']
     """
     there = set(plan.camera.marks.paths("assumed"))
-    asked = [one for one in quantities_of(plan.camera) if one.path in there]
+    asked = [one for one in quantities_of(plan.camera) if one.path in there and plan.camera.has_lattice]
     clock = Clock("weigh assumed values", len(asked))
     yield clock.at(0)
     kept = {name: getattr(plan, name) for name in KEPT}

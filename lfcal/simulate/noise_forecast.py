@@ -133,7 +133,8 @@ def iter_expected_light(plan: ScanPlan, workers: int | None = None) -> Work[Expe
     """
     planes = len(plan.depths_um)
     clock, found = Clock("expected light", planes), []
-    responses = [PlaneResponse(plan, z, OPTICS, tolerance=TOLERANCE) for z in range(planes)]
+    optics = tuple(effect for effect in OPTICS if effect.applies_to(plan.camera))
+    responses = [PlaneResponse(plan, z, optics, tolerance=TOLERANCE) for z in range(planes)]
     for side in POSITIONS:
         seconds = (few_seconds(outlook_of(plan, z), one.level, TOLERANCE, side**2) for z, one in enumerate(responses))
         if sum(seconds) <= LONGEST_S:

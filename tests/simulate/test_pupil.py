@@ -7,9 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.base import InputError
-from lfcal.camera import Camera, Microscope, NoLatticeError, PupilLenslets, ScanPlan, Sensor, preset
-from lfcal.simulate import PlaneResponse, SimulatedCamera, plan_effects, predict_bytes, predict_seconds, simulate_psf
+from lfcal.base import InputError, drain
+from lfcal.camera import Camera, Draft, Microscope, NoLatticeError, PupilLenslets, ScanPlan, Sensor, preset
+from lfcal.simulate import (
+    PlaneResponse,
+    SimulatedCamera,
+    iter_assumed_effects,
+    iter_expected_light,
+    plan_effects,
+    predict_bytes,
+    predict_seconds,
+    simulate_psf,
+)
 from lfcal.simulate.effects import Bandwidth, Crosstalk, FiniteSource, Quantisation, catalogue, find_effects
 from tests.simulate.fourier_oracle import light_on_sensor
 
@@ -135,6 +144,20 @@ def test_estimates_of_source_and_bandwidth_are_right_within_a_factor_of_two():
         estimate = plan_effects(plan, effects=(effect,)).row(effect.name).estimate.error
         truth = _apart(plain, simulate_psf(plan, (effect,), tolerance=0.005).plane(0)[0, 0].astype(float))
         assert truth / 2 < estimate < 2 * truth, effect
+
+
+def test_the_noise_of_a_scan_is_forecast_from_its_own_patterns():
+    plan = _plan(_camera(), 30.0)
+    light = drain(iter_expected_light(plan))
+    pattern = simulate_psf(plan, (), tolerance=0.02).plane(0)[0, 0]
+    assert light.brightest[0] == pytest.approx(float(pattern.max()), rel=0.05)
+    assert light.noise(plan, 0.8)[0] < light.noise(plan, 0.2)[0]
+
+
+def test_assumed_values_are_not_estimated_by_rays():
+    camera = Draft("FourierMicroscope", {}).camera("assumed")
+    assert camera.marks.paths("assumed")
+    assert drain(iter_assumed_effects(ScanPlan.for_camera(camera, depths_um=(0.0,)))) == ()
 
 
 def test_time_and_memory_are_forecast():
