@@ -178,7 +178,7 @@ def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
             device="cpu" if device is None else device,
             method=method,
         )
-        clean = cleaner(optics.light_field.dark, optics.light_field.white, view)
+        clean = cleaner(optics.light_field, view)
         return _Tool(projector, view, clean, stack.pop_all())
 
 

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from lfcal.acquire import NAME, RecordingSource
 from lfcal.base import InputError
 from lfcal.frames import CorrectionChain, Dark, White, files_of, natural_key, open_image, read_image
-from lfcal.frames.corrections import read_average
+from lfcal.frames.corrections import frame_map, read_average
 from lfcal.frames.formats import image_suffixes
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.resample import Resampling
 from lfcal.reconstruct.volumes import SUFFIXES, VolumeFacts, check_suffix, check_zarr, write_volumes
+from lfcal.records import LightFieldSettings
 from lfcal.work import stamp_of
 
 __all__ = [
@@ -165,16 +166,20 @@ def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[floa
     return H.anchor[0] - row, H.anchor[1] - column
 
 
-def cleaner(dark: str | os.PathLike[str], white: str | os.PathLike[str], view: Resampling | None) -> Cleaner:
-    """Return what is done to each frame: dark, white, resampling."""
+def cleaner(light_field: LightFieldSettings, view: Resampling | None) -> Cleaner:
+    """Return what is done to each frame: dark, white, mask (masked pixels become NaN), resampling."""
+    dark, white, mask = light_field.dark, light_field.white, light_field.mask
     level = read_average(dark) if dark else None
     steps: list[Any] = [] if level is None else [Dark(level)]
     if white:
         steps.append(White(read_average(white), 0.0 if level is None else level))
     chain = CorrectionChain(tuple(steps))
+    masked = lru_cache(maxsize=1)(lambda shape: frame_map(mask, "mask", shape))
 
     def clean(frame: NDArray[Any]) -> NDArray[Any]:
-        done = chain.apply(frame) if steps else np.asarray(frame, np.float32)
+        done = chain.apply(frame) if steps else np.array(frame, np.float32)
+        if mask:
+            done[masked(frame.shape)] = np.nan
         return done if view is None else view.apply(done)
 
     return clean

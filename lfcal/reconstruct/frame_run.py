@@ -173,7 +173,7 @@ class FrameRun:
         P, choice, light_field = self.projector, self.choice, self.optics.light_field
         rows, columns = self.frames[0].read().shape
         weights = None if self.view is None else self.view.inside((rows, columns))
-        clean = cleaner(light_field.dark, light_field.white, self.view)
+        clean = cleaner(light_field, self.view)
 
         def read(frame: FrameFile) -> NDArray[Any]:
             return clean(frame.read())

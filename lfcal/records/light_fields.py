@@ -35,6 +35,14 @@ class LightFieldSettings:
     white: str | os.PathLike[str] = opt(
         "", "White image, or a folder of white images to average.", label="White image", file="in", empty="none"
     )
+    mask: str | os.PathLike[str] = opt(
+        "",
+        "Pixels without information, which are left out: an image that is not 0 there, or a list, ROW,COLUMN per line.",
+        label="Mask of pixels",
+        file="in",
+        empty="none",
+        more=True,
+    )
     resample: str = opt(
         "auto",
         "Whether frames are resampled to the period of H. auto: if the lattice of micro-images drifts by more than "

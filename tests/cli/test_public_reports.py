@@ -71,6 +71,12 @@ def test_a_frame_with_nan_and_negative_values_is_reconstructed(lfcal: Lfcal, ses
     whole, spoiled = volumes
     assert np.isfinite(spoiled).all() and spoiled.min() >= 0
     assert abs(spoiled.sum() / whole.sum() - 1) < 0.02
+    lost = np.zeros(light.shape, np.uint8)
+    lost[3, 4] = lost[2, 20] = 1
+    tifffile.imwrite(tmp_path / "lost.tif", lost)
+    words = ("-o", tmp_path / "masked.npy", "-n", 4, "--resample", "never", "--mask", tmp_path / "lost.tif")
+    masked = lfcal("reconstruct", tmp_path / "H.h5", tmp_path / "whole.tif", *words)
+    assert masked.code == 0 and masked.err.count("2 pixels are not finite") == 1, masked.err
     resampled = lfcal("reconstruct", tmp_path / "H.h5", tmp_path / "spoiled.tif", "-o", tmp_path / "r.npy", "-n", 4)
     assert resampled.code == 0 and np.isfinite(np.load(tmp_path / "r.npy")).all(), resampled.err
 

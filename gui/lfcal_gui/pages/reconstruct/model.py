@@ -156,6 +156,7 @@ FIELDS: tuple[Field, ...] = (
     ),
     ROWS["dark"],
     ROWS["white"],
+    ROWS["mask"],
     _short("lattice", "found"),
     ROWS["regions"],
 )
@@ -209,7 +210,7 @@ class ReconstructSettings(PageSettings):
         As in `SolverChoice`; for the end by left-out pixels alone.
     as_is
         Whether the light field is not resampled, however far the lattice drifts against H's period.
-    dark, white, lattice, regions
+    dark, white, mask, lattice, regions
         As in `lfcal.tasks.Reconstruct`; several regions have a semicolon between them.
     """
 
@@ -239,6 +240,7 @@ class ReconstructSettings(PageSettings):
     memory: float | None = None
     dark: str = ""
     white: str = ""
+    mask: str = ""
     lattice: str = ""
     regions: str = ""
 
@@ -302,7 +304,8 @@ class ReconstructSettings(PageSettings):
     def light_field(self) -> LightFieldSettings:
         """Corrections of the light field before the reconstruction."""
         resample = "never" if self.as_is else "auto"
-        return LightFieldSettings(dark=self.dark, white=self.white, lattice=self.lattice, resample=resample)
+        files = {"dark": self.dark, "white": self.white, "mask": self.mask, "lattice": self.lattice}
+        return LightFieldSettings(**files, resample=resample)
 
     @property
     def other_regions(self) -> tuple[str, ...]:

@@ -296,7 +296,7 @@ class Solving:
         settings = self.settings if iterations is None else self.settings.changed("iterations", iterations)
         choice = replace(settings.choice(), margin=self._margin)
         self.stopped, self.chi2 = "", float("nan")
-        image = cleaner(settings.dark, settings.white, self._view)(self.image)
+        image = cleaner(settings.light_field, self._view)(self.image)
         weights = None if self._view is None else self._view.inside((self.image.shape[0], self.image.shape[1]))
         running = iter_solve(self._projector, image[self.window], choice, weights=weights, resume=self.state)
         try:
