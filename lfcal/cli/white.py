@@ -24,7 +24,9 @@ def command(
     *,
     dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
-    kind: str = typer.Option("", help="Kind of lattice: square or hexagonal; default: detected, or from the camera."),
+    kind: str = typer.Option(
+        "", help="Kind of cells: square (also rectangles) or hexagonal; default: detected, or from the camera."
+    ),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px), accurate to 10 %; default: detected."),
     channel: str = typer.Option(
         "", help="Channel of a colour image: R, G or B; default for a mosaic: the mean of its colours."
@@ -94,6 +96,7 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
         *_distortion_rows(fit),
         ["distance of micro-images from it", f"{fit.residual_rms_px:.3f} px rms per axis"],
         ["lenslets", f"{len(fit.index)}, {int(fit.dead.sum())} of them dead"],
+        ["measured in", _extent(fit)],
         ["light at the dimmest place", f"{100 * fall.falloff:.1f} % of the brightest"],
         ["lenslet to lenslet", f"{100 * fall.scatter:.2f} % rms"],
     ]
@@ -102,7 +105,14 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
             ["lens types", f"type 0 where (q - r) mod 3 = {types.phase}, type {types.type_step} to the right of it"],
             ["  confidence", f"{types.sigmas:.0f} standard errors, {100 * types.agreement:.0f} % of places agree"],
         ]
-    return rows + [["doubtful", note] for note in fit.notes]
+    return rows + [["note", note] for note in fit.notes]
+
+
+def _extent(fit: LatticeFit) -> str:
+    """Return the rows and columns of the outline of the lenslets used."""
+    assert fit.outline_px is not None  # a fit of a white image states it
+    (top, left), (bottom, right) = fit.outline_px.min(0), fit.outline_px.max(0)
+    return f"rows {top:.0f} to {bottom:.0f}, columns {left:.0f} to {right:.0f}; corners of its outline in lattice.json"
 
 
 def _distortion_rows(fit: LatticeFit) -> list[list[str]]:

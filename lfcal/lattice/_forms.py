@@ -20,6 +20,7 @@ __all__ = [
     "Selection",
     "covariance",
     "design",
+    "fit_flexible",
     "fit_form",
     "flexible_form",
     "huber",
@@ -338,7 +339,18 @@ def flexible_form(count: int) -> LatticeForm:
     return fitting[-1] if fitting else FORMS[0]
 
 
-def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, frame: DistortionFrame) -> Selection:
+def fit_flexible(
+    model: LatticeModel, form: LatticeForm, index: NDArray[np.intp], places: Array, frame: DistortionFrame
+) -> FittedForm | None:
+    """Return the fit of ``form``, or of the next simpler one that the places determine over the whole frame."""
+    simpler = [other for other in FORMS if not other.radial and other.size <= form.size]
+    fits = (fit_form(model, other, index, places, frame) for other in reversed(simpler))
+    return next((fit for fit in fits if fit is not None), None)
+
+
+def select_form(
+    model: LatticeModel, index: NDArray[np.intp], places: Array, frame: DistortionFrame, *, straight: bool = False
+) -> Selection:
     """Fit every form and return the best-supported one.
 
     A form with more parameters is chosen if it predicts held-out blocks better, by more than chance and by
@@ -352,9 +364,11 @@ def select_form(model: LatticeModel, index: NDArray[np.intp], places: Array, fra
         ``(n, 2)``: lattice indices (q, r) and measured places (x, y) of the lenslets (pixels).
     frame
         Reference of distortions.
+    straight
+        Whether to leave out forms with a distortion.
     """
     few = thinned(len(index))
-    fits, losses, correlation = _compared(model, index[few], places[few], frame)
+    fits, losses, correlation = _compared(model, index[few], places[few], frame, FORMS[:2] if straight else FORMS)
     unit = correlation * _variance(fits[-1])
     chosen = 0
     for k in range(1, len(fits)):
@@ -381,16 +395,19 @@ def thinned(count: int) -> NDArray[np.intp]:
 
 
 def _compared(
-    model: LatticeModel, index: NDArray[np.intp], places: Array, frame: DistortionFrame
+    model: LatticeModel,
+    index: NDArray[np.intp],
+    places: Array,
+    frame: DistortionFrame,
+    forms: tuple[LatticeForm, ...],
 ) -> tuple[list[FittedForm], list[float], float]:
     """Return the fits of all determined forms, the error of each on held-out blocks, and the correlation."""
-    largest = fit_form(model, flexible_form(len(index)), index, places, frame)
-    if largest is None:
-        largest = fit_form(model, FORMS[0], index, places, frame)
+    flexible = min(flexible_form(len(index)), forms[-1], key=lambda form: form.size)
+    largest = fit_flexible(model, flexible, index, places, frame)
     assert largest is not None  # any lattice determines five parameters
     blocks = Blocks.of(places)
     # one set of weights for all, so that residuals can be compared
-    fits = [fit for fit in (_offered(largest, form, index, places, frame) for form in FORMS) if fit is not None]
+    fits = [fit for fit in (_offered(largest, form, index, places, frame) for form in forms) if fit is not None]
     return fits, [_held_out_error(fit, index, frame, blocks) for fit in fits], _correlation(largest, blocks)
 
 

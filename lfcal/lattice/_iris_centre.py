@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.lattice._forms import thinned
-from lfcal.lattice._micro_image import mean_micro_image
+from lfcal.lattice._micro_image import SAMPLES_PER_PIXEL, mean_micro_image
 from lfcal.lattice._model import LatticeModel
 
 __all__ = ["IrisCentre", "iris_centre"]
@@ -40,7 +40,7 @@ STARTS = 2
 """Number of starts, the best of a grid of radii and rotations, from which a polygon is fitted."""
 
 FIRST_WAVES = 1.25
-"""Largest ratio of the lengths of a lattice's first waves to the shortest."""
+"""Largest ratio of the lengths of a lattice's first waves to the shortest in two directions."""
 
 MAX_OFFSET = 0.25
 """Largest distance of the centre, in pitches."""
@@ -50,6 +50,9 @@ SCALE = np.array([0.1, 0.1, 1.0, 0.3, 0.1, 0.3, 0.1])
 
 STEP = 1e-7
 """Relative step for numerical derivatives, of each parameter or of 1."""
+
+SAMPLED_PX = 80.0
+"""Reach of a cell (pixels) for each sample that is left out between two of its table."""
 
 CONTRAST = 1e-3
 """Share of the light below which a wave is not used."""
@@ -125,10 +128,14 @@ def _waves(
     inverse = np.linalg.inv(basis)
     reach = float(np.abs(basis).sum(0).max())
     micro = mean_micro_image(image, centres, light, reach, workers)
-    side = np.linspace(-1, 1, micro.table.shape[0]) * math.ceil(reach)
+    # the first waves need no more samples of a large cell
+    every = max(1, int(reach / SAMPLED_PX))
+    middle = micro.table.shape[0] // 2
+    table = micro.table[middle % every :: every, middle % every :: every]
+    side = (np.arange(len(table)) - middle // every) * every / SAMPLES_PER_PIXEL
     index = np.stack(np.broadcast_arrays(side, side[:, None]), -1) @ inverse
     # a triangular window of two cells along each axis: its transform vanishes at all other waves of the lattice
-    share = micro.table * np.clip(1 - np.abs(index), 0, None).prod(-1)
+    share = table * np.clip(1 - np.abs(index), 0, None).prod(-1)
     counts = np.array([(a, b) for a in range(-4, 5) for b in range(-4, 5) if (a, b) > (0, 0)])
     wave = counts @ inverse.T
     length = np.hypot(*wave.T) / np.hypot(*wave.T).min()
@@ -213,7 +220,11 @@ class _Fit(IrisCentre):
         all waves is used as an error.
         """
         length = np.hypot(*about.wave.T)
-        first = length < FIRST_WAVES * length.min()
+        # two directions at least: of rectangular cells, the shortest waves all have one
+        order = np.argsort(length, kind="stable")
+        unit = about.wave[order] / length[order, None]
+        other = np.abs(unit[:, 0] * unit[0, 1] - unit[:, 1] * unit[0, 0]) > 0.1
+        first = length < FIRST_WAVES * length[order][int(np.argmax(other))]
         weight = np.abs(about.found[first])
         phase = np.angle(about.moved(self.shift)[first] / self.shape[first]) / (-2 * np.pi)
         rows = about.wave[first] * weight[:, None]

@@ -10,14 +10,35 @@ from numpy.typing import NDArray
 
 from lfcal.base import njit
 
-__all__ = ["Template", "WhiteLenslets", "fold", "lenslet_statistics", "register"]
+__all__ = ["Support", "Template", "WhiteLenslets", "fold", "lenslet_statistics", "register"]
+
+
+class Support(NamedTuple):
+    """Pixels about a lenslet: an ellipse ``xx x² + 2 xy x y + yy y² <= 1`` about its centre."""
+
+    xx: float
+    xy: float
+    yy: float
+
+    @property
+    def radius(self) -> float:
+        """Largest distance from the centre (pixels)."""
+        half, apart = (self.xx + self.yy) / 2, math.hypot((self.xx - self.yy) / 2, self.xy)
+        return 1 / math.sqrt(half - apart)
+
+    @classmethod
+    def along(cls, direction: NDArray[np.float64], length: float, width: float) -> Support:
+        """Return the ellipse with half axes ``length`` along ``direction`` (x, y) and ``width`` across."""
+        x, y = (direction / np.hypot(*direction)).tolist()
+        one, two = length**-2, width**-2
+        return cls(one * x * x + two * y * y, (one - two) * x * y, one * y * y + two * x * x)
 
 
 class WhiteLenslets(NamedTuple):
     """The lenslets of a white image, and the region of pixels about each."""
 
     centres: NDArray[np.float64]  # (n, 2) as (x, y) (pixels)
-    radius: float  # pixels
+    radius: float  # pixels; that of the support, if there is one
     per_px: int  # samples per pixel of the tables about a centre
 
 
@@ -76,6 +97,7 @@ SHIFT_X, SHIFT_Y, GAIN, LEVEL, EXPLAINED = range(5)
 def register(
     image: NDArray[np.float32],
     lenslets: WhiteLenslets,
+    support: Support,
     template: Template,
     out: NDArray[np.float64],
     start: int,
@@ -84,7 +106,7 @@ def register(
     """Fit ``I(p) = g T(p - c - d) + b`` to each lenslet, linearized in the shift d (Lucas and Kanade 1981).
 
     To first order, I = g T - g d.grad T + b. The unknowns g, b, -g d_x, -g d_y are linear, and their normal equations
-    ``(4, 4)`` are summed over the pixels within the radius. ``out`` ``(n, 5)`` receives `SHIFT_X` and so on; NaN if
+    ``(4, 4)`` are summed over the pixels within the support. ``out`` ``(n, 5)`` receives `SHIFT_X` and so on; NaN if
     the system is singular.
     """
     centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
@@ -102,9 +124,9 @@ def register(
             v = (y - cy) * over + middle
             j = math.floor(v)
             fv = v - j
-            reach = radius * radius - (y - cy) ** 2
+            across, both = support.yy * (y - cy) ** 2, 2 * support.xy * (y - cy)
             for x in range(max(0, math.ceil(cx - radius)), min(columns - 1, math.floor(cx + radius)) + 1):
-                if (x - cx) ** 2 > reach:
+                if (support.xx * (x - cx) + both) * (x - cx) + across > 1.0:
                     continue
                 u = (x - cx) * over + middle
                 i = math.floor(u)

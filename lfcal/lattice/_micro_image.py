@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, chunks, for_each_chunk, worker_count
-from lfcal.lattice._kernels import Template, WhiteLenslets, fold, lenslet_statistics, register
+from lfcal.lattice._kernels import Support, Template, WhiteLenslets, fold, lenslet_statistics, register
 
 __all__ = ["LensletPlaces", "MicroImage", "light_of", "mean_micro_image", "place_lenslets"]
 
@@ -41,7 +41,7 @@ class MicroImage:
     slopes: Array
     radius: float
 
-    def off_centre(self, radius: float) -> Array:
+    def off_centre(self, support: Support) -> Array:
         """Return (x, y) from the lattice point to the point of best symmetry of the micro-image (px).
 
         The micro-image is fitted to its copy rotated by 180 degrees; the result is half the shift between them.
@@ -51,9 +51,7 @@ class MicroImage:
         InputError
             If the micro-image is dark.
         """
-        n = self.table.shape[0]
-        places = (np.arange(n) - n // 2) / SAMPLES_PER_PIXEL
-        inside = np.hypot(places[:, None], places[None, :]) <= radius
+        inside = self._inside(support)
         columns = [self.table, np.ones_like(self.table), *self.slopes]
         matrix = np.stack([column[inside] for column in columns], axis=-1)
         answer = np.linalg.lstsq(matrix, self.table[::-1, ::-1][inside], rcond=None)[0]
@@ -63,16 +61,23 @@ class MicroImage:
         shift: Array = answer[2:] / answer[0] / 2
         return shift
 
-    def draw(self, radius: float) -> float:
+    def draw(self, support: Support) -> float:
         """Return the apparent shift of a micro-image per relative gradient of light across it (pixels squared)."""
+        inside = self._inside(support)
         n = self.table.shape[0]
         places = (np.arange(n) - n // 2) / SAMPLES_PER_PIXEL
-        inside = np.hypot(places[:, None], places[None, :]) <= radius
         columns = [self.table, np.ones_like(self.table), *self.slopes]
         matrix = np.stack([column[inside] for column in columns], axis=-1)
         # as for locating a lenslet: g T - g d.grad T + b, fitted to T (1 + x)
         answer = np.linalg.lstsq(matrix, (self.table * (1 + places))[inside], rcond=None)[0]
         return -float(answer[2] / answer[0])
+
+    def _inside(self, support: Support) -> NDArray[np.bool_]:
+        n = self.table.shape[0]
+        x = (np.arange(n) - n // 2) / SAMPLES_PER_PIXEL
+        y = x[:, None]
+        inside: NDArray[np.bool_] = support.xx * x * x + 2 * support.xy * x * y + support.yy * y * y <= 1
+        return inside
 
     def symmetric(self) -> MicroImage:
         """Return the mean of the micro-image and its copy rotated by 180 degrees."""
@@ -149,14 +154,14 @@ def _with_slopes(table: Array, radius: float) -> MicroImage:
 
 
 def place_lenslets(
-    image: NDArray[np.float32], centres: Array, micro: MicroImage, radius: float, workers: int | None = None
+    image: NDArray[np.float32], centres: Array, micro: MicroImage, support: Support, workers: int | None = None
 ) -> LensletPlaces:
-    """Fit shift and contrast of the mean micro-image to each lenslet within ``radius`` pixels of its lattice point."""
+    """Fit shift and contrast of the mean micro-image to each lenslet within ``support`` of its lattice point."""
     out = np.empty((len(centres), 5))
-    lenslets = WhiteLenslets(centres, radius, SAMPLES_PER_PIXEL)
+    lenslets = WhiteLenslets(centres, support.radius, SAMPLES_PER_PIXEL)
 
     def work(a: int, b: int) -> None:
-        register(image, lenslets, Template(micro.table, micro.slopes), out, a, b)
+        register(image, lenslets, support, Template(micro.table, micro.slopes), out, a, b)
 
     for_each_chunk(work, len(centres), workers)
     return LensletPlaces(out[:, :2].copy(), out[:, 2].copy(), out[:, 4].copy())

@@ -8,11 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base import check_number
 from lfcal.camera import LatticeDistortion
 
-__all__ = ["LatticeModel", "class_light", "class_median", "neighbour_median"]
+__all__ = [
+    "MIN_PITCH",
+    "LatticeModel",
+    "check_row_pitch",
+    "class_light",
+    "class_median",
+    "neighbour_mean",
+    "neighbour_median",
+]
 
 Array = NDArray[np.float64]
+
+MIN_PITCH, MIN_ROW_PITCH = 4.0, 3.0
+"""Smallest pitch along a row, and smallest distance of rows (pixels): that of hexagonal arrays is 0.87 pitches."""
+
+
+def check_row_pitch(row_pitch_px: float) -> None:
+    """Raise `InputError` if rows are too close to be measured, written or read."""
+    check_number("row_pitch_px", row_pitch_px, at_least=MIN_ROW_PITCH)
+
 
 DIM_CLASS = 0.75
 """Smallest light of a class of lenslets, relative to the brightest class, for comparisons across classes."""
@@ -107,6 +125,10 @@ class LatticeModel:
         index = np.rint(self.indices(point)).astype(np.intp)
         return replace(self, origin=self.straight(index))
 
+    def whole(self, shape: tuple[int, int]) -> NDArray[np.intp]:
+        """Return the indices (q, r) of all lenslets that lie wholly in a frame of ``shape``."""
+        return self.within(shape, 0.5 * max(self.pitch, self.row_pitch))
+
     def within(self, shape: tuple[int, int], margin: float) -> NDArray[np.intp]:
         """Return the indices (q, r) of all lenslets at least ``margin`` pixels inside a frame of ``shape``."""
         far = np.array([shape[1] - 1, shape[0] - 1], float)
@@ -141,11 +163,16 @@ def class_light(index: NDArray[np.intp], light: Array) -> Array:
 
 def class_median(index: NDArray[np.intp], values: Array) -> Array:
     """Return for each lenslet the median of ``values`` around it, corrected for differences between classes."""
-    near = np.nanmean(_neighbours(index, values, CLASS_REACH), axis=-1)
+    near = neighbour_mean(index, values, CLASS_REACH)
     usual = class_light(index, np.where(near > 0, values / np.where(near > 0, near, 1), np.nan))
     if usual.min() > DIM_CLASS * usual.max():
         return neighbour_median(index, values)
     return neighbour_median(index, values / usual) * usual
+
+
+def neighbour_mean(index: NDArray[np.intp], values: Array, reach: int) -> Array:
+    """Return for each lenslet the mean of ``values`` over the lenslets up to ``reach`` indices away."""
+    return np.asarray(np.nanmean(_neighbours(index, values, reach), axis=-1))
 
 
 def neighbour_median(index: NDArray[np.intp], values: Array, reach: int = 2) -> Array:

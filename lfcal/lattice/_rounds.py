@@ -9,17 +9,38 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, as_sensor_frame
-from lfcal.lattice._micro_image import light_of, mean_micro_image, place_lenslets
-from lfcal.lattice._model import LatticeModel, class_median
+from lfcal.lattice._kernels import Support
+from lfcal.lattice._micro_image import LensletPlaces, MicroImage, light_of, mean_micro_image, place_lenslets
+from lfcal.lattice._model import MIN_PITCH, LatticeModel, class_median, neighbour_mean, neighbour_median
 from lfcal.lattice._smooth_field import fit_field
-from lfcal.lattice._spectrum import MIN_LENSLETS, MIN_PITCH
+from lfcal.lattice._spectrum import MIN_LENSLETS
 
-__all__ = ["PlacedLenslets", "centred", "evened", "levelled", "mean_light", "place_all", "prepare"]
+__all__ = [
+    "FEW",
+    "MIN_COUNT",
+    "PlacedLenslets",
+    "Region",
+    "centred",
+    "evened",
+    "levelled",
+    "mean_light",
+    "place_all",
+    "prepare",
+]
 
 Array = NDArray[np.float64]
 
 PLACING_RADIUS = 0.56
 """Radius for locating a lenslet, in pitches: it includes the gaps, but not the neighbours."""
+
+LONE_RADIUS = 0.5
+"""The same for a few lenslets, most of which lack neighbours on one side."""
+
+FEW = 45
+"""Number of lenslets below which most are at the edge of the array."""
+
+MIN_COUNT = 7
+"""Smallest number of lit lenslets, and of whole ones in the frame."""
 
 CENTRING_ROUNDS = 4
 DEAD_LIGHT = 0.5
@@ -40,15 +61,36 @@ MIN_EXPLAINED = 0.08
 MIN_SHARE_EXPLAINED = 0.2
 """Smallest explained share of a single lenslet, relative to the typical one; with less it cannot be located."""
 
+NEW_DEAD = 0.1
+"""Share of lenslets that turn out dead above which the mean micro-image is computed again without them."""
+
 EVEN, STEEP = 0.01, 0.1
 """Relative changes of light between lenslets at which their effect is distinguished from chance, and well known."""
 
 RIM = 0.3
 """Deviation of a lenslet's light from its neighbourhood above which a part of it may be shaded."""
 
+LIT_AROUND = 0.45
+"""Mean contrast around a place, relative to bright lenslets, above which it lies in the lit field: 0.4 next to it."""
+
+PARTLY_LIT = 0.6
+"""Share of working lenslets below which light covers a part of the frame only."""
+
+NARROW = 0.4
+"""The same below which no distortion is fitted."""
+
+INNER = 0.85
+"""Share of working lenslets among a lenslet and its neighbours above which it is not at the edge of the light."""
+
 MAX_DEAD = 0.4
-MIN_LIT = 0.4
-"""Smallest lit share of the frame: less is the image of a point or of a stop, not of the array."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Region:
+    """A disc of the frame: its middle as (x, y), and its radius (pixels)."""
+
+    middle: Array
+    reach: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -74,9 +116,18 @@ class PlacedLenslets:
     steep: NDArray[np.bool_]
 
     @property
+    def narrow(self) -> bool:
+        """Whether light covers so small a part of the frame that a distortion cannot be extrapolated from it."""
+        return bool((~self.dead).mean() < NARROW and (~self.dead).sum() >= FEW)
+
+    @property
     def sound(self) -> NDArray[np.intp]:
         """Lenslets used for the lattice: not dead, and not at the edge of the lit field, where the light falls off."""
         alive = ~self.dead
+        if alive.mean() < PARTLY_LIT:
+            # the stop of a partly lit field may shade a part of the outermost ones
+            inner = alive & (neighbour_mean(self.index, alive.astype(float), 1) > INNER)
+            alive = inner if inner.sum() >= MIN_LENSLETS**2 else alive
         sound = alive & ~self.steep
         # if light falls steeply almost everywhere, no edge can be identified
         return np.flatnonzero(sound if 2 * sound.sum() > alive.sum() else alive)
@@ -106,9 +157,16 @@ def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[n
     return mean
 
 
+def _top(values: Array) -> float:
+    """Return the typical value of bright lenslets, also if few are lit: the 90th percentile of those."""
+    # a few specks of dirt or hot pixels are brighter than any lenslet
+    highest = float(np.sort(values)[-1 - min(len(values) - 1, max(3, len(values) // 100))])
+    return float(np.percentile(values[values >= 0.3 * highest], 90))
+
+
 def _dim(values: Array, around: Array) -> NDArray[np.bool_]:
-    """Return which lenslets have far less light than the median ``around`` them or the brightest tenth."""
-    result: NDArray[np.bool_] = (values < DEAD_LIGHT * around) | (values < DARK_FIELD * np.percentile(values, 90))
+    """Return which lenslets have far less light than the median ``around`` them or bright ones."""
+    result: NDArray[np.bool_] = (values < DEAD_LIGHT * around) | (values < DARK_FIELD * _top(values))
     return result
 
 
@@ -127,34 +185,41 @@ def _fall_of_light(index: NDArray[np.intp], around: Array) -> Array:
     return fall
 
 
-def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, reach: float | None = None) -> NDArray[np.intp]:
-    """Return the lenslets completely in the frame, or those within ``reach`` pixels of its middle."""
-    index = model.within((image.shape[0], image.shape[1]), 0.5 * model.pitch)
-    if len(index) < MIN_LENSLETS**2:
+def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, near: Region | None = None) -> NDArray[np.intp]:
+    """Return the lenslets completely in the frame, or those in a region."""
+    index = model.whole((image.shape[0], image.shape[1]))
+    if len(index) < MIN_COUNT:
         raise InputError.expected(
-            "white image", f"at least {MIN_LENSLETS**2} whole lenslets", len(index), "use a larger part of the frame"
+            "white image", f"at least {MIN_COUNT} whole lenslets", len(index), "use a larger part of the frame"
         )
-    if reach is None:
+    if near is None:
         return index
-    away = model.places(index) - (np.array(image.shape[::-1]) - 1) / 2
-    near: NDArray[np.intp] = index[np.hypot(*away.T) <= reach]
-    return near if len(near) >= MIN_LENSLETS**2 else index
+    away = model.places(index) - near.middle
+    inside: NDArray[np.intp] = index[np.hypot(*away.T) <= near.reach]
+    return inside if len(inside) >= MIN_LENSLETS**2 else index
 
 
-def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float) -> LatticeModel:
+def _support(model: LatticeModel, share: float) -> Support:
+    """Return the ellipse about a lenslet with half axes of ``share`` pitches: a circle for round cells."""
+    across = model.row_pitch * (2 / math.sqrt(3) if model.kind == "hexagonal" else 1.0)
+    return Support.along(model.along, share * model.pitch, share * across)
+
+
+def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None, near: Region) -> LatticeModel:
     """Shift the lattice to the point of best symmetry of the mean micro-image, so that linear fits start close.
 
-    Only lenslets within ``reach`` pixels of the middle are used.
+    Only lenslets in ``near`` are used.
     """
-    radius = PLACING_RADIUS * model.pitch
+    support = _support(model, PLACING_RADIUS)
     for _ in range(CENTRING_ROUNDS):
-        index = _lenslets_of(image, model, reach)
+        index = _lenslets_of(image, model, near)
         light = mean_light(image, model, index, workers)
         # dead lenslets would blur the mean towards a flat patch
         scales = np.where(_dim(light, class_median(index, light)), 0, light)
-        micro = mean_micro_image(image, model.places(index), scales, radius + 1.5, workers)
-        shift = micro.off_centre(radius)
-        model = model.moved(np.clip(shift, -model.pitch / 4, model.pitch / 4))
+        micro = mean_micro_image(image, model.places(index), scales, support.radius + 1.5, workers)
+        shift = micro.off_centre(support)
+        limit = min(model.pitch, model.row_pitch) / 4
+        model = model.moved(np.clip(shift, -limit, limit))
         if np.hypot(*shift) < 0.02:
             break
     return model
@@ -174,61 +239,87 @@ def _surface(points: Array, light: Array, shape: tuple[int, int], degree: int) -
     return np.exp(np.minimum(steep.frame(), 1.0))
 
 
-def evened(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> NDArray[np.float32]:
+def evened(
+    image: NDArray[np.float32], model: LatticeModel, lenslets: PlacedLenslets, workers: int | None
+) -> NDArray[np.float32]:
     """Divide by the smooth fall-off of light, which would shift the positions to the brighter side."""
-    index = _lenslets_of(image, model)
+    index = lenslets.index[~lenslets.dead]
     light = mean_light(image, model, index, workers)
-    alive = ~_dim(light, class_median(index, light))
-    points = model.places(index)[alive][:, ::-1]
+    points = model.places(index)[:, ::-1]
     # a quartic through few lenslets would follow each one
-    degree = 4 if alive.sum() > 150 else 1
-    top = float(np.percentile(light[alive], 90))
-    surface = _surface(points, light[alive] / top, (image.shape[0], image.shape[1]), degree) * top
+    degree = 4 if len(index) > 150 else 1
+    top = float(np.percentile(light, 90))
+    surface = _surface(points, light / top, (image.shape[0], image.shape[1]), degree) * top
     # outside the lit field the surface is arbitrary: leave the image dark there
     return (image / np.where(surface < EVENED_FROM * top, top, surface)).astype(np.float32)
 
 
 def place_all(
-    image: NDArray[np.float32], model: LatticeModel, workers: int | None, reach: float | None = None
+    image: NDArray[np.float32], model: LatticeModel, workers: int | None, near: Region | None = None
 ) -> PlacedLenslets:
-    """Locate every lenslet with the mean micro-image of working ones, or those near the middle (``reach`` pixels)."""
-    radius = PLACING_RADIUS * model.pitch
-    index = _lenslets_of(image, model, reach)
+    """Locate every lenslet, or those in a region, with the mean micro-image of working ones."""
+    index = _lenslets_of(image, model, near)
     light = mean_light(image, model, index, workers)
     around = class_median(index, light)
     dead = _dim(light, around)
+    support = _support(model, LONE_RADIUS if len(dead) - dead.sum() < FEW else PLACING_RADIUS)
     centres = model.places(index)
-    micro = mean_micro_image(image, centres, np.where(dead, 0, light), radius + 1.5, workers).symmetric()
-    placed = place_lenslets(image, centres, micro, radius, workers)
-    distance = np.nan_to_num(np.hypot(*placed.shifts.T), nan=np.inf)
-    dead |= ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * model.pitch)
-    # dirt may transmit light but reduce contrast
-    gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
-    dead |= _dim(gains, class_median(index, gains))
+    for _ in range(2):
+        before = dead
+        micro, placed = _located(image, centres, np.where(dead, 0, light), support, workers)
+        dead = before | _lost(index, placed, model)
+        # lenslets without light pass for dim ones if a pedestal remains, and blur the mean micro-image
+        if dead.sum() - before.sum() < NEW_DEAD * len(dead):
+            break
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
     # outside the lit field there is only noise, where positions are meaningless
     dead |= placed.explained < MIN_SHARE_EXPLAINED * explained
-    lit = around >= DARK_FIELD * np.percentile(light, 90)
-    gone = float(dead[lit].mean()) if lit.any() else 1.0
-    if lit.mean() < MIN_LIT or gone > MAX_DEAD or explained < MIN_EXPLAINED:
-        got = (
-            f"{100 * lit.mean():.0f} % of the places lit, {100 * (1 - gone):.0f} % of these filled, "
-            f"{100 * explained:.0f} % alike"
-        )
-        wanted = (
-            f"{100 * MIN_LIT:.0f} % of the lattice's places lit, micro-images on {100 * (1 - MAX_DEAD):.0f} % "
-            "of these, "
-            f"{100 * MIN_EXPLAINED:.0f} % alike"
-        )
-        raise InputError.expected("white image", wanted, got, "take an evenly lit image of the lenslets")
+    _check_found(index, placed, dead, explained)
     noise = math.sqrt(max(1 - explained, 0.0) / explained)
+    if len(dead) - dead.sum() < FEW:
+        # places without a lenslet are no fall-off of light
+        around = neighbour_median(index, np.where(dead, np.nan, light))
     fall = _fall_of_light(index, around) @ np.linalg.inv(model.basis()).T
     slope = np.hypot(*fall.T) * model.pitch
     steep = slope > STEEP
     steep |= np.abs(light - around) > RIM * around
-    draw = np.where((~steep & (slope > EVEN))[:, None], micro.draw(radius) * fall, 0.0)
+    draw = np.where((~steep & (slope > EVEN))[:, None], micro.draw(support) * fall, 0.0)
     places = centres + placed.shifts - draw
     return PlacedLenslets(index, places, dead, noise, steep)
+
+
+def _located(
+    image: NDArray[np.float32], centres: Array, scales: Array, support: Support, workers: int | None
+) -> tuple[MicroImage, LensletPlaces]:
+    """Return the mean micro-image about ``centres``, and every lenslet located with it."""
+    micro = mean_micro_image(image, centres, scales, support.radius + 1.5, workers).symmetric()
+    return micro, place_lenslets(image, centres, micro, support, workers)
+
+
+def _lost(index: NDArray[np.intp], placed: LensletPlaces, model: LatticeModel) -> NDArray[np.bool_]:
+    """Return which lenslets are too far from their lattice point, or have too little contrast."""
+    distance = np.nan_to_num(np.hypot(*placed.shifts.T), nan=np.inf)
+    lost = ~np.isfinite(placed.gains) | (distance > MAX_SHIFT * min(model.pitch, model.row_pitch))
+    # dirt may transmit light but reduce contrast
+    gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
+    return np.asarray(lost | _dim(gains, class_median(index, gains)))
+
+
+def _check_found(index: NDArray[np.intp], placed: LensletPlaces, dead: NDArray[np.bool_], explained: float) -> None:
+    """Raise `InputError` if too few lenslets are lit, too many of these are dead, or they differ too much."""
+    gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
+    reach = 1 if len(dead) - dead.sum() < FEW else 2
+    lit = neighbour_mean(index, np.clip(gains / _top(gains), 0, 1), reach) >= LIT_AROUND
+    gone = float(dead[lit].mean()) if lit.any() else 1.0
+    if (~dead).sum() >= MIN_COUNT and gone <= MAX_DEAD and explained >= MIN_EXPLAINED:
+        return
+    raise InputError.expected(
+        "white image",
+        f"micro-images on {MIN_COUNT} places of a lattice or more and on {100 * (1 - MAX_DEAD):.0f} % of the lit ones, "
+        f"{100 * MIN_EXPLAINED:.0f} % alike",
+        f"{(~dead).sum()} places, {100 * (1 - gone):.0f} % of the lit ones, {100 * explained:.0f} % alike",
+        "take an evenly lit image of the lenslets",
+    )
 
 
 MOSAIC_BLOCKS = 4

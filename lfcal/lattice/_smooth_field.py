@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError
 
-__all__ = ["SmoothField", "fit_field"]
+__all__ = ["SmoothField", "determined_degree", "fit_field"]
 
 Array = NDArray[np.float64]
 
@@ -56,22 +56,32 @@ def _matrix(points: Array, shape: tuple[int, int], powers: NDArray[np.intp]) -> 
     return product
 
 
+POINTS_PER_TERM = 3
+
+
+def determined_degree(count: int, degree: int = 4) -> int:
+    """Return the largest degree of a polynomial, at most ``degree``, that ``count`` points determine."""
+    while degree and count < POINTS_PER_TERM * (degree + 1) * (degree + 2) // 2:
+        degree -= 1
+    return degree
+
+
 def fit_field(points: Array, values: Array, shape: tuple[int, int], degree: int = 4, rounds: int = 6) -> SmoothField:
-    """Fit a polynomial of ``degree`` to ``values`` at image points ``(n, 2)`` (row, column), robust against outliers.
+    """Fit a polynomial to ``values`` at image points ``(n, 2)`` (row, column), robust against outliers.
+
+    Its degree is ``degree``, or less if there are fewer than three points per term.
 
     Raises
     ------
     InputError
-        If there are fewer than three points per term.
+        If there are fewer than three points.
     """
-    powers = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)], np.intp)
-    if len(points) < 3 * len(powers):
+    if len(points) < POINTS_PER_TERM:
         raise InputError.expected(
-            "lenslets for a smooth field",
-            f"at least {3 * len(powers)}",
-            len(points),
-            "use a lower degree or a larger part of the frame",
+            "lenslets for a smooth field", f"at least {POINTS_PER_TERM}", len(points), "use a larger part of the frame"
         )
+    degree = determined_degree(len(points), degree)
+    powers = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)], np.intp)
     matrix = _matrix(points, shape, powers)
     weight: Array = np.ones(len(values))
     terms: Array = np.zeros(len(powers))

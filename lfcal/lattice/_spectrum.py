@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
+from lfcal.lattice._lit_part import LitPart, large_lattices, lit_part
+from lfcal.lattice._model import MIN_PITCH
 
-__all__ = ["RoughLattice", "guess_lattice"]
+__all__ = ["RoughLattice", "guess_lattice", "overlapping"]
 
 Array = NDArray[np.float64]
 
-CROP = 1536
-"""Side of the central part that is analysed (pixels): fast, with enough lenslets of any camera."""
-
-MIN_PITCH = 4.0
 MIN_LENSLETS = 5
-"""Smallest number of lenslets along the shorter side."""
+"""Smallest number of lenslets along the shorter side for an analysis of the spectrum."""
+
+FEW_ACROSS = 8
+"""Number of lenslets along the shorter side below which lags of the autocorrelation replace the spectrum."""
 
 PEAK_RATIO = 60.0
 """Smallest ratio of a lattice peak's power to the median at its frequency; 1e6 noise samples stay below 20."""
@@ -28,7 +29,10 @@ PEAK_RATIO = 60.0
 MAX_PEAKS = 30
 ANGLE_TOLERANCE = math.radians(4.0)
 LENGTH_TOLERANCE = 0.06
-"""Largest relative difference of the two pitches."""
+"""Largest relative difference of the two pitches of hexagonal and of square cells."""
+
+MAX_RATIO = 2.2
+"""Largest ratio of the two pitches of rectangular cells."""
 
 ORDER_TOLERANCE = 0.08
 """Largest deviation of a peak from a whole order of the lattice."""
@@ -39,16 +43,21 @@ MIN_CONTRAST_SHARE = 0.2
 
 HEXAGONAL_ORDERS = (((1, 0), (0, 1), (-1, -1)), ((1, -1), (1, 2), (-2, -1)), ((2, 0), (0, 2), (-2, -2)))
 SQUARE_ORDERS = (((1, 0), (0, 1)), ((1, 1), (1, -1)), ((2, 0), (0, 2)))
-"""Lowest orders of a cell in sets that rotations by 120 or 90 degrees map to each other, without opposite ones."""
+RECTANGLE_ORDERS = (((1, 0),), ((0, 1),), ((1, 1),), ((1, -1),), ((2, 0),), ((0, 2),))
+"""Lowest orders of a cell in sets that rotations by 120, 90 or 180 degrees map to each other, without opposite ones."""
 
+RECTANGLE_EXPLAINED = 0.8
+"""Smallest share of the peaks that rectangular cells must explain: they at least 0.98, textures below 0.73."""
+
+DIAGONAL = np.array([[1.0, -1.0], [1.0, 1.0]]) / 2
 FINER = {
     "hexagonal": ((3, np.array([[2.0, -1.0], [1.0, 1.0]]) / 3), (4, np.eye(2) / 2)),
-    "square": ((2, np.array([[1.0, -1.0], [1.0, 1.0]]) / 2), (4, np.eye(2) / 2)),
+    "square": ((2, DIAGONAL), (2, np.diag([0.5, 1.0])), (2, np.diag([1.0, 0.5])), (4, np.eye(2) / 2)),
 }
-"""Lattices of the same kind that contain a lattice: factor in the number of places, and vectors in units of its basis.
+"""Lattices that contain a lattice: factor in the number of places, and vectors in units of its basis.
 
 An array of unequal lenslets repeats over a coarser lattice: three types over √3 pitches, a checkered brightness over
-√2, one lenslet of four over 2."""
+√2, alternate rows over 2 along one axis, one lenslet of four over 2 along both."""
 
 CELL_SIDE = 9
 """Number of samples along each side of a mean cell."""
@@ -89,64 +98,117 @@ class RoughLattice:
 def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float | None) -> RoughLattice:
     """Return the lattice of the micro-images of a white image, ignoring lens types.
 
-    Pairs of spectral peaks of equal length at 60 or 90 degrees propose lattices. The result is the finest one that
-    explains the peaks, or one that contains it (`FINER`), because lenslets of several types, or of unequal brightness,
-    add the peaks of a coarser lattice. The image decides between them: a lattice that is too fine has centres in the
-    gaps. A stated pitch decides between lattices of different pitch.
+    Pairs of spectral peaks at 60 or 90 degrees propose lattices: hexagonal, square, or with rectangular cells. The
+    result is the finest one that explains the peaks, or one that contains it (`FINER`), because lenslets of several
+    types, or of unequal brightness, add the peaks of a coarser lattice. The image decides between them: a lattice that
+    is too fine has centres in the gaps. A stated pitch decides between lattices of different pitch. For a few large
+    lenslets, lags of the autocorrelation propose the lattices. In a partly lit frame, the lit part is analysed.
 
     Raises
     ------
     InputError
         If the image is blank or shows no lattice, or none near ``pitch_px``.
     """
-    crop, origin = _central(image)
-    flat = _flatten(crop)
-    frequencies, amplitudes = _peaks(flat)
-    candidates = _candidates(frequencies, kind)
-    if not candidates:
-        found = "no regular pattern" if len(frequencies) < 2 else "peaks that form none"
-        wanted = f"a {kind} lattice of micro-images" if kind else "a square or hexagonal lattice of micro-images"
-        raise InputError.expected("white image", wanted, found, "take an evenly lit, sharp image of the lenslets")
-    rough, share = _finest(flat, *_explaining(candidates, frequencies, amplitudes))
-    if pitch_px is not None and not _near(rough.basis, pitch_px):
-        stated = [(name, basis) for name, basis in _contained(candidates) if _near(basis, pitch_px)]
-        if stated:
-            name, basis = _explaining(stated, frequencies, amplitudes)
-            rough, share = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
+    part = lit_part(image)
+    flat = part.flattened()
+    few = _large(part, kind, pitch_px)
+    rough, share = few or _fine(flat, kind, pitch_px)
     if share < MIN_BRIGHT or rough.contrast <= 0:
-        got = f"{100 * share:.0f} % of the places"
-        raise InputError.expected(
-            "white image",
-            "micro-images brighter than the gaps between them",
-            got,
-            "take an evenly lit image of the lenslets",
-        )
+        raise overlapping("micro-images brighter than the gaps between them", f"{100 * share:.0f} % of the places")
+    if rough.kind == "square" and few is None and not _alike(flat, rough):
+        raise overlapping("micro-images of one shape", "two shapes that alternate")
     if pitch_px is not None and not _near(rough.basis, pitch_px):
         got = f"{np.linalg.norm(rough.basis[0]):.2f} px"
         raise InputError.expected(
             "white image", f"a pitch within 10 % of {pitch_px:g} px", got, "correct the nominal pitch or leave it out"
         )
-    return RoughLattice(rough.kind, rough.basis, rough.centre + origin, rough.contrast)
+    return RoughLattice(rough.kind, rough.basis, rough.centre + part.origin, rough.contrast)
+
+
+def overlapping(wanted: str, found: str) -> InputError:
+    """Return the refusal of an image whose micro-images may overlap."""
+    remedy = "take an evenly lit image of the lenslets, with the main lens stopped down if micro-images overlap"
+    return InputError.expected("white image", wanted, found, remedy)
+
+
+def _alike(flat: LitPart, rough: RoughLattice) -> bool:
+    """Return whether the places of a square lattice have micro-images of the same shape.
+
+    Where discs overlap, the bright lenses between neighbours form a lattice too, but alternate in direction.
+    """
+    coarse = np.linalg.inv(DIAGONAL) @ rough.basis
+    return bool(_cells(flat, coarse, rough.basis, rough.centre)[1].min() > MIN_CORRELATION)
+
+
+def _large(part: LitPart, kind: str | None, pitch_px: float | None) -> tuple[RoughLattice, float] | None:
+    """Return the lattice of a few large lenslets, and its share of bright places; None if there is none."""
+    part = part.scaled()
+    for lags in large_lattices(part):
+        for name in ("hexagonal", "square") if kind is None else (kind,):
+            basis = _of_kind(lags, name)
+            if basis is None or (pitch_px is not None and not _near(basis, pitch_px)):
+                continue
+            rough, share = _judge(part, name, basis, _most_symmetric(part, name, basis))
+            if share >= MIN_BRIGHT and rough.contrast > 0:
+                across = min(part.image.shape) / float(np.linalg.norm(basis, axis=1).max())
+                return (rough, share) if across < FEW_ACROSS else None
+    return None
+
+
+def _of_kind(vectors: Array, kind: str) -> Array | None:
+    """Return the basis of a lattice of ``kind`` with these two vectors; None if they form another one."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    ratio = float(lengths.max() / lengths.min())
+    angle = math.acos(float(np.clip(abs(vectors[0] @ vectors[1]) / lengths.prod(), -1, 1)))
+    wanted, largest = (math.radians(60), 1 + LENGTH_TOLERANCE) if kind == "hexagonal" else (math.radians(90), MAX_RATIO)
+    if ratio > largest or abs(angle - wanted) > ANGLE_TOLERANCE:
+        return None
+    return upright(vectors, kind)
+
+
+def _fine(flat: LitPart, kind: str | None, pitch_px: float | None) -> tuple[RoughLattice, float]:
+    """Return the lattice of many lenslets, and its share of bright places."""
+    frequencies, amplitudes = _peaks(flat.image)
+    candidates = _candidates(frequencies, kind)
+    if not candidates:
+        found = "no regular pattern" if len(frequencies) < 2 else "peaks that form none"
+        wanted = f"a {kind} lattice of micro-images" if kind else "a square or hexagonal lattice of micro-images"
+        raise InputError.expected("white image", wanted, found, "take an evenly lit, sharp image of the lenslets")
+    rough, share = _finest(flat, *_explaining(candidates, frequencies, amplitudes), kind)
+    if pitch_px is not None and not _near(rough.basis, pitch_px):
+        stated = [(name, basis) for name, basis in _contained(candidates, kind) if _near(basis, pitch_px)]
+        if stated:
+            name, basis = _explaining(stated, frequencies, amplitudes)
+            rough, share = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
+    return rough, share
 
 
 def _near(basis: Array, pitch_px: float) -> bool:
     return bool(abs(np.linalg.norm(basis[0]) / pitch_px - 1) <= NOMINAL_TOLERANCE)
 
 
-def _contained(candidates: list[tuple[str, Array]]) -> list[tuple[str, Array]]:
+def _contained(candidates: list[tuple[str, Array]], kind: str | None) -> list[tuple[str, Array]]:
     """Return the candidates, and the finer lattices that contain each of them."""
-    return [
-        *candidates,
-        *((name, upright(step @ basis, name)) for name, basis in candidates for _, step in FINER[name]),
-    ]
+    return [*candidates, *((n, b) for name, basis in candidates for _, n, b in _finer(name, basis, kind))]
 
 
-def _finest(flat: NDArray[np.float32], name: str, basis: Array) -> tuple[RoughLattice, float]:
+def _finer(name: str, basis: Array, kind: str | None) -> list[tuple[int, str, Array]]:
+    """Return finer lattices that contain one: factor in the number of places, kind, basis."""
+    found = []
+    for order, step in FINER[name]:
+        finer = step @ basis
+        for other in ("square", "hexagonal") if step is DIAGONAL else (name,):
+            made = _of_kind(finer, other)
+            if made is not None and kind in (None, other):
+                found.append((order, other, made))
+    return found
+
+
+def _finest(flat: LitPart, name: str, basis: Array, kind: str | None) -> tuple[RoughLattice, float]:
     """Return the finest lattice that contains that of ``basis`` and has a micro-image at every place."""
     found = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
-    for order, step in FINER[name]:
-        finer = upright(step @ basis, name)
-        if np.linalg.norm(finer[0]) < MIN_PITCH:
+    for order, finer_name, finer in _finer(name, basis, kind):
+        if np.linalg.norm(finer, axis=1).min() < MIN_PITCH:
             continue
         if order == 3:
             centre = _most_symmetric(flat, name, basis, types=3)
@@ -155,16 +217,16 @@ def _finest(flat: NDArray[np.float32], name: str, basis: Array) -> tuple[RoughLa
             filled = (np.abs(gains) > MIN_CONTRAST_SHARE * np.abs(alike)).all()
             other, share = _judge(flat, name, finer, centre)
         else:
-            gains, alike = _cells(flat, basis, finer, _most_symmetric(flat, name, finer))
+            gains, alike = _cells(flat, basis, finer, _most_symmetric(flat, finer_name, finer))
             filled = (gains > MIN_CONTRAST_SHARE).all() and (alike > MIN_CORRELATION).all()
-            other, share = _finest(flat, name, finer) if filled else found
-        finest = np.linalg.norm(other.basis[0]) < np.linalg.norm(found[0].basis[0])
+            other, share = _finest(flat, finer_name, finer, kind) if filled else found
+        finest = abs(np.linalg.det(other.basis)) < 0.9 * abs(np.linalg.det(found[0].basis))
         if filled and finest and share >= MIN_BRIGHT and other.contrast > 0:
             found = other, share
     return found
 
 
-def _cells(flat: NDArray[np.float32], basis: Array, finer: Array, centre: Array) -> tuple[Array, Array]:
+def _cells(flat: LitPart, basis: Array, finer: Array, centre: Array) -> tuple[Array, Array]:
     """Compare the mean cells about the places of a finer lattice within one cell of the lattice of ``basis``.
 
     Cells near the middle are averaged, as in `_most_symmetric`. Returns the gain of each mean cell relative to the one
@@ -172,22 +234,28 @@ def _cells(flat: NDArray[np.float32], basis: Array, finer: Array, centre: Array)
     """
     from scipy.ndimage import map_coordinates
 
+    image = flat.image
     steps = np.stack(np.meshgrid(np.arange(4), np.arange(4)), -1).reshape(-1, 2) @ finer @ np.linalg.inv(basis)
-    inside = np.unique(np.round(np.mod(steps + 1e-6, 1), 4), axis=0) @ basis
+    inside = np.unique(np.mod(np.round(np.mod(steps + 1e-6, 1), 4), 1), axis=0) @ basis
     side = (np.arange(CELL_SIDE) - (CELL_SIDE - 1) / 2) / CELL_SIDE
     window = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2) @ finer
-    window = window[np.hypot(*window.T) < 0.5 * np.linalg.norm(finer[0])]
+    window = window[np.hypot(*window.T) < 0.5 * np.linalg.norm(finer, axis=1).min()]
     reach = np.arange(-SYMMETRY_PITCHES, SYMMETRY_PITCHES + 1)
     cells = np.stack(np.meshgrid(reach, reach), -1).reshape(-1, 2) @ basis + centre
-    cells = cells[((cells >= 0) & (cells < np.array(flat.shape[::-1]))).all(1)]
+    cells = cells[((cells >= 0) & (cells < np.array(image.shape[::-1]))).all(1)]
     points = inside[:, None, None] + window[:, None] + cells
-    values = map_coordinates(flat, points[..., ::-1].reshape(-1, 2).T, order=1, mode="nearest")
+    values = map_coordinates(image, points[..., ::-1].reshape(-1, 2).T, order=1, mode="nearest")
     means: Array = values.reshape(points.shape[:3]).mean(-1, dtype=np.float64)
     means -= means.mean(1, keepdims=True)
     size = np.maximum(np.linalg.norm(means, axis=1), 1e-12)
     best = int(np.argmax(size))
     product = means @ means[best]
     return product / size[best] ** 2, product / (size * size[best])
+
+
+def _even(basis: Array) -> bool:
+    lengths = np.linalg.norm(basis, axis=1)
+    return bool(lengths.max() < (1 + LENGTH_TOLERANCE) * lengths.min())
 
 
 def _explaining(candidates: list[tuple[str, Array]], frequencies: Array, amplitudes: Array) -> tuple[str, Array]:
@@ -198,39 +266,12 @@ def _explaining(candidates: list[tuple[str, Array]], frequencies: Array, amplitu
         return float(amplitudes[np.abs(order - np.rint(order)).max(1) < ORDER_TOLERANCE].sum() / amplitudes.sum())
 
     shares = [explained(basis) for _, basis in candidates]
+    shares = [
+        0.0 if share < RECTANGLE_EXPLAINED and name == "square" and not _even(basis) else share
+        for share, (name, basis) in zip(shares, candidates, strict=True)
+    ]
     enough = [c for c, share in zip(candidates, shares, strict=True) if share > 0.9 * max(shares)]
     return min(enough, key=lambda c: abs(np.linalg.det(c[1])))
-
-
-def _central(image: NDArray[np.float32]) -> tuple[NDArray[np.float32], Array]:
-    rows, columns = image.shape
-    height, width = min(rows, CROP), min(columns, CROP)
-    top, left = (rows - height) // 2, (columns - width) // 2
-    return image[top : top + height, left : left + width], np.array([left, top], float)
-
-
-def _flatten(crop: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Remove variations slower than the coarsest lattice, in brightness and in contrast."""
-    sigma = min(crop.shape) / MIN_LENSLETS / 2
-    # uneven light would put power near zero frequency, and bright corners would dominate
-    flat = crop - blurred(crop, sigma)
-    spread = np.sqrt(blurred(flat * flat, sigma))
-    top = float(spread.max())
-    if not top > 1e-6 * float(np.abs(crop).max()):
-        raise InputError.expected("white image", "micro-images", "a blank image", "switch the light on")
-    return (flat / np.maximum(spread, 0.05 * top)).astype(np.float32)
-
-
-def blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Return ``image`` after a wide Gaussian of ``sigma`` pixels, computed on a coarser grid."""
-    import cv2
-
-    rows, columns = image.shape
-    factor = max(1, int(sigma / 6))
-    small = cv2.resize(image, (-(-columns // factor), -(-rows // factor)), interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), sigma / factor, borderType=cv2.BORDER_REFLECT)
-    result: NDArray[np.float32] = cv2.resize(small, (columns, rows), interpolation=cv2.INTER_LINEAR)
-    return result
 
 
 def _peaks(flat: NDArray[np.float32]) -> tuple[Array, Array]:
@@ -282,26 +323,23 @@ def _parabola(power: NDArray[np.float32]) -> float:
 
 
 def _candidates(peaks: Array, kind: str | None) -> list[tuple[str, Array]]:
-    """Return lattices (kind, basis) for every pair of peaks of equal length at 60 or 90 degrees."""
+    """Return lattices (kind, basis) for every pair of peaks that spans one of a known kind."""
     every = np.concatenate([peaks, -peaks])
+    lengths = np.linalg.norm(every, axis=1)
     found: list[tuple[str, Array]] = []
     for one, two in combinations(range(len(every)), 2):
-        if two == one + len(peaks):
+        if two == one + len(peaks) or max(lengths[one], lengths[two]) > MAX_RATIO * min(lengths[one], lengths[two]):
             continue
-        k = np.stack([every[one], every[two]])
-        lengths = np.linalg.norm(k, axis=1)
-        if abs(lengths[0] / lengths[1] - 1) > LENGTH_TOLERANCE:
-            continue
-        angle = math.acos(float(np.clip(k[0] @ k[1] / lengths.prod(), -1, 1)))
-        # the angle of the lattice is the supplement of that of its spectrum
-        for name, wanted in (("hexagonal", math.radians(60)), ("square", math.radians(90))):
-            if kind in (None, name) and abs(angle - wanted) < ANGLE_TOLERANCE:
-                basis = upright(np.linalg.inv(k).T, name)
-                if not any(
-                    n == name and np.allclose(basis, other, rtol=0, atol=0.02 * np.linalg.norm(basis[0]))
-                    for n, other in found
-                ):
-                    found.append((name, basis))
+        pair = np.stack([every[one], every[two]])
+        for name in ("hexagonal", "square"):
+            # the angle of the lattice is the supplement of that of its spectrum
+            if kind not in (None, name) or _of_kind(pair, name) is None:
+                continue
+            basis = upright(np.linalg.inv(pair).T, name)
+            if not any(
+                n == name and np.abs(basis - other).max() <= 0.02 * np.linalg.norm(basis[0]) for n, other in found
+            ):
+                found.append((name, basis))
     return found
 
 
@@ -310,9 +348,13 @@ def upright(basis: Array, kind: str) -> Array:
 
     The angle between them is 60 degrees for a hexagonal lattice, and 90 for a square one.
     """
-    combos = [np.array(pair) @ basis for pair in ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))]
-    shortest = min(float(np.linalg.norm(v)) for v in combos)
-    short = [v for v in combos if np.linalg.norm(v) < 1.25 * shortest]
+    pairs = [(1, 0), (0, 1), (-1, 0), (0, -1)]
+    if kind == "hexagonal":
+        pairs += [(1, 1), (-1, -1), (1, -1), (-1, 1)]
+    short = [np.array(pair) @ basis for pair in pairs]
+    if kind == "hexagonal":
+        shortest = min(float(np.linalg.norm(v)) for v in short)
+        short = [v for v in short if np.linalg.norm(v) < 1.25 * shortest]
 
     def tilt(vector: Array) -> float:
         return abs(math.remainder(math.atan2(vector[1], vector[0]), math.pi / 2))
@@ -330,19 +372,22 @@ def upright(basis: Array, kind: str) -> Array:
     return np.stack([first, min(short, key=turn)])
 
 
-def _judge(flat: NDArray[np.float32], kind: str, basis: Array, centre: Array) -> tuple[RoughLattice, float]:
+def _judge(flat: LitPart, kind: str, basis: Array, centre: Array) -> tuple[RoughLattice, float]:
     """Return the lattice with its centre, and the share of centres brighter than the gaps."""
     import cv2
 
-    pitch = float(np.linalg.norm(basis, axis=1).mean())
-    smooth = cv2.GaussianBlur(flat, (0, 0), 0.15 * pitch)
+    image = flat.image
+    lengths = np.linalg.norm(basis, axis=1)
+    smooth = cv2.GaussianBlur(image, (0, 0), 0.15 * float(lengths.min()))
     inverse = np.linalg.inv(basis)
-    corners = np.array([(x, y) for x in (0, flat.shape[1]) for y in (0, flat.shape[0])]) - centre
+    corners = np.array([(x, y) for x in (0, image.shape[1]) for y in (0, image.shape[0])]) - centre
     limit = np.ceil(np.abs(corners @ inverse).max(0)).astype(int)
     q, r = np.meshgrid(np.arange(-limit[0], limit[0] + 1), np.arange(-limit[1], limit[1] + 1))
     places = np.stack([q.ravel(), r.ravel()], axis=-1) @ basis + centre
-    margin = pitch
-    inside = ((places > margin) & (places < np.array(flat.shape[::-1]) - 1 - margin)).all(1)
+    margin = float(lengths.max())
+    if min(image.shape) < FEW_ACROSS * margin:
+        margin /= 2
+    inside = ((places > margin) & (places < np.array(image.shape[::-1]) - 1 - margin)).all(1)
     places = places[inside]
     if kind == "hexagonal":
         gaps = np.array([(1 / 3, 1 / 3), (2 / 3, -1 / 3), (1 / 3, -2 / 3)])
@@ -358,27 +403,29 @@ def _judge(flat: NDArray[np.float32], kind: str, basis: Array, centre: Array) ->
     return RoughLattice(kind, basis, centre, float(difference.mean())), float((difference[sure] > 0).mean())
 
 
-def _most_symmetric(flat: NDArray[np.float32], kind: str, basis: Array, types: int = 1) -> Array:
+def _most_symmetric(flat: LitPart, kind: str, basis: Array, types: int = 1) -> Array:
     """Return the place in the cell, near the middle, about which the mean cell has the best rotational symmetry.
 
     The rotation is 60 degrees for a hexagonal lattice. It is 120 for that of one of three ``types``, whose three
-    centres of this symmetry are one lenslet of each type. It is 90 for a square lattice, whose gaps are as symmetric
-    as its lenslets: there, the brighter place is taken. Brightness alone does not suffice, because overlapping
-    micro-images are brightest at their edges.
+    centres of this symmetry are one lenslet of each type. It is 90 for a square lattice and 180 for rectangular
+    cells, whose gaps are as symmetric as their lenslets: there, the brightest place is taken. Brightness alone does not
+    suffice, because overlapping micro-images are brightest at their edges.
     """
     n = 48
-    middle = (np.array(flat.shape[::-1]) - 1) / 2
+    image, middle = flat.image, flat.middle
+    lengths = np.linalg.norm(basis, axis=1)
     # near the middle, the spectrum's lattice is in phase with that of the image
-    reach = SYMMETRY_PITCHES * float(np.linalg.norm(basis[0]))
+    reach = SYMMETRY_PITCHES * float(lengths.max())
     low = np.maximum(np.ceil(middle - reach), 0).astype(int)
-    high = np.minimum(middle + reach + 1, flat.shape[::-1]).astype(int)
+    high = np.minimum(middle + reach + 1, image.shape[::-1]).astype(int)
     x, y = (np.arange(a, b) - c for a, b, c in zip(low, high, middle, strict=True))
-    part = flat[low[1] : high[1], low[0] : high[0]].astype(float)
+    part = image[low[1] : high[1], low[0] : high[0]].astype(float)
     window = np.outer(np.hanning(len(y) + 2)[1:-1], np.hanning(len(x) + 2)[1:-1])
     part = (part - (part * window).sum() / window.sum()) * window
     shifts = np.stack([v.ravel() for v in np.meshgrid(np.arange(n) / n, np.arange(n) / n)], axis=-1)
     alike, bright = np.zeros(n * n), np.zeros(n * n)
-    for orders in HEXAGONAL_ORDERS if kind == "hexagonal" else SQUARE_ORDERS:
+    even = _even(basis)
+    for orders in HEXAGONAL_ORDERS if kind == "hexagonal" else SQUARE_ORDERS if even else RECTANGLE_ORDERS:
         fx, fy = np.linalg.solve(basis, np.array(orders, float).T)
         phase = -2 * np.pi * np.outer(x, fx)
         along = part @ np.cos(phase) + 1j * (part @ np.sin(phase))
@@ -387,8 +434,9 @@ def _most_symmetric(flat: NDArray[np.float32], kind: str, basis: Array, types: i
         alike += mean.real**2 if types == 1 else abs(mean) ** 2
         bright += len(orders) * mean.real
     if kind == "square":
-        between = np.roll(bright.reshape(n, n), (n // 2, n // 2), (0, 1)).ravel()
-        alike[(bright <= 0) | (bright < between)] = 0
+        for halves in ((1, 1),) if even else ((1, 1), (0, 1), (1, 0)):
+            by = (halves[0] * n // 2, halves[1] * n // 2)
+            alike[(bright <= 0) | (bright < np.roll(bright.reshape(n, n), by, (0, 1)).ravel())] = 0
     result: Array = middle + shifts[int(np.argmax(alike))] @ basis
     return result
 

@@ -10,12 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, check_choice, check_number
 from lfcal.lattice._doubts import check_white, evenness
-from lfcal.lattice._forms import DistortionFrame, LatticeForm, Selection, fit_form, flexible_form, select_form, thinned
+from lfcal.lattice._forms import (
+    FORMS,
+    DistortionFrame,
+    LatticeForm,
+    Selection,
+    fit_flexible,
+    flexible_form,
+    select_form,
+    thinned,
+)
 from lfcal.lattice._iris_centre import iris_centre
-from lfcal.lattice._model import LatticeModel
-from lfcal.lattice._rounds import PlacedLenslets, centred, evened, mean_light, place_all, prepare
-from lfcal.lattice._spectrum import MIN_LENSLETS, MIN_PITCH, guess_lattice
-from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit, best_places
+from lfcal.lattice._model import MIN_PITCH, LatticeModel, check_row_pitch
+from lfcal.lattice._rounds import FEW, PlacedLenslets, Region, centred, evened, mean_light, place_all, prepare
+from lfcal.lattice._smooth_field import determined_degree
+from lfcal.lattice._spectrum import guess_lattice, overlapping
+from lfcal.lattice.lattice_fit import LatticeErrors, LatticeFit, best_places, outline_of, within_outline
 
 __all__ = ["LatticeFit", "check_cell", "fit_lattice", "fit_outwards", "mean_cell", "start_reach"]
 
@@ -23,6 +33,9 @@ Array = NDArray[np.float64]
 
 MAX_RESIDUAL = 0.08
 """Largest rms residual of an accepted lattice, in pitches."""
+
+PARTLY_LIT = 0.75
+"""Share of the lattice's places within the outline of located micro-images below which a note reports it."""
 
 ROUNDS = 4
 SETTLED_PX = 2e-3
@@ -49,11 +62,12 @@ def fit_lattice(
     Parameters
     ----------
     white
-        Frame ``(rows, columns)`` of evenly lit lenslets, at least 5 along its shorter side, pitch above 4 px.
+        Frame ``(rows, columns)`` of evenly lit lenslets, at least 7 of them, pitch above 4 px. A part of the frame may
+        be dark: the lattice is fitted to the lit part (`LatticeFit.outline_px`).
     dark
         Dark frame or level to subtract.
     kind
-        ``"square"`` or ``"hexagonal"``; None: detected.
+        ``"square"`` (also rectangular cells) or ``"hexagonal"``; None: detected.
     pitch_px
         Nominal pitch along a row, accurate to 10 %; None: detected.
     workers
@@ -76,22 +90,28 @@ def fit_lattice(
     if kind is not None:
         check_choice("lattice", kind, ("square", "hexagonal"))
     if pitch_px is not None:
-        check_number("nominal pitch (px)", pitch_px, at_least=MIN_PITCH, at_most=min(image.shape) / MIN_LENSLETS)
+        check_number("nominal pitch (px)", pitch_px, at_least=MIN_PITCH, at_most=min(image.shape) / 2)
     rough = guess_lattice(image, kind, pitch_px)
     model = LatticeModel.of(rough.kind, rough.basis, rough.centre)
-    model = model.centred_on((np.array(image.shape[::-1]) - 1) / 2)
     frame = DistortionFrame.of(image.shape)
-    model = centred(image, model, workers, start_reach(model, frame))
-    model = fit_outwards(image, model, workers)
-    flat = evened(image, model, workers)
-    model, lenslets = _settled(flat, model, frame, workers)
+    # the middle of the frame, or of its lit part
+    model = centred(image, model, workers, Region(rough.centre, start_reach(model, frame)))
+    model, lenslets = fit_outwards(image, model, rough.centre, workers)
+    flat = evened(image, model, lenslets, workers)
+    model, lenslets = _settled(flat, model.centred_on(np.array(frame.middle)), frame, workers)
     sound = lenslets.sound
-    chosen = select_form(model, lenslets.index[sound], lenslets.places[sound], frame)
+    chosen = select_form(model, lenslets.index[sound], lenslets.places[sound], frame, straight=lenslets.narrow)
     chosen, lenslets = _on_the_iris(flat, chosen, lenslets, workers)
+    check_row_pitch(chosen.fitted.model.row_pitch)
     # the light of the uncorrected image: after flattening it would show no vignetting
     light = mean_light(image, chosen.fitted.model, lenslets.index, workers)
     if model.kind == "square":
-        check_cell(mean_cell(image, chosen.fitted.model, lenslets.index[sound]))
+        between = _surrounded(lenslets)
+        if len(between) >= MIN_CELLS:
+            check_cell(mean_cell(image, chosen.fitted.model, between))
+    elif abs(model.ratio / math.sqrt(0.75) - 1) > RATIO_TOLERANCE:
+        got = f"rows {model.ratio:.2f} pitches apart"
+        raise InputError.expected("white image", "hexagonal or rectangular cells", got, "take an evenly lit image")
     return _described((image.shape[0], image.shape[1]), lenslets, chosen, light)
 
 
@@ -105,8 +125,8 @@ def _settled(
         sound = lenslets.sound
         sound = sound[thinned(len(sound))]
         before = model
-        form = flexible_form(len(sound))
-        fitted = fit_form(model, form, lenslets.index[sound], lenslets.places[sound], frame)
+        form = FORMS[1] if lenslets.narrow else flexible_form(len(sound))
+        fitted = fit_flexible(model, form, lenslets.index[sound], lenslets.places[sound], frame)
         if fitted is None:
             break
         model = fitted.model
@@ -143,8 +163,13 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
     # positions at the edge of the lit field are biased, so they must not correct their neighbours
     trusted = np.full_like(measured, np.nan)
     trusted[lenslets.sound] = measured[lenslets.sound]
-    rms = _believable(fitted.residual, model.pitch)
-    even = evenness(lenslets.index, light, ~lenslets.dead, model.places(lenslets.index)[:, ::-1])
+    rms = _believable(fitted.residual, min(model.pitch, model.row_pitch))
+    used = outline_of(measured[~lenslets.dead])
+    inside = within_outline(model.places(lenslets.index), used)
+    judged = ~lenslets.dead
+    if lenslets.narrow:
+        judged = np.isin(np.arange(len(judged)), lenslets.sound)
+    even = evenness(lenslets.index, light, judged, model.places(lenslets.index)[:, ::-1])
     return LatticeFit(
         kind=model.kind,
         shape=shape,
@@ -164,8 +189,26 @@ def _described(shape: tuple[int, int], lenslets: PlacedLenslets, chosen: Selecti
         form=fitted.form.name,
         reason=chosen.reason,
         places_px=best_places(lenslets.index, model.places(lenslets.index), trusted)[:, ::-1].copy(),
-        notes=check_white(even, rms, lenslets.noise, model.pitch),
+        outline_px=used[:, ::-1].copy(),
+        notes=(*_extent(inside, lenslets), *check_white(even, rms, lenslets.noise, model.pitch)),
     )
+
+
+def _extent(inside: NDArray[np.bool_], lenslets: PlacedLenslets) -> tuple[str, ...]:
+    """Return notes about a partly lit frame, and about a few lenslets."""
+    notes = []
+    if inside.mean() < PARTLY_LIT:
+        notes.append(
+            f"light on {100 * inside.mean():.0f} % of the places: the lattice is measured there"
+            f"{', without distortion,' if lenslets.narrow else ''} and extrapolated elsewhere"
+        )
+    count = int((~lenslets.dead).sum())
+    if count < FEW:
+        notes.append(
+            f"{count} lenslets: distortion at most {flexible_form(count).name}, "
+            f"fall-off of light of degree {determined_degree(count)}; {FEW} or more determine a full model"
+        )
+    return tuple(notes)
 
 
 def _believable(residual: Array, pitch: float) -> float:
@@ -210,33 +253,53 @@ def tracking_form(count: int) -> LatticeForm:
     return form if form.degree <= TRACKING_DEGREE else flexible_form(100)
 
 
-def fit_outwards(image: NDArray[np.float32], model: LatticeModel, workers: int | None) -> LatticeModel:
-    """Return the lattice fitted in growing regions, each predicted by the one before."""
+def fit_outwards(
+    image: NDArray[np.float32], model: LatticeModel, start: Array, workers: int | None
+) -> tuple[LatticeModel, PlacedLenslets]:
+    """Return the lattice fitted in growing regions about ``start`` (x, y), each predicted by the one before.
+
+    The lenslets of the last region, the whole frame, are returned too.
+    """
     frame = DistortionFrame.of(image.shape)
+    farthest = float(np.hypot(*(frame.outline() - start).T).max())
     reach = start_reach(model, frame)
     # the first region is processed twice, because it starts from the spectrum only
     reaches = [reach]
-    while reaches[-1] < frame.scale:
-        reaches.append(min(frame.scale, GROWTH * reaches[-1]))
+    while reaches[-1] < farthest:
+        reaches.append(min(farthest, GROWTH * reaches[-1]))
     for near in [reaches[0], *reaches]:
-        lenslets = place_all(image, model, workers, near)
+        lenslets = place_all(image, model, workers, Region(start, near))
         alive = np.flatnonzero(~lenslets.dead)
         alive = alive[thinned(len(alive))]
         form = tracking_form(len(alive))
-        fitted = fit_form(model, form, lenslets.index[alive], lenslets.places[alive], frame)
+        fitted = fit_flexible(model, form, lenslets.index[alive], lenslets.places[alive], frame)
         if fitted is not None:
             model = fitted.model
-    return model
+    return model, lenslets
 
 
 CELL_SIDE = 12
 """Number of samples along each side of a cell; even, so that half a cell is a whole number of them."""
 
-CELL_LENSLETS = 400
+CELL_LENSLETS, MIN_CELLS = 400, 9
+"""Largest and smallest number of cells whose mean is judged."""
+
+RATIO_TOLERANCE = 0.06
+"""Largest relative deviation of the distance of hexagonal rows from 0.87 pitches."""
 
 INVERSE_CORRELATION = -0.99
 """Correlation of a cell with itself half a diagonal away below which light and dark only exchange places. Measured:
 checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
+
+PLATEAU, LARGEST_PLATEAU = 0.15, 0.25
+"""Level of a dark field of a cell, as a share of its contrast, and largest area of one that is closed on all sides.
+
+Measured: fields between micro-images of 100 % fill 0.2 at most; single light among discs of 140 to 150 % fill 0.3."""
+
+FLAT, LARGEST_FLAT = 0.03, 0.055
+"""Slope (contrast per sample) of a flat part of a cell, and its largest area at a level between light and dark.
+
+Measured: separate micro-images, sharp or blurred, 0.042 at most; overlapping discs 0.07 to 0.45."""
 
 SHARP_EDGES = 0.35
 """Share of the cell between a quarter and three quarters of its contrast up to which its edges are sharp. Unresolved,
@@ -257,8 +320,17 @@ def mean_cell(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np
     return mean
 
 
+def _surrounded(lenslets: PlacedLenslets) -> NDArray[np.intp]:
+    """Return the evenly lit lenslets (q, r) whose next neighbours along and across the row are evenly lit too."""
+    index = lenslets.index[~lenslets.dead & ~lenslets.steep]
+    every = {(int(q), int(r)) for q, r in index}
+    kept = [all((q + i, r + j) in every for i, j in ((1, 0), (0, 1), (1, 1))) for q, r in index]
+    chosen: NDArray[np.intp] = index[np.array(kept, bool)]
+    return chosen
+
+
 def check_cell(cell: Array) -> None:
-    """Raise `InputError` if the mean cell is that of a checkerboard.
+    """Raise `InputError` if the mean cell is that of a checkerboard, or of overlapping micro-images.
 
     The light and dark fields of a checkerboard have the same shape: shifted by half a diagonal, each is the negative
     of the other. Micro-images and the gaps between them have different shapes.
@@ -277,3 +349,19 @@ def check_cell(cell: Array) -> None:
             "light and dark fields of the same shape, as in a checkerboard",
             "take an evenly lit image of the lenslets",
         )
+    if _overlap(level):
+        raise overlapping("separate micro-images with dark gaps", "levels of light as where several overlap")
+
+
+def _overlap(level: Array) -> bool:
+    """Return whether a mean cell, from 0 to 1, is that of overlapping micro-images.
+
+    Their light adds up to several flat levels. Where wide ones overlap, the places between them are the brightest, and
+    a large dark field is left at the centre of each.
+    """
+    half = CELL_SIDE // 2
+    centre, sides = level[0, 0], (level[half, 0], level[0, half])
+    closed = min(centre, *sides) > PLATEAU and float((level < PLATEAU).mean()) > LARGEST_PLATEAU
+    down, right = ((np.roll(level, -1, axis) - np.roll(level, 1, axis)) / 2 for axis in (0, 1))
+    flat = (np.hypot(down, right) < FLAT) & (level > 0.2) & (level < 0.8)
+    return closed or float(flat.mean()) > LARGEST_FLAT or (centre < PLATEAU and max(sides) > 0.5)

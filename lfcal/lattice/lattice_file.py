@@ -24,6 +24,7 @@ from lfcal.base import (
     write_text,
 )
 from lfcal.camera import LatticeDistortion
+from lfcal.lattice._model import MIN_PITCH, check_row_pitch
 from lfcal.lattice.lattice_fit import LatticeFit
 
 __all__ = ["lattice_dict", "lattice_files", "load_lattice", "save_lattice"]
@@ -37,7 +38,6 @@ NAMES = (
 
 REMEDY = "write it with lfcal white"
 MAX_SIDE_PX = 20_000
-MIN_PITCH_PX = 4.0
 MAX_ANGLE_RAD = 4.0
 
 
@@ -57,6 +57,7 @@ def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
     >>> print([path.name for path in files])
     ['lattice.json', 'residuals.csv', 'residuals.png']
     """
+    check_row_pitch(fit.row_pitch_px)
     facts = {"format": LATTICE_FORMAT, "version": LATTICE_VERSION, **lattice_dict(fit)}
     files = lattice_files(folder)
     for path, text in zip(files, (json.dumps(facts, indent=2, allow_nan=False), _table(fit)), strict=False):
@@ -78,6 +79,7 @@ def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
             "scale_px": bend.scale,
             "terms_px": bend.terms,
         }
+    own["outline_px"] = None if fit.outline_px is None else np.round(fit.outline_px, 2).tolist()
     own["errors"] = None
     if errors:
         centre, terms = errors.pop("centre"), errors.pop("terms")
@@ -148,8 +150,10 @@ def _fit(data: dict[str, Any]) -> LatticeFit:
     rows, columns = check_tuple("shape", data["shape"], 2, integer=True, at_least=1, at_most=MAX_SIDE_PX)
     numbers = {name: data[name] for name in ("pitch_px", "row_pitch_px", "rotation_rad", "shear_rad")}
     for name, value in numbers.items():
-        low, high = (MIN_PITCH_PX, MAX_SIDE_PX) if "pitch" in name else (-MAX_ANGLE_RAD, MAX_ANGLE_RAD)
-        check_number(name, value, at_least=low, at_most=high)
+        low, high = (MIN_PITCH, MAX_SIDE_PX) if "pitch" in name else (-MAX_ANGLE_RAD, MAX_ANGLE_RAD)
+        if name != "row_pitch_px":
+            check_number(name, value, at_least=low, at_most=high)
+    check_row_pitch(numbers["row_pitch_px"])
     for name in ("pitch_error_px", "residual_rms_px"):
         check_number(name, data[name], at_least=0)
     origin = check_tuple("origin_px", data["origin_px"], 2)
@@ -169,9 +173,17 @@ def _fit(data: dict[str, Any]) -> LatticeFit:
         distortion=_distortion(data["distortion"]),
         form=str(data["form"]),
         reason=str(data["reason"]),
+        outline_px=_outline(data.get("outline_px")),
         **numbers,
     )
     return _with_lenslets(bare, dead)
+
+
+def _outline(corners: Any) -> Any:
+    if corners is None:
+        return None
+    check_type("outline_px", corners, list)
+    return np.array([check_tuple("corner of the outline (row, column)", corner, 2) for corner in corners])
 
 
 def _distortion(data: Any) -> Any:
@@ -183,7 +195,7 @@ def _distortion(data: Any) -> Any:
 
 def _with_lenslets(bare: LatticeFit, dead: list[tuple[Any, ...]]) -> LatticeFit:
     """Return the fit with all lenslets of its frame, without measurements, and with the dead ones marked."""
-    index = bare.model.within(bare.shape, 0.5 * bare.pitch_px)
+    index = bare.model.whole(bare.shape)
     gone = set(dead)
     nothing = np.full(index.shape, np.nan)
     marked = np.array([(int(q), int(r)) in gone for q, r in index], bool)

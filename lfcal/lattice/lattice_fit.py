@@ -14,7 +14,7 @@ from lfcal.camera import Camera, LatticeDistortion, LensletLattice
 from lfcal.lattice._forms import DistortionFrame, FittedForm, design
 from lfcal.lattice._model import LatticeModel
 
-__all__ = ["LatticeErrors", "LatticeFit", "best_places", "gridded"]
+__all__ = ["LatticeErrors", "LatticeFit", "best_places", "gridded", "outline_of", "within_outline"]
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,10 @@ class LatticeFit:
         ``(n, 2)``: best estimate of every centre (row, column), also of dead lenslets: the lattice, plus the common
         deviation of the neighbours from it.
     notes
-        Doubts about the frame as a white image, one line each.
+        Doubts about the frame as a white image, and limits of the fit, one line each.
+    outline_px
+        ``(m, 2)``: corners (row, column) of the convex outline of the located micro-images (pixels): outside it, the
+        lattice is extrapolated. None if a file does not state it.
 
     Examples
     --------
@@ -138,6 +141,7 @@ class LatticeFit:
     reason: str = ""
     places_px: Array | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
+    outline_px: Array | None = None
 
     def basis_px(self) -> Array:
         """Return the vectors of the straight lattice as rows (x, y): along a row, and to the next row (pixels)."""
@@ -227,6 +231,24 @@ class LatticeFit:
             shear_rad=self.shear_rad,
             distortion=distortion,
         )
+
+
+def outline_of(places: Array) -> Array:
+    """Return the corners ``(m, 2)`` of the convex outline of ``places`` ``(n, 2)``, in order."""
+    from scipy.spatial import ConvexHull
+
+    corners: Array = places[ConvexHull(places).vertices]
+    return corners
+
+
+def within_outline(places: Array, outline: Array) -> NDArray[np.bool_]:
+    """Return which ``places`` ``(n, 2)`` lie within a convex ``outline``, its border included."""
+    side = np.roll(outline, -1, axis=0) - outline
+    away = places[:, None] - outline
+    turn = side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0]
+    limit = np.hypot(*side.T)
+    inside: NDArray[np.bool_] = (turn >= -limit).all(1) | (turn <= limit).all(1)
+    return inside
 
 
 REACH = 3

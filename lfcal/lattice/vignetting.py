@@ -26,7 +26,7 @@ class Vignetting:
     scatter
         Rms deviation of working lenslets from the surface (relative).
     falloff
-        Light at the dimmest place of the frame (relative).
+        Light at the dimmest place of the lit part of the frame (relative).
     """
 
     lenslets: NDArray[np.float64] = field(repr=False)
@@ -38,9 +38,10 @@ class Vignetting:
         """Return the smooth light on every pixel, ``(rows, columns)`` float32: a white frame without lenslets.
 
         ``White(vignetting.frame(), dark=0.0)`` flattens the field and leaves micro-images unchanged. Dividing by the
-        white image itself would also multiply the noise in the gaps.
+        white image itself would also multiply the noise in the gaps. Outside the lit part of a frame, the surface is
+        unknown: it stays at or above `falloff`.
         """
-        return self.surface.frame()
+        return np.maximum(self.surface.frame(), np.float32(self.falloff))
 
 
 def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
@@ -51,12 +52,7 @@ def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
     fit
         Lattice of a white image with its dark subtracted: a pedestal would hide part of the fall-off.
     degree
-        Degree of the polynomial surface.
-
-    Raises
-    ------
-    InputError
-        If there are too few lenslets for the surface.
+        Largest degree of the polynomial surface; a few lenslets determine a lower one.
 
     Examples
     --------
@@ -70,9 +66,13 @@ def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
     alive = ~fit.dead
     centres = fit.centres_px(fit.index[:, 0], fit.index[:, 1])
     surface = fit_field(centres[alive], fit.light[alive], fit.shape, degree)
-    inside = surface.frame()
-    top = float(inside.max())
+    # outside the lit part of the frame, the surface is arbitrary
+    lit = surface.at(*centres[alive].T)
+    low = np.maximum(centres[alive].min(0) - fit.pitch_px, 0).astype(int)
+    high = (centres[alive].max(0) + fit.pitch_px + 1).astype(int)
+    inside = surface.frame()[low[0] : high[0], low[1] : high[1]]
+    top, bottom = float(inside.max()), max(float(inside.min()), 0.5 * float(lit.min()), 0.0)
     scaled = SmoothField(surface.shape, surface.powers, surface.terms / top)
     relative = np.where(alive, fit.light / top, np.nan)
     deviation = relative[alive] / scaled.at(centres[alive, 0], centres[alive, 1]) - 1
-    return Vignetting(relative, scaled, float(np.sqrt((deviation**2).mean())), float(inside.min()) / top)
+    return Vignetting(relative, scaled, float(np.sqrt((deviation**2).mean())), bottom / top)

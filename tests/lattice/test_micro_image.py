@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfcal.lattice._kernels import Support
 from lfcal.lattice._micro_image import SAMPLES_PER_PIXEL, MicroImage, light_of, mean_micro_image, place_lenslets
+
+
+def disc(radius: float) -> Support:
+    return Support.along(np.array([1.0, 0.0]), radius, radius)
 
 
 def blobs(centres: NDArray[np.float64], shape: tuple[int, int], sigma: float, skew: float = 0.0) -> NDArray[np.float32]:
@@ -42,7 +47,7 @@ def test_each_shift_and_contrast_is_found() -> None:
     moved = points + rng.uniform(-0.4, 0.4, points.shape)
     image = 2 * blobs(moved, (190, 190), 2.5) + 7
     micro = mean_micro_image(image - 7, points, np.full(len(points), 1.0), 9.5).symmetric()
-    placed = place_lenslets(image, points, micro, 8.0, workers=2)
+    placed = place_lenslets(image, points, micro, disc(8.0), workers=2)
     assert np.abs(placed.shifts - (moved - points)).max() < 0.05
     assert placed.gains == pytest.approx(1.0, abs=0.1)
     assert placed.explained.min() > 0.98
@@ -56,7 +61,7 @@ def test_the_centre_of_symmetry_is_found() -> None:
     found = np.zeros(2)
     for _ in range(3):  # the fit is linear in the shift
         micro = mean_micro_image(image, points + found, np.ones(len(points)), 8.0)
-        found = found + micro.off_centre(6.5)
+        found = found + micro.off_centre(disc(6.5))
     assert found == pytest.approx((0.6, -0.8), abs=0.04)
 
 
@@ -69,7 +74,7 @@ def test_nothing_to_place_gives_nan_and_left_out_lenslets_do_not_count() -> None
     rest = mean_micro_image(image, points[1::2], np.ones(len(points) // 2), 8.0)
     assert np.array_equal(part.table, rest.table)
     micro = mean_micro_image(np.ones_like(image), points, scales, 8.0)
-    assert np.isnan(place_lenslets(image, points, micro, 6.0).shifts).all()
+    assert np.isnan(place_lenslets(image, points, micro, disc(6.0)).shifts).all()
 
 
 def test_light_counts_pixels_and_gradients() -> None:
@@ -91,4 +96,4 @@ def test_light_that_grows_across_a_bell_draws_it_by_its_variance(width: float) -
     bell = np.exp(-(places[:, None] ** 2 + places**2) / (2 * width**2))
     down, right = np.gradient(bell, 1 / SAMPLES_PER_PIXEL)
     micro = MicroImage(bell, np.stack([right, down]), 20.0)
-    assert micro.draw(18.0) == pytest.approx(width**2, rel=0.01)
+    assert micro.draw(disc(18.0)) == pytest.approx(width**2, rel=0.01)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import InputError
-from lfcal.lattice._spectrum import blurred, guess_lattice, upright
+from lfcal.lattice._lit_part import blurred
+from lfcal.lattice._spectrum import guess_lattice, upright
 from lfcal.lattice.fit import fit_lattice
 from tests.lattice.white_frames import draw_pupils, draw_white
 

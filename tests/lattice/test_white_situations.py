@@ -1,0 +1,219 @@
+"""White images as people record them: stopped down, partly lit, with few lenslets or rectangular cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lfcal.base.errors import InputError
+from lfcal.lattice.fit import fit_lattice
+from lfcal.lattice.lattice_file import load_lattice, save_lattice
+from lfcal.lattice.lattice_fit import LatticeFit
+
+Array = NDArray[np.float64]
+SHAPE = (300, 360)
+
+
+def places_of(
+    kind: str, pitch: float, ratio: float = 1.0, degrees: float = 0.5, shape: tuple[int, int] = SHAPE
+) -> Array:
+    """Return the centres ``(n, 2)`` (row, column) of an array that covers a frame; ``ratio`` stretches its rows."""
+    turn = np.exp(1j * math.radians(degrees))
+    across = (0.5 + 0.75**0.5 * 1j) if kind == "hexagonal" else ratio * 1j
+    count = int(2 * max(shape) / pitch / min(1.0, ratio)) + 3
+    q, r = np.meshgrid(np.arange(-count, count + 1), np.arange(-count, count + 1))
+    # numbers without a common fraction with the pixels
+    points = turn * pitch * (q + across * r).ravel() + (shape[1] / 2 + 0.37) + 1j * (shape[0] / 2 - 0.21)
+    points = points[(np.abs(points.real - shape[1] / 2) < shape[1] / 2 + pitch)]
+    points = points[(np.abs(points.imag - shape[0] / 2) < shape[0] / 2 + pitch)]
+    return np.stack([points.imag, points.real], axis=-1)
+
+
+def drawn(
+    places: Array,
+    profile: Callable[[Array], Array],
+    reach: float,
+    *,
+    light: Array | float = 1.0,
+    share: Array | None = None,
+    shape: tuple[int, int] = SHAPE,
+    peak: float = 3000.0,
+    seed: int = 4,
+) -> NDArray[np.uint16]:
+    """Add ``profile`` (distance in px) of every micro-image within ``reach``; photon and read noise, 12 bits."""
+    image = np.zeros(shape)
+    for k, (y, x) in enumerate(places):
+        rows = np.arange(max(0, math.ceil(y - reach)), min(shape[0], math.floor(y + reach) + 1))
+        columns = np.arange(max(0, math.ceil(x - reach)), min(shape[1], math.floor(x + reach) + 1))
+        if rows.size and columns.size:
+            distance = np.hypot(rows[:, None] - y, columns - x)
+            image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] += profile(distance) * (
+                1.0 if share is None else share[k]
+            )
+    rng = np.random.default_rng(seed)
+    counts = rng.poisson(peak * image * light) + 64 + rng.normal(0, 3, shape)
+    return np.clip(np.rint(counts), 0, 4095).astype(np.uint16)
+
+
+def disc(radius: float, edge: float = 0.5) -> tuple[Callable[[Array], Array], float]:
+    return lambda d: 1 / (1 + np.exp(np.clip((d - radius) / edge, -40, 40))), radius + 9 * edge
+
+
+def spot(sigma: float) -> tuple[Callable[[Array], Array], float]:
+    return lambda d: np.exp(-0.5 * (d / sigma) ** 2), 5 * sigma
+
+
+def worst(fit: LatticeFit, places: Array) -> float:
+    """Return the largest distance of a fitted lenslet that was located from a drawn one (px)."""
+    from scipy.spatial import cKDTree
+
+    found = fit.centres_px(*fit.index[~fit.dead].T)
+    return float(cKDTree(places).query(found)[0].max())
+
+
+def found_share(fit: LatticeFit, places: Array) -> float:
+    """Return the share of whole drawn micro-images that were located."""
+    from scipy.spatial import cKDTree
+
+    margin = 0.6 * max(fit.pitch_px, fit.row_pitch_px)
+    whole = places[((places > margin) & (places < np.array(fit.shape) - 1 - margin)).all(1)]
+    return float((cKDTree(fit.centres_px(*fit.index[~fit.dead].T)).query(whole)[0] < 0.5).mean())
+
+
+@pytest.mark.few(3)
+@pytest.mark.parametrize("hint", [False, True])
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@pytest.mark.parametrize(
+    ("pitch", "sigma"), [(14.37, 1.0), (14.37, 1.6), (14.37, 2.4), (24.8, 1.3), (24.8, 3.0), (24.8, 4.0)]
+)
+def test_spots_of_a_stopped_down_main_lens(kind: str, pitch: float, sigma: float, hint: bool) -> None:
+    places = places_of(kind, pitch)
+    given: dict[str, Any] = {"kind": kind, "pitch_px": 1.04 * pitch} if hint else {}
+    fit = fit_lattice(drawn(places, *spot(sigma)), **given)
+    assert fit.kind == kind and fit.pitch_px == pytest.approx(pitch, abs=2e-3)
+    assert worst(fit, places) < 0.01 and found_share(fit, places) == 1.0
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("hint", [False, True])
+@pytest.mark.parametrize("ratio", [0.5, 1 / 1.5, 1 / 1.1, 1.05, 1.1, 1.2, 1.5, 2.0])
+def test_rectangular_cells(ratio: float, hint: bool) -> None:
+    places = places_of("square", 16.4, ratio)
+    given: dict[str, Any] = {"kind": "square", "pitch_px": 16.4} if hint else {}
+    fit = fit_lattice(drawn(places, *disc(7.0 * min(1.0, ratio))), **given)
+    assert fit.kind == "square" and fit.row_pitch_px == pytest.approx(16.4 * ratio, abs=2e-3)
+    assert fit.pitch_px == pytest.approx(16.4, abs=2e-3)
+    assert worst(fit, places) < 0.01 and found_share(fit, places) == 1.0
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("hint", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "count", "pitch"),
+    [
+        ("hexagonal", 7, 95.0),
+        ("hexagonal", 19, 60.0),
+        ("hexagonal", 37, 43.0),
+        ("square", 9, 95.0),
+        ("square", 16, 70.0),
+        ("square", 36, 47.0),
+    ],
+)
+def test_few_large_lenslets(kind: str, count: int, pitch: float, hint: bool) -> None:
+    places = places_of(kind, pitch, degrees=0.0)
+    places = places[np.argsort(np.hypot(*(places - np.array(SHAPE) / 2).T), kind="stable")[:count]]
+    given: dict[str, Any] = {"kind": kind, "pitch_px": pitch} if hint else {}
+    fit = fit_lattice(drawn(places, *disc(0.46 * pitch)), **given)
+    assert fit.kind == kind and fit.pitch_px == pytest.approx(pitch, abs=0.01)
+    assert worst(fit, places) < 0.02 and found_share(fit, places) == 1.0
+    assert sum("lenslets: distortion at most" in note for note in fit.notes) == 1
+
+
+ROWS, COLUMNS = np.mgrid[: SHAPE[0], : SHAPE[1]]
+LIT = {
+    "left third": COLUMNS < SHAPE[1] / 3,
+    "left 15 %": COLUMNS < 0.15 * SHAPE[1],
+    "disc": np.hypot(ROWS - 120, COLUMNS - 110) < 90,
+    "corner": (ROWS > 165) & (COLUMNS > 200),
+}
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@pytest.mark.parametrize("part", LIT)
+def test_a_partly_lit_frame_is_fitted_where_there_is_light(part: str, kind: str, tmp_path: Any) -> None:
+    places = places_of(kind, 12.6, degrees=2.0)
+    fit = fit_lattice(drawn(places, *disc(5.6), light=LIT[part].astype(float)), dark=64.0)
+    assert fit.kind == kind and fit.pitch_px == pytest.approx(12.6, rel=1e-3)
+    assert worst(fit, places) < 0.03
+    assert sum("extrapolated elsewhere" in note for note in fit.notes) == 1
+    # the outline contains every located micro-image, and only lit ones
+    assert fit.outline_px is not None
+    lit = np.argwhere(LIT[part])
+    assert (fit.outline_px >= lit.min(0) - 8).all() and (fit.outline_px <= lit.max(0) + 8).all()
+    assert np.ptp(fit.outline_px, axis=0).prod() > 0.6 * np.ptp(lit, axis=0).prod()
+    save_lattice(fit, tmp_path)
+    again = load_lattice(tmp_path / "lattice.json")
+    assert again.outline_px is not None and np.abs(again.outline_px - fit.outline_px).max() < 0.01
+    gone = set(again.dead_lenslets)
+    assert not [one for one in map(tuple, fit.index[~fit.dead].tolist()) if one in gone]
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+@pytest.mark.parametrize("radius", [9.0, 10.0, 11.0, 11.5, 12.0, 13.0])
+def test_overlapping_discs_are_refused(kind: str, radius: float) -> None:
+    """Their overlaps form lattices too: a plausible answer would be half a cell off."""
+    frame = drawn(places_of(kind, 16.4), *disc(radius, 0.2), peak=700.0)
+    with pytest.raises(InputError, match="stopped down if micro-images overlap"):
+        fit_lattice(frame)
+
+
+def test_what_is_written_can_be_read(tmp_path: Any) -> None:
+    """Rows of a hexagonal array of 4.4 px are 3.8 px apart."""
+    fit = fit_lattice(drawn(places_of("hexagonal", 4.4), *spot(1.1)))
+    save_lattice(fit, tmp_path)
+    assert load_lattice(tmp_path / "lattice.json").row_pitch_px == pytest.approx(4.4 * 0.75**0.5, abs=1e-3)
+
+
+def test_rows_too_close_are_refused_before_anything_is_written() -> None:
+    with pytest.raises(InputError, match=r"row_pitch_px: expected a number ≥ 3|white image"):
+        fit_lattice(drawn(places_of("square", 5.4, 0.5), *spot(0.6)))
+
+
+def situation(seed: int) -> tuple[NDArray[np.uint16], Array, str, float, float]:
+    """Return a random white image: frame, places, kind, pitch and ratio of rows."""
+    rng = np.random.default_rng(seed)
+    kind = ("hexagonal", "square")[seed % 2]
+    ratio = float(rng.choice([1.0, 1.0, 1.07, 1.3, 1.8, 1 / 1.3])) if kind == "square" else 1.0
+    pitch = float(rng.uniform(8, 26)) / min(1.0, ratio)
+    degrees = float(rng.uniform(-12, 12))
+    places = places_of(kind, pitch, ratio, degrees)
+    small = pitch * min(1.0, ratio)
+    size = (
+        spot(float(rng.uniform(0.06, 0.16)) * small + 0.5)
+        if rng.random() < 0.5
+        else disc(rng.uniform(0.3, 0.47) * small)
+    )
+    lit = rng.choice(["all", "all", *LIT])
+    light = np.ones(SHAPE) if lit == "all" or small > 14 else LIT[str(lit)].astype(float)
+    share = rng.uniform(0.7, 1.0, len(places)) * (rng.random(len(places)) > 0.03)
+    peak = float(rng.choice([300.0, 1000.0, 3000.0]))
+    frame = drawn(places, *size, light=light, share=share, peak=peak, seed=seed)
+    return frame, places[share > 0], kind, pitch, ratio
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("seed", range(60))
+def test_random_situations(seed: int) -> None:
+    frame, places, kind, pitch, ratio = situation(seed)
+    fit = fit_lattice(frame)
+    assert fit.kind == kind
+    across = 0.75**0.5 if kind == "hexagonal" else ratio
+    assert (fit.pitch_px, fit.row_pitch_px) == pytest.approx((pitch, pitch * across), rel=3e-3)
+    assert worst(fit, places) < 0.15
