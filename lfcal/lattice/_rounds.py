@@ -79,6 +79,9 @@ PARTLY_LIT = 0.6
 NARROW = 0.4
 """The same below which no distortion is fitted."""
 
+LONE = 0.3
+"""Share of working lenslets around a place of a partly lit field below which it is not lit."""
+
 INNER = 0.85
 """Share of working lenslets among a lenslet and its neighbours above which it is not at the edge of the light."""
 
@@ -274,6 +277,7 @@ def place_all(
     explained = float(np.median(placed.explained[~dead])) if not dead.all() else 0.0
     # outside the lit field there is only noise, where positions are meaningless
     dead |= placed.explained < MIN_SHARE_EXPLAINED * explained
+    dead |= _astray(index, ~dead)
     _check_found(index, placed, dead, explained)
     noise = math.sqrt(max(1 - explained, 0.0) / explained)
     if len(dead) - dead.sum() < FEW:
@@ -303,6 +307,13 @@ def _lost(index: NDArray[np.intp], placed: LensletPlaces, model: LatticeModel) -
     # dirt may transmit light but reduce contrast
     gains = np.where(np.isfinite(placed.gains), placed.gains, 0.0)
     return np.asarray(lost | _dim(gains, class_median(index, gains)))
+
+
+def _astray(index: NDArray[np.intp], alive: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return places of a partly lit field without working neighbours: noise that resembles a micro-image."""
+    if alive.mean() >= PARTLY_LIT or alive.sum() < FEW:
+        return np.zeros(len(alive), bool)
+    return np.asarray(neighbour_mean(index, alive.astype(float), 1) < LONE)
 
 
 def _check_found(index: NDArray[np.intp], placed: LensletPlaces, dead: NDArray[np.bool_], explained: float) -> None:
