@@ -47,6 +47,7 @@ class Template(NamedTuple):
 
     values: NDArray[np.float64]  # (side, side), rows along y
     slopes: NDArray[np.float64]  # (2, side, side): derivatives along x and y per pixel
+    support: Support
 
 
 @njit()
@@ -97,7 +98,6 @@ SHIFT_X, SHIFT_Y, GAIN, LEVEL, EXPLAINED = range(5)
 def register(
     image: NDArray[np.float32],
     lenslets: WhiteLenslets,
-    support: Support,
     template: Template,
     out: NDArray[np.float64],
     start: int,
@@ -110,7 +110,7 @@ def register(
     the system is singular.
     """
     centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
-    table, slopes = template.values, template.slopes
+    table, slopes, support = template.values, template.slopes, template.support
     rows, columns = image.shape
     middle = table.shape[0] // 2
     for k in range(start, stop):

@@ -34,6 +34,12 @@ Array = NDArray[np.float64]
 MAX_RESIDUAL = 0.08
 """Largest rms residual of an accepted lattice, in pitches."""
 
+CELL_LENSLETS, MIN_CELLS = 400, 9
+"""Largest and smallest number of cells whose mean is judged."""
+
+RATIO_TOLERANCE = 0.06
+"""Largest relative deviation of the distance of hexagonal rows from 0.87 pitches."""
+
 PARTLY_LIT = 0.75
 """Share of the lattice's places within the outline of located micro-images below which a note reports it."""
 
@@ -280,12 +286,6 @@ def fit_outwards(
 
 CELL_SIDE = 12
 """Number of samples along each side of a cell; even, so that half a cell is a whole number of them."""
-
-CELL_LENSLETS, MIN_CELLS = 400, 9
-"""Largest and smallest number of cells whose mean is judged."""
-
-RATIO_TOLERANCE = 0.06
-"""Largest relative deviation of the distance of hexagonal rows from 0.87 pitches."""
 
 INVERSE_CORRELATION = -0.99
 """Correlation of a cell with itself half a diagonal away below which light and dark only exchange places. Measured:
