@@ -270,8 +270,8 @@ def test_slices_of_a_volume_are_measured_and_steered(qtbot: QtBot, tmp_path: Pat
     """A right click offered copying and saving of the whole view only."""
     view = shown(qtbot, VolumeView(), (600, 500))
     volume = np.random.default_rng(0).random((3, 20, 30)).astype(np.float32)
-    assert not view.xy.entries(), "there is nothing to measure yet"
     view.segments[1].click()
+    assert not view.pictures["xy"].entries(), "there is nothing to measure yet"
     view.set_volume(volume)
     view.set_cross(z=1, y=5, x=7)
     for name, wanted in (("xy", volume[1]), ("xz", volume[:, 5]), ("yz", volume[:, :, 7].T)):
@@ -281,19 +281,21 @@ def test_slices_of_a_volume_are_measured_and_steered(qtbot: QtBot, tmp_path: Pat
         assert list(offered) == ["Contrast, profile, region …", "Copy values", "Save data …"]
         offered["Copy values"]()
         assert len(QApplication.clipboard().text().splitlines()) == wanted.shape[0]
-    view.xy.save_data(str(tmp_path / "slice.npy"))
+    view.pictures["xy"].save_data(str(tmp_path / "slice.npy"))
     np.testing.assert_array_equal(np.load(tmp_path / "slice.npy"), volume[1])
-    view.xy.set_contrast((0.25, 0.5))
+    view.pictures["xy"].set_contrast((0.25, 0.5))
     view.set_cross(z=2)
-    assert view.xy.levels == (0.25, 0.5) == view.yz.levels, "contrast stays with the next slice, for all three"
-    view.xz.steered_to.emit(0, 11)
+    assert view.pictures["xy"].levels == (0.25, 0.5) == view.pictures["yz"].levels, (
+        "contrast stays with the next slice, for all three"
+    )
+    view.pictures["xz"].steered_to.emit(0, 11)
     assert (view.intent.z, view.intent.x) == (0, 11)
-    view.yz.steered_to.emit(6, 2)
+    view.pictures["yz"].steered_to.emit(6, 2)
     assert (view.intent.z, view.intent.y) == (2, 6)
-    lines = {tuple(line.points.mean(0)) for line in view.xy.overlays if isinstance(line, Outline)}
+    lines = {tuple(line.points.mean(0)) for line in view.pictures["xy"].overlays if isinstance(line, Outline)}
     assert lines == {(9.5, 11.0), (6.0, 14.5)}
     view.set_volume(None)
-    assert view.xy.values is None
+    assert view.pictures["xy"].values is None
 
 
 def test_colours_of_depth_have_the_brightness_of_values(view: Picture) -> None:

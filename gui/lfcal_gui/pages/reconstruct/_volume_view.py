@@ -41,6 +41,9 @@ TICKS = (
 AXES = {"xy": "xy", "xz": "xz", "yz": "zy"}
 """What is across and down in each picture."""
 
+SIDES = {"xy": (0, 0), "xz": (1, 0), "yz": (0, 1)}
+"""Row and column of each picture."""
+
 LEAST = (90, 70)
 """Least width and height of a picture (px)."""
 
@@ -57,21 +60,25 @@ class VolumePanes(QWidget):
         self.prepared: Prepared | None = None
         self.shown: dict[str, Side] = {}
         self.solid = SolidPicture(VALUE, name, jobs)
-        self.pictures = {key: Picture(VALUE, steered=True, legend=False) for key in AXES}
-        for key, picture in self.pictures.items():
-            picture.setAccessibleName(f"{name}: {AXES[key][1]} over {AXES[key][0]}")
+        self.pictures: dict[str, Picture] = {}
         self._grid_widget = QWidget()
         self._grid = QGridLayout(self._grid_widget)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setSpacing(3)
-        for row, column, key in ((0, 0, "xy"), (0, 1, "yz"), (1, 0, "xz")):
-            self._grid.addWidget(self.pictures[key], row, column)
         self._stack = QStackedWidget()
         self._stack.addWidget(self.solid)
         self._stack.addWidget(self._grid_widget)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(self._stack)
+
+    def make_sides(self) -> None:
+        """Make the pictures from three sides."""
+        for key, place in SIDES.items():
+            picture = self.pictures[key] = Picture(VALUE, steered=True, legend=False)
+            picture.setAccessibleName(f"{self.name}: {AXES[key][1]} over {AXES[key][0]}")
+            picture.graphics.setMinimumSize(*LEAST)
+            self._grid.addWidget(picture, *place)
 
     def set_volume(self, prepared: Prepared | None) -> None:
         """Show a volume from the next `show_as` on."""
@@ -180,7 +187,6 @@ class VolumeView(QWidget):
         self._jobs = jobs
         self.looks: tuple[VolumePanes, ...] = (VolumePanes("Volume", jobs, first=True),)
         self.solid, self.pictures = self.looks[0].solid, self.looks[0].pictures
-        self.xy, self.xz, self.yz = self.pictures.values()
         self.slice = Picture(VALUE, steered=True, legend=False)
         self.slice.setAccessibleName("slice at the cross")
         self.slice.steered_to.connect(lambda row, column: self._steer(self.looks[0], "xy", row, column))
@@ -188,9 +194,7 @@ class VolumeView(QWidget):
         self.light_field.setToolTip("The light field; the frame shows the region that is used")
         share_contrast(*self._volumes())
         self._watch(self.looks[0])
-        self.contrasts = Contrast(self.solid), Contrast(self.xy)
-        for contrast in self.contrasts:
-            contrast.display_asked.connect(lambda changes: self._display(**changes))
+        self.contrasts = [self._contrast(self.solid)]
         self.strip = Strip(self._tip, TILE)
         self.strip.setAccessibleName("depth planes of the volume")
         self.strip.setToolTip("Depth planes of the volume. Click to put the cross into one (Page up, Page down)")
@@ -208,25 +212,50 @@ class VolumeView(QWidget):
         self.stack.addWidget(self.looking)
         self.side = split(self.light_field, self.slice, sizes=(1, 1), vertical=True)
         self.split = split(self.stack, self.side, sizes=(5, 2))
-        column = QVBoxLayout(self)
+        self._column = column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(2)
         column.addWidget(self.split, 1)
         for part in (*self.contrasts, self.strip):
             column.addWidget(part)
 
+    def _contrast(self, picture: Picture) -> Contrast:
+        contrast = Contrast(picture)
+        contrast.display_asked.connect(lambda changes: self._display(**changes))
+        return contrast
+
+    def _share(self) -> None:
+        """Let pictures that are new have the contrast of the others."""
+        share_contrast(*self._volumes())
+        self.solid.set_contrast(self.solid.contrast)
+
+    def _make_sides(self) -> None:
+        """Make the pictures from three sides, when they are first shown."""
+        new = [look for look in self.looks if not look.pictures]
+        if not new:
+            return
+        for look in new:
+            look.make_sides()
+            for key, picture in look.pictures.items():
+                picture.steered_to.connect(lambda row, column, look=look, key=key: self._steer(look, key, row, column))
+        self._share()
+        if len(self.looks) > 1:
+            for key in AXES:
+                link(*(look.pictures[key] for look in self.looks))
+        if len(self.contrasts) == 1:
+            self.contrasts.append(self._contrast(self.pictures["xy"]))
+            self._column.insertWidget(self._column.indexOf(self.strip), self.contrasts[1])
+        name_controls(self)
+
     def _add_truth(self) -> None:
         """Make what shows the known volume, when there is one."""
         truth = VolumePanes("Truth", self._jobs, first=False)
         self.looks = (self.looks[0], truth)
         self.looking.add(truth)
-        share_contrast(*self._volumes())
+        self._share()
         link(*(look.solid for look in self.looks))
-        for key in AXES:
-            link(*(look.pictures[key] for look in self.looks))
         self._watch(truth)
-        for picture in (truth.solid, *truth.pictures.values()):
-            picture.graphics.setMinimumSize(*LEAST)
+        truth.solid.graphics.setMinimumSize(*LEAST)
         name_controls(self)
 
     def _watch(self, look: VolumePanes) -> None:
@@ -234,8 +263,6 @@ class VolumeView(QWidget):
         look.solid.begun_again.connect(self.show_all)
         look.solid.hovered.connect(lambda row, column, _: self._read(look, row, column))
         look.solid.picked.connect(lambda z, y, x: self.set_cross(z=z, y=y, x=x))
-        for key, picture in look.pictures.items():
-            picture.steered_to.connect(lambda row, column, key=key: self._steer(look, key, row, column))
 
     def _make_tools(self) -> None:
         """Make what the header has: the views, and what is drawn."""
@@ -425,8 +452,8 @@ class VolumeView(QWidget):
     def _show_parts(self) -> None:
         """Show the parts that there is something for."""
         there, solid = self.stack.currentWidget() is self.looking, self.intent.mode == MODES[0]
-        self.contrasts[0].setVisible(there and solid)
-        self.contrasts[1].setVisible(there and not solid)
+        for contrast, its in zip(self.contrasts, (solid, not solid), strict=False):
+            contrast.setVisible(there and its)
         self.strip.setVisible(there)
         self.slice.setVisible(there and solid)
         self.stack.setVisible(there or not self._light_field)
@@ -437,6 +464,8 @@ class VolumeView(QWidget):
             control.setVisible(there)
 
     def _show(self) -> None:
+        if self.intent.mode != MODES[0]:
+            self._make_sides()
         self._show_parts()
         intent, prepared = self.intent, self.prepared
         for truth in self.looks[1:]:

@@ -92,8 +92,22 @@ def test_contrast_and_scaling_are_those_of_every_picture(view: VolumeView) -> No
     assert picture.shot.tint is None and picture.display.colour_map == COLOUR_MAPS[1]
     np.testing.assert_array_equal(picture.item.image, grey)
     view.segments[1].click()
-    assert view.xy.levels == (0.5, 2.0) and view.xy.display.scale == "gamma"
+    assert view.pictures["xy"].levels == (0.5, 2.0) and view.pictures["xy"].display.scale == "gamma"
     assert view.contrasts[1].isVisible() and not view.contrasts[0].isVisible()
+
+
+def test_pictures_that_are_made_later_have_the_contrast_of_the_others(view: VolumeView) -> None:
+    """Slices are made when they are first shown, and the truth when it is known: neither took the chosen contrast."""
+    view.contrasts[0].set_levels((0.5, 2.0))
+    view.set_volume(volume(), DEPTHS, (60.0, 60.0), 2 * volume())
+    assert not view.pictures and view.looks[1].solid.levels == (0.5, 2.0)
+    view.segments[1].click()
+    assert view.pictures is view.looks[0].pictures
+    shown = [picture for look in view.looks for picture in look.pictures.values()]
+    assert len(shown) == 6 and {picture.levels for picture in shown} == {(0.5, 2.0)}
+    assert all(picture.accessibleName() and picture.isVisible() for picture in shown)
+    view.contrasts[1].set_levels((0.25, 1.0))
+    assert view.solid.levels == view.looks[1].pictures["xz"].levels == (0.25, 1.0)
 
 
 def test_mouse_and_arrows_turn_it_and_home_shows_the_first_view(view: VolumeView) -> None:
@@ -163,6 +177,10 @@ def test_a_known_truth_is_turned_with_it_and_can_be_hidden(view: VolumeView) -> 
     assert other.box.viewRect().width() == pytest.approx(view.solid.box.viewRect().width(), rel=0.01)
     view.segments[1].click()
     np.testing.assert_array_equal(view.looks[1].pictures["xy"].values, truth[2])
+    slices = [look.pictures["xy"] for look in view.looks]
+    slices[1].box.scaleBy((0.5, 0.5))
+    slices[1].moved.emit()
+    assert slices[0].box.viewRect().width() == pytest.approx(slices[1].box.viewRect().width(), rel=0.01)
     view.ticks["truth"].trigger()
     assert not view.looks[1].isVisible()
 
@@ -177,20 +195,22 @@ def test_the_cross_links_slices_and_projections(qtbot: QtBot) -> None:
     for mode in (1, 2):
         view.segments[mode].click()
         view.set_cross(z=1, y=10, x=15)
-        view.xy.steered_to.emit(10, 22)
-        assert places[-1] == (1, 10, 22) and lines_in(view.xz) == {22 * 500, 2e3}
-        view.yz.steered_to.emit(10, 5)
-        assert view.strip.currentRow() == 2 and lines_in(view.xz) == {22 * 500, 3e3} and "3 mm" in view.readout
+        view.pictures["xy"].steered_to.emit(10, 22)
+        assert places[-1] == (1, 10, 22) and lines_in(view.pictures["xz"]) == {22 * 500, 2e3}
+        view.pictures["yz"].steered_to.emit(10, 5)
+        assert (
+            view.strip.currentRow() == 2 and lines_in(view.pictures["xz"]) == {22 * 500, 3e3} and "3 mm" in view.readout
+        )
         wanted = values[:, :, 22] if mode == 1 else values.max(2)
-        np.testing.assert_array_equal(view.yz.values[:, ::2], wanted.T)
-        assert view.xz.shot.pixel_um == 500 and view.xz.shot.step == 500
+        np.testing.assert_array_equal(view.pictures["yz"].values[:, ::2], wanted.T)
+        assert view.pictures["xz"].shot.pixel_um == 500 and view.pictures["xz"].shot.step == 500
     view.strip.setCurrentRow(0)
     assert places[-1] == (0, 10, 22)
     view.ticks["cross"].trigger()
-    assert not view.xy.overlays
+    assert not view.pictures["xy"].overlays
     view.segments[1].click()
     view.ticks["own_scale"].trigger()
-    assert view.xy.levels == (values[0].min(), values[0].max()) != view.xz.levels
+    assert view.pictures["xy"].levels == (values[0].min(), values[0].max()) != view.pictures["xz"].levels
     view.set_volume(values[:1])
     assert view.intent.z == 0 and view.strip.count() == 1
     view.set_volume(None)
