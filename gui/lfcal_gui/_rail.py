@@ -12,8 +12,8 @@ from lfcal_gui.models import PLACES
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import set_role
 
-WIDTH, BUTTON, ICON = 85, (73, 76), 22
-"""Width of the rail, size of its buttons, and side of an icon (px)."""
+WIDTH, BUTTON, ICON = 85, (77, 84), 22
+"""Width of the rail, size of its buttons with words in two lines, and side of an icon (px)."""
 
 MARKS = {"good": "✓ ", "fair": "▲ ", "bad": "▲ "}
 """Sign before a word, so that its meaning does not depend on colour alone."""
@@ -35,7 +35,7 @@ class Rail(QFrame):
         self.setObjectName("rail")
         self.setFixedWidth(WIDTH)
         column = QVBoxLayout(self)
-        column.setContentsMargins(6, 8, 6, 8)
+        column.setContentsMargins(4, 8, 4, 8)
         column.setSpacing(4)
         self._buttons: dict[str, RailButton] = {}
         for number, place in enumerate(PLACES, 1):
@@ -88,7 +88,7 @@ class RailButton(QPushButton):
         self.setFixedSize(*BUTTON)
         self.setAccessibleName(title)
         column = QVBoxLayout(self)
-        column.setContentsMargins(0, 6, 0, 5)
+        column.setContentsMargins(0, 5, 0, 3)
         column.setSpacing(1)
         self.icon_label, self.title, self.word = QLabel(), QLabel(title), QLabel()
         self.title.setProperty("role", "heading")
@@ -96,7 +96,10 @@ class RailButton(QPushButton):
             label.setAlignment(Qt.AlignmentFlag.AlignCenter)
             label.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
             column.addWidget(label)
+        self.word.setAlignment(Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop)
+        self.word.setWordWrap(True)
         self.word.setProperty("size", "caption")
+        column.setStretchFactor(self.word, 1)
 
     def nextCheckState(self) -> None:
         """Stay as it is: the window says which place is shown."""

@@ -93,7 +93,7 @@ class BasePage(QWidget):
         self.views: dict[PageSpec, QPushButton] = {}
         self.segments = QHBoxLayout()
         self.segments.setSpacing(0)
-        self.hint = ElidedLabel(self.spec.hint)
+        self.hint = ElidedLabel(self.spec.hint, sentence=True)
         self.hint.setProperty("role", "hint")
         self.tools = QHBoxLayout()
         self.header = header = QHBoxLayout()

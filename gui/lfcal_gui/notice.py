@@ -25,7 +25,7 @@ class Notice(QFrame):
         super().__init__(parent)
         row = QHBoxLayout(self)
         row.setContentsMargins(6, 0, 0, 0)
-        self.label = ElidedLabel()
+        self.label = ElidedLabel(sentence=True)
         self.button = QPushButton()
         self.button.setAccessibleName("answer to the notice")
         self.button.setToolTip(DISMISS)

@@ -95,8 +95,8 @@ def _of(widget: QWidget) -> Iterator[str]:
 
 def _label(label: QLabel) -> Iterator[str]:
     text = label.text()
-    if isinstance(label, ElidedLabel) and label.toolTip() == text:
-        return  # what is left out can be read
+    if isinstance(label, ElidedLabel) and (label.toolTip() == text or "\n" in QLabel.text(label)):
+        return  # what is left out can be read, or all of it in two lines
     if not text.strip() or (label.pixmap() and not label.pixmap().isNull()):
         return
     short = text[:60]

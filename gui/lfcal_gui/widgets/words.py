@@ -87,11 +87,22 @@ class WrappedLabel(QLabel):
 
 
 class ElidedLabel(QLabel):
-    """A single line of text. If it does not fit, its middle is left out, and the tooltip shows all of it."""
+    """Text in one line or two. If it does not fit, a part is left out, and the tooltip shows all of it.
 
-    def __init__(self, text: str = "", parent: QWidget | None = None) -> None:
+    Parameters
+    ----------
+    text
+        A name, or a sentence.
+    sentence
+        Whether the end is left out, as of a sentence, and not the middle, as of a name.
+    lines
+        Most lines.
+    """
+
+    def __init__(self, text: str = "", parent: QWidget | None = None, *, sentence: bool = False, lines: int = 1) -> None:
         super().__init__(parent)
-        self._whole = ""
+        self._whole, self._lines = "", lines
+        self._mode = Qt.TextElideMode.ElideRight if sentence else Qt.TextElideMode.ElideMiddle
         self.setTextFormat(Qt.TextFormat.PlainText)
         self.setText(text)
 
@@ -106,7 +117,7 @@ class ElidedLabel(QLabel):
         return self._whole
 
     def sizeHint(self) -> QSize:
-        """Return the size of all words."""
+        """Return the size of all words in one line."""
         margins = self.contentsMargins()
         across = self.fontMetrics().horizontalAdvance(self._whole) + margins.left() + margins.right() + 2
         return QSize(across, super().sizeHint().height())
@@ -122,9 +133,16 @@ class ElidedLabel(QLabel):
 
     def _fit(self) -> None:
         room = self.contentsRect().width()
-        shown = self.fontMetrics().elidedText(self._whole, Qt.TextElideMode.ElideMiddle, room)
-        super().setText(shown)
-        self.setToolTip(self._whole if shown != self._whole else "")
+        rest, shown, metrics = self._whole, [], self.fontMetrics()
+        while len(shown) < self._lines - 1 and metrics.horizontalAdvance(rest) > room:
+            ends = [k for k, letter in enumerate(rest) if letter == " " and metrics.horizontalAdvance(rest[:k]) <= room]
+            if not ends:
+                break
+            shown.append(rest[: ends[-1]])
+            rest = rest[ends[-1] + 1 :]
+        last = metrics.elidedText(rest, self._mode, room)
+        super().setText("\n".join((*shown, last)))
+        self.setToolTip(self._whole if last != rest else "")
 
 
 BESIDE = 42

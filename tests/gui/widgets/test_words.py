@@ -46,6 +46,26 @@ def test_a_long_name_in_one_line_needs_no_room_and_stands_in_the_tip(qtbot: QtBo
     assert label.toolTip() == "" and super(ElidedLabel, label).text() == NAME
 
 
+SENTENCE = "say which camera made this H, so that it can be judged fully; lfcal then checks the aperture."
+
+
+def test_a_sentence_takes_two_lines_and_loses_its_end(qtbot: QtBot) -> None:
+    label = ElidedLabel(SENTENCE, sentence=True, lines=2)
+    qtbot.addWidget(label)
+    label.show()
+    whole = label.fontMetrics().horizontalAdvance(SENTENCE)
+    label.resize(2 * whole, 40)
+    assert super(ElidedLabel, label).text() == SENTENCE and not label.toolTip()
+    label.resize(2 * whole // 3, 40)
+    first, second = super(ElidedLabel, label).text().split("\n")
+    assert f"{first} {second}" == SENTENCE and not label.toolTip()
+    assert not flaws(label)
+    label.resize(whole // 4, 40)
+    first, second = super(ElidedLabel, label).text().split("\n")
+    assert second.endswith("…") and SENTENCE.startswith(f"{first} {second[:-1]}".rstrip()) and label.toolTip() == SENTENCE
+    assert label.text() == SENTENCE
+
+
 LINE = "words of a fault, of which there are as many as it takes. "
 
 
