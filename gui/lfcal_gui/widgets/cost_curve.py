@@ -161,9 +161,13 @@ class CostCurve(LinePlot):
         inside = box.sceneBoundingRect()
         at = [box.mapViewToScene(QPointF(point.x, point.y)) for point in self._points]
         taken = [QRectF(p.x() - SIZE / 2, p.y() - SIZE / 2, SIZE, SIZE) for p in at]
+        if self.limit.isVisible():
+            self.limit.boundingRect()  # computes the ends of the line, which place its label
+            self.limit.label.updatePosition()
+            taken.append(self.limit.label.mapRectToScene(self.limit.label.boundingRect()))
         for k in sorted(range(len(at)), key=lambda k: (not self._points[k].picked, not self._points[k].efficient, k)):
             point = self._points[k]
-            wide, high = metrics.horizontalAdvance(point.name) + 8, metrics.height() + 4
+            wide, high = metrics.horizontalAdvance(point.name) + 8, metrics.height() + 8
             for across, down in ANCHORS:
                 x, y = at[k].x() + (SIZE / 2 if across == 0 else -SIZE / 2), at[k].y() + (-2 if down else 2)
                 area = QRectF(x - across * wide, y - down * high, wide, high)

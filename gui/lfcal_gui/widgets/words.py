@@ -87,7 +87,7 @@ class WrappedLabel(QLabel):
 
 
 class ElidedLabel(QLabel):
-    """Text in one line or two. If it does not fit, a part is left out, and the tooltip shows all of it.
+    """Text of one or two lines. If it does not fit, a part is left out, and the tooltip shows all of it.
 
     Parameters
     ----------
@@ -99,7 +99,9 @@ class ElidedLabel(QLabel):
         Most lines.
     """
 
-    def __init__(self, text: str = "", parent: QWidget | None = None, *, sentence: bool = False, lines: int = 1) -> None:
+    def __init__(
+        self, text: str = "", parent: QWidget | None = None, *, sentence: bool = False, lines: int = 1
+    ) -> None:
         super().__init__(parent)
         self._whole, self._lines = "", lines
         self._mode = Qt.TextElideMode.ElideRight if sentence else Qt.TextElideMode.ElideMiddle
@@ -117,7 +119,7 @@ class ElidedLabel(QLabel):
         return self._whole
 
     def sizeHint(self) -> QSize:
-        """Return the size of all words in one line."""
+        """Return the size of all words without a line break."""
         margins = self.contentsMargins()
         across = self.fontMetrics().horizontalAdvance(self._whole) + margins.left() + margins.right() + 2
         return QSize(across, super().sizeHint().height())

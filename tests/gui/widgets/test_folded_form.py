@@ -8,13 +8,14 @@ import pytest
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtGui import QEnterEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QToolButton
+from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QToolButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import check_of, fields_of, options_in, shown_of
 from lfcal_gui.models.form import Field
 from lfcal_gui.widgets.folded_form import FoldedForm
+from tests.gui.layout import flaws
 
 FIELDS = (Field("f", "f-number"), Field("list", "Planes at v", kind="floats"), Field("auto", "Noise", optional=True))
 BEFORE = {"f": 4.0, "list": (5.0, 4.0), "auto": None}
@@ -213,12 +214,23 @@ def test_labels_fields_and_units_have_their_edges(qtbot: QtBot) -> None:
     form.open()
     form.resize(300, 600)
     qtbot.waitUntil(lambda: form.editor("n3").width() == form.editor("f").width())
-    editors = [form.editor(key) for key in form.fields]
+    editors = [form.editor(key) for key in form.fields if not isinstance(form.editor(key), QComboBox)]
     labels = [one for one in form.findChildren(QLabel) if one.buddy() is not None]
     units = [one for one in form.findChildren(QLabel) if one.text() == "px"]
     assert len({one.x() for one in labels}) == 1 and len({one.x() for one in units}) == 1
     assert len({one.geometry().right() for one in editors}) == 1 and len({one.x() for one in editors}) == 1
     assert all(one.x() > editors[0].geometry().right() for one in units)
+
+
+def test_the_words_of_a_choice_take_the_room_of_units(qtbot: QtBot) -> None:
+    """In a narrow column, "main lens" was cut next to units such as counts/e⁻."""
+    gain = Field("gain", "Quantum efficiency", "counts/e⁻")
+    form = FoldedForm((gain, Field("kind", "Optics", kind="choice", choices=(("main", "main lens"),))))
+    qtbot.addWidget(form)
+    form.set_values({"kind": "main", "gain": 0.25})
+    form.resize(210, 100)
+    form.show()
+    assert not flaws(form)
 
 
 def test_a_late_field_reports_when_typing_ends(qtbot: QtBot) -> None:

@@ -62,7 +62,9 @@ def test_a_sentence_takes_two_lines_and_loses_its_end(qtbot: QtBot) -> None:
     assert not flaws(label)
     label.resize(whole // 4, 40)
     first, second = super(ElidedLabel, label).text().split("\n")
-    assert second.endswith("…") and SENTENCE.startswith(f"{first} {second[:-1]}".rstrip()) and label.toolTip() == SENTENCE
+    assert (
+        second.endswith("…") and SENTENCE.startswith(f"{first} {second[:-1]}".rstrip()) and label.toolTip() == SENTENCE
+    )
     assert label.text() == SENTENCE
 
 

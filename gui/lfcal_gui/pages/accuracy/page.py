@@ -68,8 +68,8 @@ class Page(BasePage):
             self.show_empty(
                 "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
                 {
-                    "Plan": self.lead("setup", "Choose the source positions and depth planes of the scan"),
-                    "PSF": self.lead("h", "Open an H that was assembled, simulated or fitted before"),
+                    "Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan"),
+                    "Go to H": self.lead("h", "Open an H that was assembled, simulated or fitted before"),
                 },
             )
             return

@@ -10,7 +10,7 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the place that is looked at is measured."""
     chosen = AccuracySettings.of(project)
     by_plan = chosen.subject == "plan"
-    name = PLAN_FILE if by_plan else needed_file(project.psf, "H", "PSF")
+    name = PLAN_FILE if by_plan else needed_file(project.psf, "H", "H")
     order = "" if by_plan else stated_order(project, name)
     stated = f", mat_order={order!r}" if order else ""
     opened = f"Subject.of_matrix(open_psf({name!r}{stated}), {name!r})"

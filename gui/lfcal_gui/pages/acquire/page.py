@@ -107,7 +107,7 @@ class Page(BasePage):
         if state.plan is None and not self.record.recording:  # a running recording keeps its buttons
             self.show_empty(
                 "Recording needs a scan plan: which positions, planes and cutout.",
-                {"Plan": self.lead("setup", "Choose the source positions and depth planes of the scan")},
+                {"Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan")},
             )
             return
         self.show_body()

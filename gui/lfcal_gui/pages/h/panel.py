@@ -228,7 +228,7 @@ class HPanel(QWidget):
             self.view_buttons[title] = button
         for title in ("Difference", "Fit"):  # until there is another H, or a fit
             self.view_buttons[title].hide()
-        self.readout = ElidedLabel()
+        self.readout = ElidedLabel(sentence=True)
         self.readout.setProperty("role", "hint")
         self.own_scale = QCheckBox("Own scale")
         self.own_scale.setToolTip("Each picture fills the colours; off: all positions of a plane share one scale")

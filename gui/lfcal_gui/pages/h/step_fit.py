@@ -11,7 +11,7 @@ from lfcal_gui.pages.h.model_fit import FitSettings, Offer, offer_of, task_files
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the camera is fitted to H; what H lacks decides which files and unknowns are named."""
-    psf, offer = needed_file(project.psf, "H", "PSF"), None
+    psf, offer = needed_file(project.psf, "H", "H"), None
     if Path(psf).is_file():
         with open_psf(psf) as matrix:
             offer = offer_of(matrix)

@@ -135,7 +135,7 @@ class Page(BasePage):
                 state.psf,
                 "No H yet\nExport and reconstruction need an H: assemble one, simulate one, or open one in place H.",
                 {
-                    "PSF": self.lead("h", "Open an H that was assembled, simulated or fitted before"),
+                    "Go to H": self.lead("h", "Open an H that was assembled, simulated or fitted before"),
                     "Compute": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
                 },
             )

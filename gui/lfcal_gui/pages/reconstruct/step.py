@@ -11,7 +11,7 @@ from lfcal_gui.pages.reconstruct.model import ReconstructSettings, task_of
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the light field becomes a volume; where none is open, how H is exported."""
-    psf = needed_file(project.psf, "H", "PSF")
+    psf = needed_file(project.psf, "H", "H")
     if not project.light_field:
         return export_step(project, out)
     chosen = ReconstructSettings.of(project)
@@ -25,7 +25,7 @@ def export_step(
     project: ProjectState, out: str = "", chosen: ExportSettings | None = None, code: str = ""
 ) -> CommandStep:
     """Return how H is exported for a code, or as the options say; by default for MATLAB."""
-    psf = needed_file(project.psf, "H", "PSF")
+    psf = needed_file(project.psf, "H", "H")
     chosen = chosen or (ExportSettings.of_path(out) if out else ExportSettings())
     out, order = out or f"H{chosen.suffix_for(code)}", stated_order(project, psf)
     return CommandStep.of(chosen.task(psf, out, order, code, quality_in(project)))

@@ -131,7 +131,7 @@ class Page(BasePage):
         if state.plan is None:
             self.show_empty(
                 "The simulation needs a scan plan: which positions, planes and cutout.",
-                {"Plan": self.lead("setup", "Choose the source positions and depth planes of the scan")},
+                {"Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan")},
             )
             return
         self.show_body()
