@@ -147,7 +147,7 @@ def _type() -> Values:
 INJECTIONS: dict[str, Injection] = {
     "saturated": Injection(
         "the sensor is full at half of the brightest light",
-        "the brightest samples lack light compared with the camera, from a common value on",
+        "above a common value, samples have less light than the camera predicts",
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),
     "cut_off": Injection(

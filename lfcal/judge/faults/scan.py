@@ -238,7 +238,7 @@ class FrameShift(Fault):
             after = evidence.index[step.after]
             yield FoundFault(
                 self,
-                f"{abs(step.size):.2f} px {along} from {tuple(int(v) for v in after[0])} onwards",
+                f"{abs(step.size):.2f} px {along}, from {tuple(int(v) for v in after[0])} onwards",
                 step.sigmas,
                 share_of(evidence, abs(step.size) / 2, (name,)),
                 positions=after,
