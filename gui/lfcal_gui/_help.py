@@ -89,7 +89,7 @@ class DoctorDialog(QDialog):
         self.resize(*SIZE)
         self._found: dict[str, Any] = {}
         self.view = QTextBrowser()
-        self.view.setAccessibleName("what this machine has")
+        self.view.setAccessibleName("report on this machine")
         self.view.setPlainText("looking …")
         self.copy, close = QPushButton("Copy text"), QPushButton("Close")
         self.copy.setToolTip("Copy the report, for example for a bug report")

@@ -333,7 +333,7 @@ class JobPanel(QWidget):
         self.area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         outer.addWidget(self.area, 1)
         watch = QPushButton("Watch a run …")
-        watch.setToolTip("A run of lfcal in units, of this machine or a cluster: name the folder of its parts")
+        watch.setToolTip("Watch a run of lfcal on this machine or a cluster: choose the folder of its units")
         watch.clicked.connect(self._ask)
         side = QVBoxLayout()
         side.setContentsMargins(0, 4, 0, 4)

@@ -296,7 +296,7 @@ class Jobs(BackgroundThreads):
             return
         running = self._running.get(number)
         if running is None:
-            self._logs[number].say("stop", "waits no longer")
+            self._logs[number].say("stop", "removed from the queue")
             self._end(number, state=JobState.CANCELLED)
             return
         if not running.stop.is_set():

@@ -27,7 +27,7 @@ class Notice(QFrame):
         row.setContentsMargins(6, 0, 0, 0)
         self.label = ElidedLabel(sentence=True)
         self.button = QPushButton()
-        self.button.setAccessibleName("answer to the notice")
+        self.button.setAccessibleName("reply to the notice")
         self.button.setToolTip(DISMISS)
         self.button.clicked.connect(self._pressed)
         self.leave = QPushButton("Leave as it is")

@@ -74,7 +74,7 @@ class CompareRequest:
         orders = {order for path, order in files if path.lower().endswith(".mat")}
         if len(orders) > 1:
             raise InputError.expected(
-                "order of axes", "the same of both .mat files", "two", "state the same order of both in the place H"
+                "order of axes", "the same for both .mat files", "two", "choose the same order for both in H"
             )
         return next(iter(orders), "")
 

@@ -77,7 +77,7 @@ class ComparedNumbers(QWidget):
         self.second.setProperty("role", "value")
         self.choose_button = _button("Choose …", "The H that this one is compared with", self.choose_asked)
         self.pairing = choice_box(PAIRING, "Compare planes of the same depth, or of the same number")
-        self.pairing.setAccessibleName("planes belong together")
+        self.pairing.setAccessibleName("pairing of the planes")
         self.pairing.currentIndexChanged.connect(
             lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
         )
@@ -221,7 +221,7 @@ class ComparePanel(ComparedNumbers):
         self.mode = choice_box(
             COMPARED_MODES, "Use blinking to see shifts, the difference to see missing light, or look side by side"
         )
-        self.mode.setAccessibleName("how both are shown")
+        self.mode.setAccessibleName("display of both H")
         self.mode.currentIndexChanged.connect(lambda: self._show_mode())
         self.scaling = choice_box(
             [(scale, scale) for scale in SCALES], "Gamma and log show faint light. Both patterns have the same scale"

@@ -40,7 +40,7 @@ class AccuracyPanel(QWidget):
     def _places_card(self) -> QFrame:
         frame, column = card("Where accuracy is paid")
         self.places = QListWidget()
-        self.places.setAccessibleName("where accuracy is paid")
+        self.places.setAccessibleName("steps where accuracy costs time")
         self.places.setToolTip("Choose one to see what accuracy costs there, with a point for each measured setting")
         for place in PLACES:
             item = QListWidgetItem(place.title)

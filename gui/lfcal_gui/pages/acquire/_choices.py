@@ -166,7 +166,7 @@ class TargetChoice:
             return scan
         found = self._moved(scan)
         if found is None:
-            raise InputError.expected("plan of the target", "one that can be read", self._path, "choose it again")
+            raise InputError.expected("plan of the target", "a readable file", self._path, "choose the file again")
         if found.scan != scan:
             remedy = "open the target's plan again, or plan it for this scan"
             raise InputError.expected("plan of the target", "of the project's scan", "another scan", remedy)

@@ -107,7 +107,7 @@ class DevicePanel(QWidget):
         self.backend.setToolTip("Driver of the camera; one that is not available says why")
         self.backend.setMinimumContentsLength(10)
         self.backend.activated.connect(self._backend_chosen)
-        self.stage.setToolTip("Driver of the stage, where the driver of the camera brings none")
+        self.stage.setToolTip("Driver of the stage, if the driver of the camera has none")
         self.stage.activated.connect(lambda _: self._emit())
         self.stage_label = QLabel("Stage")
 
@@ -155,7 +155,7 @@ class DevicePanel(QWidget):
     def set_free(self, free: bool) -> None:
         """Allow disconnecting, unless the devices are in use."""
         self.button.setEnabled(free)
-        self.button.setToolTip(LET_GO if free else "The devices are in use; stop that first")
+        self.button.setToolTip(LET_GO if free else "The devices are in use; stop the running task first")
 
     # -- inside ----------------------------------------------------------------------------------------
     def _say(self, words: str, *, bad: bool) -> None:

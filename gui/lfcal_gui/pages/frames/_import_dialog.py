@@ -359,7 +359,7 @@ class ImportDialog(QDialog):
             return
         choice, plan, camera = self.choice, self._plan, self._camera
         set_role(self.words, "")
-        self.words.setText(f"Looking at {Path(choice.frames).name} …")
+        self.words.setText(f"Inspecting {Path(choice.frames).name} …")
         self._jobs.load(GROUP, lambda: survey(choice, plan, camera), self._found, self._failed, Survey.close)
 
     def _drop(self) -> None:

@@ -464,7 +464,7 @@ class FitView(QWidget):
             "Write camera, effects, H, numbers and report into a folder, as the command lfcal fit does"
         )
         self.report_button = QPushButton("Report")
-        self.report_button.setToolTip("Open the fit as a page for people")
+        self.report_button.setToolTip("Open the HTML report of the fit")
         for button in (self.model_button, self.save_button, self.report_button):
             button.setProperty("role", "tight")
 

@@ -23,9 +23,7 @@ from lfcal_gui.models import stamp_of as file_stamp
 STARTS = (("psf", "H's own camera"), ("window", "camera of this window"))
 """Which camera a fit starts from."""
 
-START = Field(
-    "camera", "Start from", kind="choice", choices=STARTS, tip="The camera as described, where the fit starts"
-)
+START = Field("camera", "Start from", kind="choice", choices=STARTS, tip="Camera description that the fit starts from")
 
 CORE = ("geometry", "focal_lengths", "iris")
 """Groups that are fitted by default, before the user has chosen."""

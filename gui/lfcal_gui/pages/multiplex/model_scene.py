@@ -209,7 +209,10 @@ def lattice_scene(settings: MultiplexSettings, modulator: Modulator, camera: Cam
     """Return a built-in light field at every pixel, and its frame behind the modulator on the camera's lattice."""
     if modulator.side != modulator.cell or modulator.views[0] != modulator.views[1]:
         raise InputError.expected(
-            "modulator on a lattice", "one super-pixel of a light field", modulator.name, "choose a mask or lenslets"
+            "modulator on a lattice",
+            "a square super-pixel that samples views alone",
+            modulator.name,
+            "choose a mask or lenslets",
         )
     shape = _scene_shape(modulator, camera)
     lattice = frame_lattice("", camera, None, shape)[0]
@@ -286,7 +289,7 @@ def recorded(
     """Return what the sensor recorded behind the modulator; parameters as in `model_scene`."""
     if settings.scene == "live":
         if live is None:
-            raise InputError("scene: no live frame yet; switch the live view of Record > Rig on")
+            raise InputError("scene: no live frame yet; switch on the live view in Record > Rig")
         return _from_live(live[0], live[1], modulator.side, sensor)
     if settings.scene == "image":
         return _from_file(settings, modulator, sensor.black_level if settings.weighted else 0.0)

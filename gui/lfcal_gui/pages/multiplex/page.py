@@ -255,7 +255,7 @@ class Page(BasePage):
             return
         if live is None:
             if first:
-                self._failed("No live frame yet: switch the live view of Record > Rig on.", bad=False)
+                self._failed("No live frame yet: switch on the live view in Record > Rig.", bad=False)
             return
         self._live_busy, asked = True, self._asked
 

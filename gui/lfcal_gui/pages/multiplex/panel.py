@@ -129,7 +129,9 @@ class MultiplexPanel(QWidget):
         self.compare_card, column = card("Compare with")
         self.others = QListWidget()
         self.others.setAccessibleName("compare with")
-        self.others.setToolTip("Draw the gains of the ticked ones as well; those without this size are left out")
+        self.others.setToolTip(
+            "Also draw the gains of the ticked modulators; those that do not exist in this size are left out"
+        )
         # it has the height of its lines: what is left belongs below the card
         self.others.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.others.itemChanged.connect(lambda _: self.compared.emit(self.ticked()))

@@ -291,7 +291,7 @@ class VolumeView(QWidget):
             tick.toggled.connect(lambda on, key=key: self._change(**{key: on}))
         menu.addSeparator()
         self.first_view = menu.addAction("Reset view")
-        self.first_view.setToolTip("The first turn and zoom (Home)")
+        self.first_view.setToolTip("Restore the initial rotation and zoom (Home)")
         self.first_view.triggered.connect(lambda _=False: self.show_all())
         self.overlay.setMenu(menu)
 

@@ -36,7 +36,8 @@ DEVICE = Field(
     "Device",
     kind="choice",
     choices=(("auto", "auto"), ("cpu", "cpu: processor"), ("cuda", "cuda: accelerator")),
-    tip="Where H is applied; auto takes an accelerator that has room and is forecast to be quicker, else the processor",
+    tip="Where H is applied. auto: an accelerator, if it has enough memory and is predicted to be faster; "
+    "else the processor",
 )
 
 NO_DEVICE = (
@@ -94,7 +95,7 @@ FIELDS: tuple[Field, ...] = (
         "Projector",
         kind="choice",
         choices=tuple((m, m) for m in ("auto", *METHODS)),
-        tip="How H is applied; auto takes the cheapest by the forecast",
+        tip="How H is applied. auto: the method with the lowest predicted cost",
     ),
     DEVICE,
     Field(

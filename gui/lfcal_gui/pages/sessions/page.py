@@ -170,7 +170,7 @@ class Page(BasePage):
     def _began(self) -> None:
         self.results, self.verdicts, self._notes = [], {}, ()
         self.panel.tiles.forget_pictures()
-        self.panel.status.setText(f"Looking into {', '.join(self.folders)} …" if self.folders else " ")
+        self.panel.status.setText(f"Searching {', '.join(self.folders)} …" if self.folders else " ")
         self._show()
 
     def _found(self, seen: list[tuple[StoredResult, Verdict | None]], words: str) -> None:

@@ -52,7 +52,7 @@ class SessionsPanel(QTabWidget):
         self.setDocumentMode(True)
         self.trend = TrendPanel()
         self.pair_table = RowsTable(PAIR, 0)
-        self.pair_table.setAccessibleName("facts of both")
+        self.pair_table.setAccessibleName("facts of both sessions")
         self.pair_stack = self._pair()
         for (tab, title), tip in zip(
             ((self._gallery(), "Gallery"), (self.trend, "Over time"), (self.pair_stack, "Compare")), TIPS, strict=True
@@ -75,11 +75,11 @@ class SessionsPanel(QTabWidget):
     def _where(self) -> QVBoxLayout:
         self.folder = QComboBox()
         self.folder.setAccessibleName("folder")
-        self.folder.setToolTip("The folder that is looked through, with the folders in it")
+        self.folder.setToolTip("Folder to search, with its subfolders")
         self.folder.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.choose_button, self.again_button = QPushButton("Choose …"), QPushButton("Look again")
-        self.choose_button.setToolTip("Look through another folder; it is remembered")
-        self.again_button.setToolTip("Look through the folder again (F5)")
+        self.choose_button.setToolTip("Search another folder. The choice is remembered")
+        self.again_button.setToolTip("Search the folder again (F5)")
         self.status = ElidedLabel(" ")
         self.status.setProperty("role", "hint")
         column = QVBoxLayout()
@@ -105,7 +105,7 @@ class SessionsPanel(QTabWidget):
 
     def _facts(self) -> QWidget:
         self.facts = RowsTable(FACTS, 1)
-        self.facts.setAccessibleName("what is known of the selected result")
+        self.facts.setAccessibleName("details of the selected result")
         self.facts.setSortingEnabled(False)
         self.facts_title = ElidedLabel()
         self.facts_title.setProperty("role", "heading")

@@ -11,7 +11,7 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
     """Return how the quality reports of the folder that is looked through are compared over time."""
     folder = SessionsSettings.of(project).folder or next(iter(own_folders(project, None)), "")
     if not folder:
-        raise InputError("Sessions: no folder is looked through; choose one")
+        raise InputError("Sessions: no folder to search; choose one")
     python = f"""
 from pathlib import Path
 from lfcal.judge import inspections_in, read_inspection, trend

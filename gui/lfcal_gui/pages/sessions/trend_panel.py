@@ -72,7 +72,7 @@ class TrendPanel(QWidget):
     def _content(self) -> QSplitter:
         left, column = card("Faults and metrics")
         self.table = RowsTable(TREND_COLUMNS, 0)
-        self.table.setAccessibleName("courses of faults and metrics")
+        self.table.setAccessibleName("faults and metrics over time")
         self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
         self.table.verticalHeader().setDefaultSectionSize(24)
         self.table.itemSelectionChanged.connect(self._chosen)

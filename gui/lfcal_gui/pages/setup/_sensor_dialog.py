@@ -100,7 +100,7 @@ class SensorDialog(QDialog):
         results = line(self.table, self.plot)
         for k in range(2):
             results.setStretch(k, 1)
-        self.take_button = button("Take measured sensor", TAKE, self.take)
+        self.take_button = button("Use measured sensor", TAKE, self.take)
         self.take_button.setProperty("role", "primary")
         self.take_button.setEnabled(False)
         end = line("", self.take_button, button("Close", CLOSE, self.close), stretch=0)
@@ -191,7 +191,9 @@ class SensorDialog(QDialog):
         if camera is None:
             self.words.setText(why or self.words.text())
         elif not self._take_over(camera, "measured sensor"):
-            self.words.setText("The camera cannot change while a session is being recorded; take it over afterwards.")
+            self.words.setText(
+                "The camera cannot change while a session is being recorded; apply the measured sensor afterwards."
+            )
         else:
             self.words.setText("The camera now has the measured sensor; save the camera to use it elsewhere.")
 

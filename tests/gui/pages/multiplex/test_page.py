@@ -340,7 +340,7 @@ def test_live_frames_of_another_page_are_demultiplexed(page: Page, context: Cont
     page.panel.tabs.setCurrentIndex(1)
     choose(page, "scene", "live")
     settle(page, qtbot)
-    assert "live view of Record > Rig" in page.panel.pictures.status.text()
+    assert "live view in Record > Rig" in page.panel.pictures.status.text()
     truth = colour_edges((60, 80))
     sensor = context.state.camera.sensor
     frame = (500 * multiplex(truth, cfa("CYMG"))[3:, 1:] + sensor.black_level).astype(np.uint16)
@@ -463,7 +463,7 @@ def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Cont
     assert page.found is not None and page.found.step == pytest.approx(1.3 * before)
     choose(page, "family", "cfa")
     settle(page, qtbot)
-    assert "one super-pixel of a light field" in shown.status.text() and shown.views[0].values is None
+    assert "a square super-pixel that samples views alone" in shown.status.text() and shown.views[0].values is None
 
 
 @pytest.mark.long

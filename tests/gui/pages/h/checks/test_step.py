@@ -114,7 +114,7 @@ def test_a_comparison_names_the_order_that_holds_for_both() -> None:
     copied = compare_step("a.mat", "H.h5", mat_order=one.mat_order)
     assert copied.arguments == ("compare", "a.mat", "H.h5", "--mat-order=rows-first")
     assert "open_psf('a.mat', mat_order='rows-first') as a, open_psf('H.h5') as b" in copied.python
-    with pytest.raises(InputError, match=r"expected the same of both \.mat files"):
+    with pytest.raises(InputError, match=r"expected the same for both \.mat files"):
         _ = CompareRequest(first, second, False, ("rows-first", "")).mat_order
 
 
