@@ -51,7 +51,7 @@ class CorrectionRecipe:
     )
     white_floor: float = opt(
         0.05,
-        "Relative brightness of the white image to divide by, at least.",
+        "Smallest relative brightness of the white image by which frames are divided.",
         above=0,
         at_most=1,
         needs=("white", ""),
@@ -62,8 +62,8 @@ class CorrectionRecipe:
     )
     defect_list: str | os.PathLike[str] = opt(
         "",
-        "Defective pixels to repair, as the camera's maker lists them: ROW,COLUMN per line, or an image that is not 0 "
-        "there.",
+        "Defective pixels to repair, for example the list of the camera's maker: ROW,COLUMN per line, or an image that "
+        "is not 0 at these pixels.",
         label="List of defective pixels",
         file="in",
         empty="none",
@@ -71,7 +71,8 @@ class CorrectionRecipe:
     )
     mask: str | os.PathLike[str] = opt(
         "",
-        "Pixels without information: an image of the sensor that is not 0 there, or a list, ROW,COLUMN per line. "
+        "Pixels without information: an image of the sensor that is not 0 at these pixels, or a list, ROW,COLUMN per "
+        "line. "
         "They stay invalid in H.",
         label="Mask of pixels",
         file="in",
@@ -80,7 +81,8 @@ class CorrectionRecipe:
     )
     background: str = opt(
         "none",
-        "Background to subtract: none; border: its median; plane: fitted to the border; or a number of counts.",
+        "Background to subtract: none; border: the median of the border; plane: a plane fitted to the border; "
+        "or a number of counts.",
         unit="counts",
         examples=("none", "border", "plane"),
     )

@@ -118,7 +118,7 @@ class _Strength:
         None,
         "Weight of the penalty.",
         at_least=0,
-        empty="0.002 of rl-tv, 0.02 of rl-tikhonov",
+        empty="0.002 for rl-tv, 0.02 for rl-tikhonov",
     )
 
 
@@ -128,7 +128,7 @@ class _Subsets:
         None,
         "Number of subsets of pixels (osem), or blocks of views along each axis (phase-space, sieve).",
         at_least=1,
-        empty="4 of osem, 3 of phase-space, 1 of sieve",
+        empty="4 for osem, 3 for phase-space, 1 for sieve",
         more=True,
     )
 

@@ -312,7 +312,7 @@ def without_positions(
         return InputError(
             f"{said}; name the files of single frames instead of {source}: H shows where their sources are"
         )
-    named = re.search(r"say it: --pattern '([^']+)'", remedy)
+    named = re.search(r"give --pattern '([^']+)'", remedy)
     if named:
         return InputError(f"{said}; {assembled_first(source, plan, '--pattern', named.group(1))}")
     if "raster" in remedy:

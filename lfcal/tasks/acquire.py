@@ -165,7 +165,7 @@ class _Acquire(Task):
     )
     cover: bool = opt(
         False,
-        "Ask you to cover the lens for dark frames, if the light has no switch.",
+        "Pause for you to cover the lens for dark frames, if the light has no switch.",
         label="Cover the lens",
         more=True,
     )
@@ -229,7 +229,11 @@ class _Acquire(Task):
         None, "Disk space to keep free.", unit="GB", at_least=0, empty="a tenth of the recording", more=True
     )
     origin: str | tuple[float, ...] | None = opt(
-        None, "Stage coordinates X,Y,Z of the sensor's centre.", unit="µm", empty="as planned", **NUMBERS
+        None,
+        "Stage coordinates X,Y,Z at which the source is imaged on the centre of the sensor.",
+        unit="µm",
+        empty="as planned",
+        **NUMBERS,
     )
     check_stage: bool | None = opt(
         None,
@@ -251,7 +255,7 @@ class _Acquire(Task):
     dry_run: bool = opt(False, "Check everything and show the cost; move nothing.", label="Only check")
     frame_rate: float | None = opt(
         None,
-        "Largest frame rate of the camera, for the forecast time of a dry run.",
+        "Largest frame rate of the camera, from which a dry run forecasts the recording time.",
         unit="frames/s",
         above=0,
         empty="readout takes no time",

@@ -250,10 +250,10 @@ class Assemble(AssembleRegions):
     )
     first: int | None = opt(
         None,
-        "First number of positions in names or lists: 0 or 1.",
+        "Number at which positions in names or lists begin: 0 or 1.",
         at_least=0,
         at_most=1,
-        empty="found",
+        empty="inferred",
         more=True,
     )
     origin: str = origin_field("the whole sensor, or as the session states")

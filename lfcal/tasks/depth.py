@@ -93,7 +93,7 @@ class Depth(Task):
     )
     camera: str = opt(
         "",
-        "Preset or camera file: for the lattice, the lens types, and depths in µm.",
+        "Preset or camera file. It gives the lattice, the lens types, and depths in µm.",
         file="in",
         is_path=is_camera_file,
         examples=preset_names,
@@ -114,13 +114,14 @@ class Depth(Task):
     method: str = opt(
         "auto",
         "micro-images: match neighbouring micro-images, for lenslets that are focused on the scene. views: compare "
-        "views, for lenslets focused at infinity. auto: by the camera, else the one that explains more.",
+        "views, for lenslets focused at infinity. auto: the method that suits the "
+        "lenslets of the camera; without a camera, the one that explains more of the frame.",
         choices=("auto", "micro-images", "views"),
         more=True,
     )
     slopes: tuple[float, float] | None = opt(
         None,
-        "Smallest and largest slope (about the virtual depth) to search: MIN,MAX.",
+        "Smallest and largest slope (approximately the virtual depth) to search: MIN,MAX.",
         read=read_pair,
         show=show_pair,
         empty="all that the lenslets show",
@@ -128,7 +129,8 @@ class Depth(Task):
     )
     mask: Path | None = opt(
         None,
-        "Pixels to leave out: an image that is not 0 there, or a list, ROW,COLUMN per line. NaN is left out anyway.",
+        "Pixels to leave out: an image that is not 0 at these pixels, or a list, ROW,COLUMN per line. NaN is always "
+        "left out.",
         label="Mask of pixels",
         file="in",
         empty="none",

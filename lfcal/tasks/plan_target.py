@@ -51,8 +51,8 @@ class _PlanTarget(PlanTask):
 
     plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
     source: str = required(
-        "Points in one frame: array:12x12@1.2mm,hole=20um (hex; ROWxCOLUMN pitches), a file of a target (.json), or "
-        "array: the pitch that needs the fewest frames. display:2160x3840@8um: pixels of a display.",
+        "Points in one frame. array:12x12@1.2mm,hole=20um: pinholes (hex; ROWxCOLUMN pitches). array alone: the pitch "
+        "that needs the fewest frames. display:2160x3840@8um: pixels of a display. Or a file of a target (.json).",
         argument=True,
         label="Target",
         file="in",
@@ -60,7 +60,7 @@ class _PlanTarget(PlanTask):
     )
     tolerance: float = opt(
         0.1,
-        "Largest distance of a point from the position that it shows, in rows and in columns.",
+        "Largest distance, in rows and in columns, of a point from the scan position that it represents.",
         label="Tolerance",
         unit="px",
         at_least=0.01,
@@ -68,7 +68,7 @@ class _PlanTarget(PlanTask):
     )
     crosstalk: float = opt(
         0.005,
-        "Largest light of neighbouring points in a cutout, relative to the point at its centre.",
+        "Largest amount of light from neighbouring points in a cutout, relative to the point at its centre.",
         at_least=1e-6,
         below=1,
         read=read_share,

@@ -203,7 +203,7 @@ class _Simulate(Task):
         empty="the effects that matter for the tolerance",
     )
     tolerance: float = opt(
-        0.03, "Largest relative L1 error by omitted effects.", above=0, at_most=4, read=read_share, unit="share"
+        0.03, "Largest relative L1 error caused by omitted effects.", above=0, at_most=4, read=read_share, unit="share"
     )
     level: str = opt(
         "auto",
@@ -267,7 +267,9 @@ class _Simulate(Task):
         how: dict[str, Any] = {"tolerance": self.tolerance, "workers": run.workers, "run": choice}
         most = predict_bytes(plan, found, self.level, **how, to_file=True, store_tolerance=stored)
         # the user can still stop and choose a larger tolerance
-        note(f"about {format_seconds(found.seconds)} of processor time ahead, at most {format_bytes(most)} of memory")
+        note(
+            f"expected: about {format_seconds(found.seconds)} of processor time, at most {format_bytes(most)} of memory"
+        )
         how |= {"out": out, "provenance": self.known(plan, found)}
         if on_pass is None:
             matrix = yield from iter_simulate_psf(plan, found, self.level, **how, store_tolerance=stored)

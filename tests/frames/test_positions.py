@@ -154,7 +154,7 @@ def test_what_is_said_of_a_folder(tmp_path: Path) -> None:
     frames = session((1, 3, 3, 20, 30))
     for name, (y, x) in zip(write_pngs(tmp_path, frames), product(range(3), range(3)), strict=True):
         (tmp_path / name).rename(tmp_path / f"pos-{y}-{x}.png")
-    with pytest.raises(InputError, match=r"'pos-\{y\}-\{x\}\.png' or 'pos-\{x\}-\{y\}\.png'; say it: --pattern"):
+    with pytest.raises(InputError, match=r"'pos-\{y\}-\{x\}\.png' or 'pos-\{x\}-\{y\}\.png'; give --pattern"):
         open_frames(tmp_path, plan_shape=(1, 3, 3))
     for k, path in enumerate(sorted(tmp_path.iterdir())):
         path.rename(tmp_path / f"frame{k:03d}.png")

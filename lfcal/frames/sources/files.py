@@ -226,15 +226,15 @@ def _by_guess(path: Path, names: list[str], options: FrameOptions) -> tuple[Mani
             f"positions of the frames in {path}",
             "a manifest or a name pattern",
             f"{guess.fitting} of {guess.names} names that look like {' or '.join(map(repr, guess.templates[:2]))}",
-            f"say it: --pattern {guess.templates[0]!r}",
+            f"give --pattern {guess.templates[0]!r}",
         )
     if guess.numbered:
         raise InputError.expected(
             f"positions of the frames in {path}",
             "a list of them, a name pattern, or a scan order",
             f"{guess.numbered} numbered files such as {names[0]}",
-            "name their list (--manifest LIST), or say their order: --order serpentine or raster, with the plan of the "
-            "scan",
+            "name their list (--manifest LIST), or state their order: --order serpentine or raster, with the plan of "
+            "the scan",
         )
     raise _where_from(path)
 
