@@ -101,10 +101,12 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
     """
     if options.order != "plan" or options.controls:
         what = "order coarse" if options.order != "plan" else "control frames"
-        raise InputError.expected("frames of many points", "the plan's order, no controls", what, "leave it out")
+        raise InputError.expected(
+            "frames of many points", "the plan's order and no control frames", what, "leave it out"
+        )
     there = frame_positions(plan)
     if not len(there):
-        raise InputError.expected("plan of a target", "a frame or more", "none", "plan it again")
+        raise InputError.expected("plan of a target", "at least one frame", "none", "plan it again")
     z = len(plan.scan.depths_um) // 2
     own = there[there[:, 0] == z]
     middle = tuple((own if len(own) else there)[0].tolist())

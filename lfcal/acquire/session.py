@@ -161,7 +161,10 @@ def iter_record(
     devices = check_devices(scan, rig)
     if scan is not plan and (only is not None or len(kept_aside)):
         raise InputError.expected(
-            "positions to record", "none together with a target", "some", "its frames show many of them"
+            "positions to record",
+            "none together with a target",
+            "some",
+            "leave them out: the plan of the target decides",
         )
     if not isinstance(plan, ScanPlan) and plan.lit is not None and not rig.switches:
         remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"

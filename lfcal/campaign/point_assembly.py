@@ -100,7 +100,7 @@ class PointFrames(SourceView):
                 "points of the frames",
                 f"some within {limit:g} px of a position of the scan",
                 f"none of {len(points)}",
-                "plan with the pose that was measured, or fit: it takes points where they are",
+                "plan with the measured pose, or use lfcal fit, which accepts points anywhere",
             )
         self.unused = int((~keep).sum())
         self.points, self._index, self._off = points.only(keep), index[keep], off[keep]

@@ -165,7 +165,7 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
         found,
     )
     if not len(points):
-        raise InputError.expected("points of the frames", "some that can be used", "none", "check lamp and target")
+        raise InputError.expected("points of the frames", "at least one usable point", "none", "check lamp and target")
     return points
 
 

@@ -187,7 +187,7 @@ def _by_super_pixels(
     facts: dict[str, Any] = {"samples": list(modulator.sample_names)[:16]}
     if route != "fourier" and (weights is not None or filter is None):
         if filter not in (None, "linear"):
-            raise InputError.expected("filter with weights", "linear", filter, "leave --filter out")
+            raise InputError.expected("filter with weighted pixels", "linear", filter, "leave --filter out")
         known = np.ones(light.shape) if weights is None else weights
         found = demultiplex_weighted(light, modulator, known)
         lost = float(np.isinf(found.deviation).any(0).mean())
@@ -204,7 +204,7 @@ def _by_super_pixels(
     elif route != "fourier":
         _write(out, demultiplex(light, modulator, filter=filter))
     elif weights is not None:
-        raise InputError.expected("route with weights", "spatial or both", "fourier", "it weights all pixels equally")
+        raise InputError.expected("route with weighted pixels", "spatial or both", "fourier", "give --route spatial")
     if route != "spatial":
         whole = np.where(np.isfinite(light), light, 0.0) if weights is not None else light
         target = out if route == "fourier" else _fourier_file(out)
@@ -287,7 +287,9 @@ def views(
         grid = channel_grid(light.shape, fit, cells.side, spacing_px=None, axes=axes)
     if weights is not None and (route == "fourier" or filter not in (None, "linear")):
         got = f"{route}, {filter or 'linear'}"
-        raise InputError.expected("route with weights", "spatial, linear", got, "leave --route and --filter out")
+        raise InputError.expected(
+            "route and filter with weighted pixels", "spatial, linear", got, "leave --route and --filter out"
+        )
     if route != "fourier":
         found, spread = _views(light, weights, fit, cells, filter, axes=axes)
         _write(out, found)

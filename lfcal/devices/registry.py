@@ -108,7 +108,7 @@ def get_backend(name: str) -> Backend:
     """
     reason = BACKENDS.failures().get(name)
     if reason is not None and name not in BACKENDS:
-        raise DeviceMissing(f"{reason}; update or remove the package that brings it")
+        raise DeviceMissing(f"{reason}; update or remove the package that provides it")
     return BACKENDS.get(name)
 
 
@@ -201,7 +201,7 @@ def _open(backend: Backend, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
         backend.probe()
         found: object = backend.open(plan, options)
     if not isinstance(found, Rig):
-        remedy = "update or remove the package that brings it"
+        remedy = "update or remove the package that provides it"
         raise DeviceError.expected(f"devices of {backend.name}", "a Rig", type(found).__name__, remedy)
     return found
 

@@ -156,6 +156,6 @@ def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Se
     wrong = [e.name for e in found.values() if isinstance(e, FrameEffect | MotionEffect)]
     if wrong:
         raise InputError.expected(
-            "effects of a fit", "those of the light of a point", wrong[0], "leave it out, because frames are corrected"
+            "effects of a fit", "effects on the light of a point", wrong[0], "leave it out: frames are corrected for it"
         )
     return tuple(found.values())

@@ -246,7 +246,7 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
             f"period of channel {channel}",
             f"a multiple of {step} pixels, the filter's pattern",
             f"{plan.period[0]} x {plan.period[1]}",
-            f"scan {step} cells along the odd side: only there the light comes back on the same colour",
+            f"scan {step} cells along the odd side: only then does the pattern return to the same colour",
         )
     # the first positions whose image is nearest to a pixel of the colour
     first = [round(r0 - a) % step for r0, a in zip(phase, plan.anchor, strict=True)]

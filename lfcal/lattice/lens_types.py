@@ -163,7 +163,7 @@ def classify_lens_types(
     frame = as_sensor_frame("frame for lens types", image)
     if frame.shape != fit.shape:
         raise InputError.expected(
-            "frame for lens types", f"shape {fit.shape}", frame.shape, "use the white image's camera"
+            "frame for lens types", f"shape {fit.shape}", frame.shape, "use a frame of the camera of the white image"
         )
     level = np.asarray(dark, np.float32)
     sharpness = _sharpness(levelled((frame - level).astype(np.float32)), fit, content, workers)

@@ -189,7 +189,9 @@ def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLatti
     """
     image = as_sensor_frame(what, frame)
     if image.shape != tuple(lattice.shape):
-        raise InputError.expected(what, f"shape {tuple(lattice.shape)}", image.shape, "use the white image's camera")
+        raise InputError.expected(
+            what, f"shape {tuple(lattice.shape)}", image.shape, "use a frame of the camera of the white image"
+        )
     level = np.asarray(dark, np.float32)
     if level.ndim and level.shape != image.shape:
         raise InputError.expected(

@@ -239,8 +239,8 @@ def lattice_by_sinc(
     origin, along, across = _vectors(lattice)
     cells = _cells(image.shape, origin, along, across)
     if len(cells) > MOST_CELLS:
-        remedy = "take route fourier, which is the same, or filter cubic"
-        raise InputError.expected("super-pixels for the filter sinc", f"up to {MOST_CELLS}", len(cells), remedy)
+        remedy = "use route fourier, which gives the same result, or filter cubic"
+        raise InputError.expected("super-pixels for the sinc filter", f"up to {MOST_CELLS}", len(cells), remedy)
     frequency, weight = _cell_waves(image.shape, along, across)
     leave = np.exp(2j * np.pi * (places @ frequency.T)) * weight
     steps = [(np.arange(n) - (n - 1) / 2) / n for n in modulator.side]
@@ -258,9 +258,7 @@ def _cells(shape: tuple[int, ...], origin: Array, along: Array, across: Array) -
     """Return the super-pixels' centres (row, column) within the frame, its lower borders excluded."""
     reach = math.ceil(2 * math.hypot(*shape) / min(math.hypot(*along), math.hypot(*across))) + 1
     if reach * reach > 64 * MAX_SAMPLES:
-        raise InputError.expected(
-            "super-pixels for the filter sinc", f"up to {MOST_CELLS}", "more", "take filter cubic"
-        )
+        raise InputError.expected("super-pixels for the sinc filter", f"up to {MOST_CELLS}", "more", "use filter cubic")
     q, r = (v.ravel() for v in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
     centres = origin + q[:, None] * along + r[:, None] * across
     slack = 1e-6  # a lattice that closes over the frame has its first cell at the end as well

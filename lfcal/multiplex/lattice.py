@@ -460,9 +460,9 @@ def _check_single(modulator: Modulator) -> None:
     if modulator.side != modulator.cell:
         raise InputError.expected(
             "modulator on a lattice",
-            "one super-pixel of a light field",
+            "a square super-pixel that samples views alone",
             modulator.name,
-            "part the colours first (lfcal.frames.channel_source)",
+            "separate the colours first (lfcal.frames.channel_source)",
         )
 
 

@@ -285,7 +285,7 @@ def _check_factors(one: Modulator, two: Modulator, entries: int) -> None:
     if _kinds(one) & _kinds(two):
         raise InputError.expected(
             "product of modulators",
-            "unlike samples (views, colours, moments, polarisation)",
+            "samples of different kinds (views, colours, moments, polarisation)",
             f"{one.name} and {two.name}",
             "combine a mask or lenslets with a colour filter array",
         )

@@ -452,7 +452,7 @@ def check_storable(header: Header, stored: Stored) -> None:
     """Raise `InputError` if a matrix cannot be stored with these options."""
     if header.transposed and stored.store_tolerance is not None:
         raise InputError.expected(
-            "matrix within a tolerance", "H, whose patterns it bounds", "HT", "store H: HT is a view of it"
+            "store tolerance", "H, because it limits the error of its patterns", "HT", "store H; HT is a view of it"
         )
 
 

@@ -127,7 +127,9 @@ class MetricGrid:
             If H has no camera.
         """
         if matrix.camera is None:
-            raise InputError.expected("voxels of one size", "an H with its camera", "one without", "leave it out")
+            raise InputError.expected(
+                "voxels of one size", "an H with its camera", "one without", "leave the voxel size out"
+            )
         sides = [voxel_um(matrix, float(z)) for z in matrix.depths]
         middle, scale = matrix.camera.pixels((0.0, 0.0)), matrix.pixel_scale
         axis = []

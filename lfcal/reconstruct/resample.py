@@ -342,7 +342,7 @@ def _known_resampling(
             return resampling_of(H, light_field)
         except InputError as error:
             if not quiet:
-                note(f"no lattice is measured in the white image; {error}")
+                note(f"the lattice could not be measured in the white image; {error}")
     return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H)) if _is_whole(H.camera, shape) else None
 
 
@@ -383,7 +383,7 @@ def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None
         try:
             lattice = classify_lens_types(white, fit, expected_blur(camera)).to_lattice(fit, camera)
         except InputError as error:
-            note(f"lens types are taken as H's camera states them; {error}")
+            note(f"lens types are taken from the camera of H; {error}")
     return replace(camera, lattice=lattice)
 
 

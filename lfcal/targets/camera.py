@@ -100,7 +100,7 @@ class TargetCamera(Frames):
         budget = budgeted(effects, scan, tolerance)
         chosen = budget.effects
         if any(isinstance(effect, MotionEffect) for effect in chosen):
-            raise InputError.expected("effects of a target's frames", "none of a stage", "motion", "leave it out")
+            raise InputError.expected("effects of a target's frames", "no stage motion", "motion", "leave it out")
         if self.target.hole_um > 0 and not any(isinstance(effect, FiniteSource) for effect in chosen):
             chosen = (*chosen, FiniteSource(self.target.hole_um))
         count = len(self.target.holes)

@@ -96,7 +96,7 @@ def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = F
         else:
             source = open_frames(frames, order="raster", plan_shape=(1, 1, count), skip_damaged=skip_damaged)
     except InputError as error:
-        raise InputError(f"{error} (frames of a target: {count} by its plan, one after the other)") from None
+        raise InputError(f"{error} (frames of a target: its plan expects {count}, in order)") from None
     numbers = np.array([source.info(k).position.x for k in range(len(source))], np.intp)
     order = np.argsort(numbers, kind="stable")
     if not np.array_equal(numbers[order], np.arange(count)):

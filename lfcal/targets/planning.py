@@ -278,7 +278,7 @@ class Wishes:
     tolerance_px
         Largest deviation of the phase of an image that shows a position, in rows and in columns (pixels).
     crosstalk
-        Largest light of neighbours in a cutout, relative to that of the cutout's point.
+        Largest amount of light from neighbours in a cutout, relative to that of the cutout's point.
     most_frames
         Largest number of frames for a plane; None: as many as all phases need.
     level

@@ -215,7 +215,7 @@ def test_telecentric_systems_have_no_such_axis() -> None:
 def test_optical_axis_of_one_plane_is_refused_before_anything_moves() -> None:
     plan = small_plan(planes=1)
     rig = rig_for(plan)
-    with pytest.raises(InputError, match=r"two or more, for it is where a move in depth .* got 1; plan a second plane"):
+    with pytest.raises(InputError, match=r"two or more, got 1; plan a second plane: the axis is where a move in depth"):
         drain(iter_optical_axis(rig, plan))
 
 

@@ -188,7 +188,7 @@ def test_options_of_single_points_are_refused(plan: TargetPlan, tmp_path: Path) 
             record(tmp_path / "s", plan, rig_of(plan), options)
     with pytest.raises(InputError, match="together with a target"):
         record(tmp_path / "s", plan, rig_of(plan), CAREFUL, only=[Position(0, 0, 0)])
-    with pytest.raises(InputError, match="a frame or more"):
+    with pytest.raises(InputError, match="at least one frame"):
         record(tmp_path / "s", replace(plan, offsets_px=((), ())), rig_of(plan), CAREFUL)
     assert not (tmp_path / "s").exists()
 

@@ -423,5 +423,5 @@ def test_effects_are_given_beside_the_described_ones(place: Path, lfcal: Lfcal) 
     settings, effects = parse_entries(place / "fit" / "effects.json")
     assert Crosstalk(0.01) in effects and "exact_angles" not in settings and settings["lens_types"] == "on"
     bad = lfcal("fit", "few.h5", "-o", "other", "--effect", "shot_noise=on")
-    assert bad.code == 2 and "effects of a fit: expected those of the light of a point" in bad.err
+    assert bad.code == 2 and "effects of a fit: expected effects on the light of a point" in bad.err
     assert not (place / "other").exists()

@@ -133,7 +133,7 @@ def test_frames_on_their_side_with_an_upright_dark_are_named(
     done = lfcal(*arguments(folder, tmp_path / "H.h5", "--dark", straight / "dark"))
     assert done.code == 2
     assert "on their side" in done.err
-    assert "take dark and white as the frames come" in done.err
+    assert "give dark and white frames as the camera delivers them" in done.err
 
 
 def test_an_unknown_orientation_is_one_line(lfcal: Callable[..., Run], tmp_path: Path, straight: Path) -> None:

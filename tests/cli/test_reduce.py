@@ -94,7 +94,7 @@ def test_ht_is_refused(lfcal: Lfcal, place: Path, more: tuple[str, ...]) -> None
     with open_psf(place / "H.h5") as H:
         drain(iter_transpose_file(H, place / "HT.h5"))
     run = lfcal("reduce", "HT.h5", "-o", "out.h5", *more)
-    assert run.code == 2 and "got HT; store H: HT is a view of it" in run.err
+    assert run.code == 2 and "got HT; store H; HT is a view of it" in run.err
     assert not (place / "out.h5").exists() and not parts_folder(place / "out.h5").exists()
 
 

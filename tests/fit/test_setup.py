@@ -34,7 +34,7 @@ def test_given_effects_take_the_places_of_others() -> None:
     found = with_given(described, {"exact_angles": "off", "spherical": "on"}, (Crosstalk(0.03),))
     names = [e.name for e in found]
     assert "exact_angles" not in names and Crosstalk(0.03) in found and Spherical() in found
-    with pytest.raises(InputError, match="effects of a fit: expected those of the light of a point, got shot_noise"):
+    with pytest.raises(InputError, match="effects of a fit: expected effects on the light of a point, got shot_noise"):
         with_given(described, {"shot_noise": "on"}, ())
     with pytest.raises(InputError, match="nonsense"):
         with_given(described, {"nonsense": "off"}, ())

@@ -179,8 +179,8 @@ def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> N
     fourier = demultiplex_lattice(light, lattice, mask("MURA", 5), route="fourier")
     np.testing.assert_allclose(tifffile.imread(tmp_path / "views_fourier.tif"), fourier, rtol=1e-4, atol=0.1)
     for more, word in (
-        ((*known, "--filter", "cubic"), "route with weights"),
-        ((*known, "--modulator", "MURA:5", "--route", "fourier"), "route with weights"),
+        ((*known, "--filter", "cubic"), "with weighted pixels"),
+        ((*known, "--modulator", "MURA:5", "--route", "fourier"), "with weighted pixels"),
         (("--deviation", sd), "pixels with weights"),
         (("--dead", field / "none.tif"), "none.tif"),
         (("--route", "both"), "spatial for lenslets"),

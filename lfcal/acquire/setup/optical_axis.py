@@ -131,9 +131,9 @@ def iter_optical_axis(
     if len(chosen) < 2:
         raise InputError.expected(
             "planes for the optical axis",
-            "two or more, for it is where a move in depth does not shift the image",
+            "two or more",
             f"{len(chosen)}",
-            "plan a second plane",
+            "plan a second plane: the axis is where a move in depth does not shift the image",
         )
     objects = _places(plan, chosen)
     targets = plan.stage.to_stage(objects.reshape(-1, 3))

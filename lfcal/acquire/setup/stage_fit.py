@@ -176,7 +176,7 @@ def check_axes(fit: StageFit, plan: ScanPlan) -> None:
         raise InputError.expected(
             "stage axes (right, down)",
             f"{old.right}, {old.down} as in the plan",
-            f"{new.right}, {new.down} by what the image does{why}",
+            f"{new.right}, {new.down} as measured in the image{why}",
             "set these in the plan: the scan would run the wrong way",
         )
 

@@ -315,13 +315,17 @@ class H5Data:
         self._check_inside(plist)
         self.dtype: np.dtype[Any] = np.dtype(data.dtype)
         if dtype is not None and self.dtype != dtype:
-            raise self._unsafe("the records of a recording", f"dtype {self.dtype}", "take it from its source again")
+            raise self._unsafe(
+                "the records of a recording", f"dtype {self.dtype}", "get the file from its source again"
+            )
         if dtype is None and self.dtype.kind not in "iufcb":
             raise self._unsafe("plain numbers", f"dtype {self.dtype}", "store it as numbers")
         if dtype is None:
             self.dtype = np.dtype(self.dtype.str)  # without the names of an enumeration, which NPY files cannot store
         if data.shape is None:
-            raise FileFormatError.expected(self.where, "numbers", "an empty dataset", "take it from its source again")
+            raise FileFormatError.expected(
+                self.where, "numbers", "an empty dataset", "get the file from its source again"
+            )
         self.shape = tuple(int(n) for n in data.shape)
         self.chunks = None if data.chunks is None else tuple(int(n) for n in data.chunks)
         self.filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
@@ -337,7 +341,7 @@ class H5Data:
 
         # both could lead to any file of this machine
         if plist.get_external_count():
-            raise self._unsafe("data stored in the file itself", "external storage", "copy it in")
+            raise self._unsafe("data stored in the file itself", "external storage", "copy the data into the file")
         if plist.get_layout() == h5py.h5d.VIRTUAL:
             files = {plist.get_virtual_filename(k) for k in range(min(plist.get_virtual_count(), 100))} - {"."}
             of = f" of {min(files)}" if len(files) == 1 else f" of {len(files)} files" if files else ""
@@ -353,7 +357,7 @@ class H5Data:
             raise self._unsafe(
                 "a size the file can hold",
                 f"{format_bytes(self.nbytes)} declared in a file of {format_bytes(stored)}",
-                "the header is wrong; take it from its source again",
+                "the header is wrong; get the file from its source again",
             )
 
     def _check_stored(self) -> None:

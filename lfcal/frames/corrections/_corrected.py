@@ -56,7 +56,7 @@ class CorrectedSource(SourceView):
                     "frames and their calibration frames",
                     "all delivered the same way up",
                     f"frames {source.shape} and dark or white {chain.shape}, on their side",
-                    "take dark and white as the frames come: all are turned upright together (orientation)",
+                    "give dark and white frames as the camera delivers them: all are turned together (orientation)",
                 )
             raise InputError.expected(
                 "frames",

@@ -103,14 +103,14 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
     ...     check_turned_colours(frames, plan, CorrectionRecipe(channel="G1"), "rot90")
     ... except InputError as error:
     ...     print(error)
-    colour pattern of frames that are turned: expected one that the frames state as they are delivered, ...
+    colour pattern of rotated frames: expected that of the frames as delivered, ...
     """
     used = recipe.channel or recipe.defects or recipe.white
     if applied == AS_IS or not used or frames.metadata.cfa or not plan.camera.sensor.cfa:
         return
     raise InputError.expected(
-        "colour pattern of frames that are turned",
-        "one that the frames state as they are delivered",
+        "colour pattern of rotated frames",
+        "that of the frames as delivered",
         f"that of the plan's upright sensor, {plan.camera.sensor.cfa}",
         "state it in the manifest, or turn the files themselves",
     )
@@ -244,7 +244,7 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
     if recipe.dark and recipe.dark != "none":
         if recipe.black_level is not None:
             got = f"the dark frame {recipe.dark} and black level {recipe.black_level:g}"
-            raise InputError.expected("level of no light", "one source of it", got, "leave one of them out")
+            raise InputError.expected("black level", "one source of it", got, "leave one of them out")
         frame, count, variance = _read_mean(recipe.dark, source.metadata.colour, recipe.shift)
         return Dark(_of_channel(source, frame), count=count, variance=variance)
     if recipe.black_level is None and recipe.dark == "none":
@@ -293,10 +293,10 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
         return None
     if None in counts:
         raise InputError.expected(
-            "exposures of frames that differ",
-            "that of every frame",
+            "exposures of the frames",
+            "one for every frame, because they differ",
             f"{counts[None]} unknown",
-            "complete the manifest, or leave exposures alone (exposure none)",
+            "complete the manifest, or do not scale by exposure (exposure none)",
         )
     # the most frequent exposure leaves most frames unscaled; among equal counts take the longest, for reproducibility
     return max(known, key=lambda seconds: (counts[seconds], seconds))

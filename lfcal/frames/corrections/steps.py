@@ -232,7 +232,10 @@ class DarkSet:
             if len(self.darks) == 1:
                 return next(iter(self.darks.values()))
             raise InputError.expected(
-                "exposure of the frame", "one of those of the darks", "none", "state the exposures, or give one dark"
+                "exposure of the frame",
+                "one of those of the dark frames",
+                "none",
+                "state the exposures, or give one dark",
             )
         nearest = min(self.darks, key=lambda seconds: abs(seconds - exposure_s))
         # cameras report exposures rounded to their clock

@@ -158,7 +158,7 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
             str(path),
             "a size the file can hold",
             f"{format_bytes(nbytes)} declared in a file of {format_bytes(stored)}",
-            "the header is wrong; take it from its source again",
+            "the header is wrong; get the file from its source again",
         )
 
 

@@ -149,9 +149,9 @@ def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
         )
     raise InputError.expected(
         "steps of the list's planes",
-        "longer in farther planes, one pixel each",
+        "longer steps in farther planes, one pixel each",
         f"{planes.sizes.min():.5g} … {planes.sizes.max():.5g} um",
-        "check camera and columns; scans with one step for all planes are no scan of whole pixels",
+        "check camera and columns; a scan with the same step in all planes does not move by whole pixels",
     )
 
 
@@ -205,7 +205,7 @@ def _of_numbers(
     if apart.size and (apart <= 3 * np.hypot(errors[1:], errors[:-1])).any():
         raise InputError.expected(
             f"{planes.name}, steps of its planes",
-            "longer from each plane to the next, one pixel each",
+            "longer steps from each plane to the next, one pixel each",
             ", ".join(f"{size:.5g}" for size in planes.sizes) + " um",
             "state the depths with --depths, or give z as a length",
         )

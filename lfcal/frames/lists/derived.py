@@ -178,7 +178,7 @@ def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
             "shape of the frames",
             f"{camera.sensor.shape}, the camera's sensor",
             f"{light.shape}, as if on their side",
-            f"say what makes them upright with --orientation, one of {sides}, or correct the sensor",
+            f"turn them upright with --orientation, one of {sides}, or correct the sensor",
         )
 
 

@@ -108,7 +108,7 @@ def place(
             f"stage coordinates in {listing.name}",
             "those of each frame",
             f"the same ones for all {len(listing)} frames",
-            "record them with the stage's position, or say the order of the frames (--order serpentine or raster)",
+            "record them with the stage's position, or state the order of the frames (--order serpentine or raster)",
         )
     if numbered:
         listing = with_depths(listing, plan.depths_um, plan.stage)

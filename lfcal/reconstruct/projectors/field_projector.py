@@ -89,7 +89,7 @@ def _check_apart(places: F8) -> None:
             raise InputError.expected(
                 "regions of the field",
                 "a different place for each",
-                f"{near[0] + 1} and {k + 1} at one",
+                f"{near[0] + 1} and {k + 1} at the same place",
                 "leave one out",
             )
 

@@ -164,7 +164,7 @@ class SolverChoice:
         if self.auto and self.stop == "left-out":
             raise InputError.expected(
                 f"iterations of solver {self.name}",
-                "a number, for it cannot leave out the pixels that would stop it",
+                "a number, because it cannot hold out pixels, which auto needs",
                 "auto",
                 f"give one, stop by discrepancy, or choose {known}",
             )

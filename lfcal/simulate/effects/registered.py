@@ -27,7 +27,7 @@ def check_effect(kind: type[Effect]) -> None:
     if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
         raise TypeError("it is not a frozen dataclass")
     if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
-        raise TypeError("it lacks a title, or what it acts on")
+        raise TypeError("it lacks a title (str) or acts_on (ActsOn)")
     # tried here, because an estimate that fails later would stop every plan, even one without this effect
     camera = preset("bench")
     outlook = Outlook(camera, camera.depth_of(4.0), (61, 61), (33, 19))

@@ -99,7 +99,7 @@ def test_numbered_planes_have_the_depths_of_their_steps() -> None:
     rising = (small_camera().step_um(1e3) - small_camera().step_um(0.0)) / 1e3
     assert stated(found.notes[0], "single ones") == pytest.approx(0.001 / rising, rel=0.01)
     np.testing.assert_allclose(depths_of(planes_of(counted=True, depths=DEPTHS[::-1])).depths, DEPTHS[::-1], atol=0.01)
-    with pytest.raises(InputError, match="steps of its planes: expected longer from each plane to the next"):
+    with pytest.raises(InputError, match="steps of its planes: expected longer steps from each plane to the next"):
         depths_of(planes_of(counted=True, depths=(-40e3, 10e3, -10e3)))
     with pytest.raises(InputError, match="expected 3 as the list has, got 1"):
         find_depths(small_camera(), StageAxes(), planes_of(counted=True), (0.0,))

@@ -238,7 +238,7 @@ def test_what_no_plan_can_be_made_of() -> None:
         plan_of_list(listing_of(found), found.camera)
     same = scan()
     same.stage[same.positions[:, 0] == 1, :2] = same.stage[same.positions[:, 0] == 0, :2]
-    with pytest.raises(InputError, match="longer in farther planes"):
+    with pytest.raises(InputError, match="longer steps in farther planes"):
         plan_of_list(listing_of(same), same.camera)
     with pytest.raises(InputError, match=r"expected 2 as the list has, got 1"):
         plan_of_list(listing_of(scan()), small_camera(), depths_um=(0.0,))

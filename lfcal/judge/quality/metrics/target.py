@@ -66,7 +66,7 @@ METRICS = (
         (0.1, 0.5),
         (
             "Light of neighbouring points",
-            "Largest light of a target's other holes in a cutout, relative to the hole at its centre.",
+            "Largest amount of light from a target's other holes in a cutout, relative to the hole at its centre.",
             "Take a target with holes farther apart, or cover the bright ones.",
         ),
     ),
