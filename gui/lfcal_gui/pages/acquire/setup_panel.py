@@ -73,7 +73,7 @@ AGREE = 0.9
 
 WAITING = "Waiting for the first frame …"
 NO_FRAME, NO_REFERENCE = "No frame yet.", "While recording, only with a reference H."
-UNCONNECTED = "No camera connected. Connect one, or take the simulated rig to practise."
+UNCONNECTED = "No camera connected. Connect one, or use the simulated rig to practise."
 
 
 class SetupPanel(QWidget):

@@ -46,7 +46,7 @@ PLAY_MS = 60
 
 IMPORT = "A recorded session, or a folder with a list or positions in file names; a dialog asks what is unclear"
 FILE = "One file of many frames, or a list in another folder: opens the dialog with all settings of an import"
-AGAIN = "Open the same folder again, after its files are repaired or its disk is connected"
+AGAIN = "Open the same folder again, for example after repairing a file or connecting a disk"
 
 
 class Page(BasePage):

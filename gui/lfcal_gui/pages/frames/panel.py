@@ -46,7 +46,7 @@ from lfcal_gui.widgets import (
 
 ONE = "The frame of the position that is chosen"
 THREE = "Three frames: the image has to lie in the cutout in all of them"
-WHOLE = "See where in the frame the image lies; the cutout is no longer followed"
+WHOLE = "Show the whole frame; the view no longer follows the cutout"
 FOLLOW = "Zoom to the cutout, and keep it in view as it moves along with the point"
 LATTICE = "Micro-image centres of the described camera, coloured by lens type; they lie on the images if it is right"
 INSPECTOR, MAP, CROP = 304, 112, 112
