@@ -25,7 +25,7 @@ class Notice(QFrame):
         super().__init__(parent)
         row = QHBoxLayout(self)
         row.setContentsMargins(6, 0, 0, 0)
-        self.label = ElidedLabel(sentence=True)
+        self.label = ElidedLabel()
         self.button = QPushButton()
         self.button.setAccessibleName("reply to the notice")
         self.button.setToolTip(DISMISS)

@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("out", type=Path, help="folder to write into")
     parser.add_argument("--scene", action="append", help="only this scene; may be given again")
-    parser.add_argument("--only", help="only states whose name contains this")
+    parser.add_argument("--only", help="only states with these words in their name, e.g. h, frames_r29")
     parser.add_argument("--theme", choices=("light", "dark"), action="append", help="only this theme")
     parser.add_argument("--size", action="append", help=f"only this size, by default {', '.join(SIZES)}")
     options = parser.parse_args(arguments)
@@ -73,7 +73,7 @@ def _play(options: argparse.Namespace, sizes: Sequence[str]) -> int:
     try:
         for name in options.scene or SCENES:
             for shot in SCENES[name](stage):
-                if not options.only or options.only in shot.name:
+                if not options.only or f"_{options.only}_" in f"_{shot.name}_":
                     _write(stage, shot, sizes, options.theme or ("light", "dark"), out)
     finally:
         window.shut_down()

@@ -150,7 +150,7 @@ class MainWindow(QMainWindow):
         self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()
         self.job_line = JobsLine(self.jobs, self)
-        self.message = ElidedLabel(sentence=True)
+        self.message = ElidedLabel()
         self.message.setProperty("role", "hint")
         self.message.setContentsMargins(6, 0, 0, 0)
         self._silence = QTimer(self)

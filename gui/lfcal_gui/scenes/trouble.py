@@ -74,18 +74,18 @@ def _jobs(stage: Stage) -> Iterator[Capture]:
     stage.turn(100)
     window.job_line.toggle()
     stage.turn()
-    yield Capture("jobs_running")
+    yield Capture("jobs_running", window)
     for job in window.jobs.jobs():
         if job.active:
             window.jobs.cancel(job.number)
     stage.until(lambda: all(j.state is not JobState.RUNNING for j in window.jobs.jobs()), "the end")
     stage.settle()
-    yield Capture("jobs_ended")
+    yield Capture("jobs_ended", window)
     window.job_line.toggle()
     window.log_dock.show()
     window.log_dock.raise_()
     stage.turn()
-    yield Capture("log")
+    yield Capture("log", window)
     window.log_dock.hide()
 
 

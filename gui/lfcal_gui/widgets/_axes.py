@@ -7,8 +7,9 @@ from itertools import pairwise
 from typing import Any
 
 import pyqtgraph as pg
-from PySide6.QtGui import QFont
-from PySide6.QtWidgets import QGraphicsGridLayout, QSizePolicy
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QFont, QFontMetricsF
+from PySide6.QtWidgets import QGraphicsGridLayout, QGraphicsSceneResizeEvent, QSizePolicy
 
 from lfcal_gui.theme import current_theme
 
@@ -17,10 +18,29 @@ GRID = 38
 
 
 class Axis(pg.AxisItem):
-    """An axis whose numbers are the values themselves."""
+    """An axis whose numbers are the values themselves; the end of a name longer than the axis is left out."""
 
     def updateAutoSIPrefix(self) -> None:
         """Make up no prefix for a unit."""
+
+    def labelString(self) -> str:
+        """Return the name as rich text, as much as there is room for."""
+        name = self.labelText
+        room = self.size().height() if self.orientation in ("left", "right") else self.size().width()
+        if name and room:
+            self.labelText = QFontMetricsF(self.label.font()).elidedText(name, Qt.TextElideMode.ElideRight, room)
+        try:
+            shown: str = super().labelString()
+            self.setToolTip(name if self.labelText != name else "")
+        finally:
+            self.labelText = name
+        return shown
+
+    def resizeEvent(self, event: QGraphicsSceneResizeEvent | None = None) -> None:
+        """Show as much of the name as there is room for now."""
+        if self.label is not None and self.label.isVisible():  # None once it is closed
+            self.label.setHtml(self.labelString())
+        super().resizeEvent(event)
 
 
 ROOM = 14.0
@@ -28,6 +48,9 @@ ROOM = 14.0
 
 DIGIT, BETWEEN = 7.0, 8.0
 """Width of a digit, and least gap between neighbouring numbers (px)."""
+
+ABOVE = 6
+"""Room above an axis for the upper half of a number at its end (px)."""
 
 
 class PixelAxis(Axis):
@@ -138,10 +161,18 @@ class Plot(pg.GraphicsWidget):
         What is drawn into, if not a new one.
     left, bottom
         The axes, if not those of numbers.
+    margin, top
+        Room round the box and its axes, and above them (px).
     """
 
     def __init__(
-        self, box: pg.ViewBox | None = None, *, left: Axis | None = None, bottom: Axis | None = None, margin: int = 1
+        self,
+        box: pg.ViewBox | None = None,
+        *,
+        left: Axis | None = None,
+        bottom: Axis | None = None,
+        margin: int = 1,
+        top: int = 1,
     ) -> None:
         super().__init__()
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
@@ -152,7 +183,7 @@ class Plot(pg.GraphicsWidget):
         self._grid = False
         self._axes: dict[str, Axis] = {}
         self._layout = QGraphicsGridLayout(self)
-        self._layout.setContentsMargins(margin, margin, margin, margin)
+        self._layout.setContentsMargins(margin, max(margin, top), margin, margin)
         self._layout.setSpacing(0)
         self._layout.addItem(self.vb, 0, 1)
         self._layout.setRowStretchFactor(0, 100)

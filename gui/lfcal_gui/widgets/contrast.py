@@ -172,6 +172,7 @@ class Contrast(QWidget):
             painter.drawText(middle, Qt.AlignmentFlag.AlignCenter, picture.quantity)
         if self.hasFocus():
             painter.setPen(QPen(QColor(theme.accent), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRoundedRect(QRectF(self.rect()).adjusted(1, 1, -1, -1), 4, 4)
         painter.end()
 
@@ -196,7 +197,7 @@ class Contrast(QWidget):
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(QColor(theme.accent if k == self._active and self.hasFocus() else theme.text))
             painter.drawRoundedRect(QRectF(x - 4, strip.top() - 1, 8, STRIP + 2), 3, 3)
-            words = f"{value:.4g}" + (f"  {100 * share:.2g} % clipped" if share >= 0.0005 else "")
+            words = f"{value + 0.0:.4g}" + (f"  {100 * share:.2g} % clipped" if share >= 0.0005 else "")
             wide = painter.fontMetrics().horizontalAdvance(words) + 2
             left = min(max(x - wide / 2, 2.0), self.width() - wide - 2.0)
             painter.setPen(QColor(theme.text))

@@ -45,7 +45,7 @@ from lfcal_gui.models import (
     visible_tile,
 )
 from lfcal_gui.theme import TYPE_COLOURS, current_theme
-from lfcal_gui.widgets._axes import PixelAxis, Plot, count_pixels
+from lfcal_gui.widgets._axes import ABOVE, PixelAxis, Plot, count_pixels
 from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._measuring import Measuring
 from lfcal_gui.widgets.colours import ramp, row_of, theme_table
@@ -172,7 +172,7 @@ class Picture(QWidget):
         if axes is None:
             self.graphics.setCentralItem(self.box)
         else:
-            self.plot = Plot(self.box, left=PixelAxis("left"), bottom=PixelAxis("bottom"))
+            self.plot = Plot(self.box, left=PixelAxis("left"), bottom=PixelAxis("bottom"), top=ABOVE)
             self.plot.name_axes(*axes)
             self.graphics.setCentralItem(self.plot)
         self.item = pg.ImageItem(axisOrder="row-major")
@@ -619,7 +619,7 @@ class _Legend(QWidget):
         font.setPixelSize(11)
         painter.setFont(font)
         metrics = painter.fontMetrics()
-        low, high = (f"{value:.4g}" for value in picture.levels)
+        low, high = (f"{value + 0.0:.4g}" for value in picture.levels)  # no -0
         ends = metrics.horizontalAdvance(low) + metrics.horizontalAdvance(high) + 4 * GAP
         length = max(0, min(RAMP, self.width() - ends))
         x, flags = float(GAP), Qt.AlignmentFlag.AlignVCenter

@@ -11,6 +11,8 @@ from lfcal_gui.models.shot import Shot
 from lfcal_gui.widgets._axes import PixelAxis
 from lfcal_gui.widgets.period_map import PeriodMap
 from lfcal_gui.widgets.picture import Picture
+from tests.gui.layout_plots import _drawn
+from tests.gui.waiting import GUARD_MS
 
 
 def with_axes(unit: str = "px") -> Picture:
@@ -85,3 +87,22 @@ def test_numbers_beside_each_other_keep_apart(qapp: QApplication) -> None:
             pairs = [pair for pair in axis.tickValues(low, high, size) if len(pair[1]) > 1]
             apart = min(np.diff(sorted(v for _, values in pairs for v in values)), default=np.inf)
             assert apart * size / (high - low) >= 7 * len(str(last)) + 8 - 1e-9
+
+
+@pytest.mark.parametrize("size", [(150, 84), (300, 84), (400, 300)])
+def test_numbers_and_names_of_axes_are_whole_or_say_so(qtbot: QtBot, size: tuple[int, int]) -> None:
+    """The upper half of the 0 was cut where rows are low, and a long name ran out of its plot."""
+    view = Picture(axes=("χ² = photon / additive noise variance", "row (px)"))
+    qtbot.addWidget(view)
+    view.resize(*size)
+    view.show()
+    view.set_shot(Shot(np.ones((19, 33))))
+    qtbot.waitUntil(lambda: "0" in [text for _, text in _drawn(view.plot.getAxis("left"))], timeout=GUARD_MS)
+    seen = view.graphics.sceneRect()
+    for side in ("left", "bottom"):
+        axis = view.plot.getAxis(side)
+        assert all(seen.contains(axis.mapRectToScene(box.adjusted(1, 1, -1, -1))) for box, _ in _drawn(axis))
+    below = view.plot.getAxis("bottom")
+    assert below.label.boundingRect().width() <= below.size().width() + 12
+    cut = "…" in below.label.toPlainText()
+    assert cut == (size[0] == 150) and bool(below.toolTip()) == cut

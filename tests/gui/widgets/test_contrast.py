@@ -68,6 +68,17 @@ def test_keys_move_the_handles(bar: Contrast) -> None:
     assert bar.levels == pytest.approx(np.quantile(VALUES, (0.001, 0.999)))
 
 
+def test_the_histogram_is_seen_while_the_keyboard_is_there(bar: Contrast, qtbot: QtBot) -> None:
+    """The frame that shows the focus was filled, and lay over all of it."""
+    place = QPoint(bar.width() // 2, 6), QPoint(bar.width() // 2, 25)
+    bar.clearFocus()
+    before = [bar.grab().toImage().pixelColor(at) for at in place]
+    bar.activateWindow()
+    bar.setFocus()
+    qtbot.waitUntil(bar.hasFocus, timeout=GUARD_MS)
+    assert [bar.grab().toImage().pixelColor(at) for at in place] == before
+
+
 def test_of_a_dark_picture_with_a_few_points_the_points_are_seen(bar: Contrast) -> None:
     values = np.zeros((100, 100))
     values[5, 5] = 9.0
