@@ -1,17 +1,17 @@
-"""Recording of a session so that no acknowledged frame is ever lost.
+"""Record a session without ever losing an acknowledged frame.
 
 - ``options``, ``schedule``, ``_forecast``: all steps of a session in order, and their cost
-- ``session``, ``session_file``: beginning, resuming and partly repeating a session
+- ``session``, ``session_file``: start, resume or partly repeat a session
 - ``runner``: the strict loop, on ``_motion``, ``lighting`` and ``_exposing``
 - ``guard``: check of each frame's content before it counts
-- ``suspending``: holding a session while temperature or lamp are out of bounds, and continuing automatically
+- ``suspending``: hold a session while temperature or lamp are out of bounds, and continue automatically
 - ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports
-- ``frame_plan``, ``live_coverage``: whole frames of a target instead of cutouts of a point, and the positions shown so
-far
-- ``recording``: frames on the disk that survive a crash and a power cut; a session as a `FrameSource`
+- ``frame_plan``, ``live_coverage``: whole frames of a target instead of cutouts of a point, and the positions that
+  they show so far
+- ``recording``: frames on disk that survive a crash and a power cut; a session as a `FrameSource`
 - ``redo``, ``finish``: positions to record again; H from a session; packing
 - ``earlier``: records of earlier runs; ``stills``: white and dark frames of the whole sensor
-- ``setup``, ``spots``: live set-up
+- ``setup``, ``spots``: measurements for setting up the rig
 
 Devices are those of `lfcal.devices`.
 """

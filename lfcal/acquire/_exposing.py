@@ -1,4 +1,4 @@
-"""From exposures to the one frame that is kept of a position: complete, newly exposed, of the expected shape.
+"""Expose the frame of a position, and check that it is complete, new and of the expected shape.
 
 Several exposures of one position are averaged, or merged to a high dynamic range.
 """
@@ -19,15 +19,15 @@ __all__ = ["ExposedFrame", "Exposer", "average", "merge"]
 
 
 def average(frames: Sequence[NDArray[Any]], max_value: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the mean of equally exposed frames and which pixels were saturated in any of them.
+    """Return the mean of equally exposed frames, and a mask of the pixels that are saturated in any of them.
 
     Parameters
     ----------
     frames
         ``(rows, columns)`` unsigned integers, the same shape each.
     max_value
-        Saturated sample value. A pixel that is saturated in one frame has a mean that is too low, however
-        the others are, so it counts as saturated.
+        Saturated sample value. A pixel saturated in one frame counts as saturated, because its mean is too low
+        whatever the other frames show.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def merge(
     reference_s: float,
     black_level: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return bracketed frames merged to the counts of an unlimited sensor at ``reference_s``.
+    """Merge bracketed frames into the counts that a sensor of unlimited range would give at ``reference_s``.
 
     Each pixel is the sum of its unsaturated counts above black over the sum of their exposures, times the reference
     exposure, plus black. This is the maximum-likelihood rate for shot noise. Values may exceed the sensor's range. A
@@ -86,7 +86,7 @@ def merge(
     light = np.zeros(frames[0].shape, np.float64)
     seconds = np.zeros(frames[0].shape, np.float64)
     for k, (frame, full, exposure) in enumerate(zip(frames, saturated, exposures_s, strict=True)):
-        # the shortest exposure is the best there is of a pixel that all of them saturate
+        # if all exposures of a pixel are saturated, the shortest is the best estimate
         use = ~full if k != shortest else ~full | np.logical_and.reduce(saturated)
         light += np.where(use, frame - np.float64(black_level), 0.0)
         seconds += np.where(use, exposure, 0.0)
@@ -95,7 +95,7 @@ def merge(
 
 
 SLACK_S = 1e-4
-"""How far the clocks of the start of an exposure and of the arrival may disagree (s)."""
+"""Tolerance between the clock of the exposure start and that of the stage's arrival (s)."""
 
 
 class ExposedFrame(NamedTuple):
@@ -148,8 +148,8 @@ class Exposer:
         self.roi = Roi(0, 0, *rig.camera.sensor_shape)
 
     def read_region(self, roi: Roi) -> None:
-        """Read at least ``roi`` from now on; `roi` says what the camera took."""
-        # setting a region restarts many cameras: only where it changes
+        """Read at least the region ``roi`` from now on; the attribute `roi` is the region that the camera set."""
+        # many cameras restart when a region is set, so set it only if it changes
         if roi == self._wanted_roi:
             return
         actual = self._camera.set_roi(roi).actual
@@ -158,7 +158,7 @@ class Exposer:
         self._wanted_roi, self.roi = roi, actual
 
     def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
-        """Return the frame of this place; every exposure starts after ``arrived_s`` on the rig's clock."""
+        """Return the frame of the present position; every exposure starts after ``arrived_s`` on the rig's clock."""
         self._raws, self._reported = [], []
         data, mask, saturated, actual = self._combined(exposure_s, repeats, arrived_s)
         return ExposedFrame(data, mask, saturated, actual, tuple(self._raws), tuple(self._reported))
@@ -167,7 +167,7 @@ class Exposer:
         self, exposure_s: float, repeats: int, arrived_s: float
     ) -> tuple[NDArray[Any], NDArray[np.bool_] | None, int, float]:
         """Return data, mask, count of saturated pixels and exposure of an `ExposedFrame`."""
-        # a single exposure stays in the camera's own integers
+        # a single exposure keeps the camera's integer type
         if len(self._bracket) == 1 and repeats == 1:
             data = self._grab(exposure_s, arrived_s)
             return data, None, int(np.count_nonzero(data >= self._max)), self._actual
@@ -194,13 +194,13 @@ class Exposer:
         try:
             frame = self._camera.grab(self._timeout + exposure_s, lambda: self._control.aborting)
         except CameraError:
-            self._requested = None  # what the camera still holds is unknown: set the exposure again
+            self._requested = None  # the camera's setting is unknown, so set the exposure again
             raise
         if frame is None:
             raise self._control.aborted()
         check_frame(frame, self.roi.shape, self._dtype, self._last_number, arrived_s)
         self._last_number = frame.number
-        # of a camera that reads more than it was asked for, only that is kept in memory
+        # keep only the requested region in memory if the camera reads more
         wanted = self._wanted_roi or self.roi
         self._raws.append(frame.data if wanted == self.roi else frame.data[wanted.within(self.roi)].copy())
         if whole and frame.exposure_s > 0:

@@ -1,4 +1,4 @@
-"""What a session will cost and whether it can run, before anything moves."""
+"""Predict the cost of a session and whether it can run, before anything moves."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from lfcal.frames import Position
 __all__ = ["SessionForecast", "forecast"]
 
 STAGE_UM_PER_S = 1000.0
-"""Speed of the stage, as `Forecast.of` takes it where none is named (µm/s)."""
+"""Speed of the stage that `Forecast.of` assumes by default (µm/s)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,8 @@ class SessionForecast:
     Attributes
     ----------
     positions, other_frames
-        Number of frames at the plan's positions (for a target: its frames), and of dark, reference and control frames.
+        Number of frames at the plan's positions (for a target: number of its frames), and number of dark, reference
+        and control frames.
     seconds
         Duration of exposures, settling, movement, and readout if it is known, without retries and the approach from
         one side (s).
@@ -44,7 +45,7 @@ class SessionForecast:
     camera, stage
         The devices.
     readout_seconds
-        Time for readout (s); None if the camera's rate is unknown; it is then not counted.
+        Time for readout (s); None if the camera's rate is unknown. It is then not included in `seconds`.
     """
 
     positions: int
@@ -66,15 +67,15 @@ def forecast(
     only: Sequence[Position] = (),
     frames_per_s: float | None = None,
 ) -> SessionForecast:
-    """Return what the session will cost, after checking devices, limits, light and disk; nothing moves.
+    """Predict the cost of a session after checking devices, limits, light and disk; nothing moves.
 
-    With ``only`` positions no others are recorded. ``frames_per_s`` is the most that the camera delivers, of the region
-    that it reads.
+    With ``only``, no positions but these are recorded. ``frames_per_s`` is the highest frame rate of the camera for
+    the region that it reads.
 
     Raises
     ------
     InputError, DeviceError, StorageError
-        What would stop the session at its start.
+        If the session could not start.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Move to places and expose there without recording: for the set-up, and for the check of the stage's origin."""
+"""Move and expose without recording: for setting up, and for checking the stage's origin."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ __all__ = ["Looker"]
 
 
 class Looker:
-    """The stage and the camera of a rig, driven as a session drives them.
+    """Drive the stage and the camera of a rig in the same way as a session.
 
-    As a context manager, it moves the stage back to its previous place, unless a device failed or it was stopped.
+    As a context manager, it finally moves the stage back to its previous position, unless a device failed or the user
+    stopped it.
 
     Parameters
     ----------
     rig, plan, options, control
         As in `Runner`.
     targets
-        ``(N, 3)`` all stage coordinates to visit (µm).
+        ``(N, 3)`` stage coordinates of all positions to visit (µm).
     roi
         Region of the sensor to read; the whole sensor by default.
     bracket
@@ -54,7 +55,7 @@ class Looker:
         bracket: tuple[float, ...] = (1.0,),
     ) -> None:
         motion, sensor = options.motion(plan), plan.camera.sensor
-        # before anything moves: a limit met halfway would leave the stage anywhere
+        # check before anything moves: a limit reached halfway would leave the stage at an unknown position
         check_limits(targets, rig.stage.limits, motion.overshoot_um)
         self._time, self._stage = rig.time, rig.stage
         self._mover = Mover(rig.stage, rig.time, motion, control)
@@ -69,7 +70,7 @@ class Looker:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Move the stage back to where it was, after an answer or a refusal."""
         if kind is None or issubclass(kind, InputError):
-            # a place at the very end of the travel may be out of reach for a stage that approaches from one side
+            # near the end of the travel, the approach from one side may be impossible
             with suppress(LimitError):
                 self._mover.go(self._home)
 
@@ -83,16 +84,16 @@ class Looker:
         try:
             return self._mover.go(target)
         except BaseException:
-            # whatever ends a set-up must not leave the stage on its way
+            # whatever ends the set-up, the stage must not keep moving
             with suppress(Exception):
                 self._stage.stop()
             raise
 
     def expose(self, seconds: float, repeats: int = 1) -> NDArray[Any]:
-        """Return a new frame of `roi`, exposed for ``seconds``, the mean of ``repeats``."""
+        """Return the mean of ``repeats`` new frames of `roi`, each exposed for ``seconds``."""
         return self._exposer.expose(seconds, repeats, self._time.monotonic()).data
 
     def find_spot(self, seconds: float) -> tuple[float, float]:
-        """Return where the light of the source is, (row, column) in pixels of the sensor."""
+        """Return the position (row, column) of the source's light on the sensor (pixels)."""
         spot = find_spot(self.expose(seconds))
         return spot.row + self.roi.row, spot.column + self.roi.column

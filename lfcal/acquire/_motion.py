@@ -1,4 +1,4 @@
-"""Moves that arrive: limits, approach from one side, arrival, settling, read-back."""
+"""Move the stage: limits, approach from one side, arrival, settling, read-back."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Motion:
         Largest difference of read-back and target along x, y, z (µm).
     overshoot_um
         Every target is approached in the positive direction; moves in the negative direction first go this far beyond
-        it, so that backlash is always taken up in the same direction (µm). 0: not needed.
+        it, so that backlash is always taken up in the same direction (µm). 0: approach directly.
     timeout_s
         Longest wait for arrival (s).
     """
@@ -50,7 +50,7 @@ class Motion:
 
 
 def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tuple[float, float, float]) -> None:
-    """Raise `LimitError` if any of ``targets`` ``(N, 3)`` or its approach lies beyond the stage's travel (µm)."""
+    """Raise `LimitError` if any of ``targets`` ``(N, 3)`` (µm), or its approach, is beyond the stage's travel."""
     low, high = targets.min(axis=0) - np.array(overshoot_um), targets.max(axis=0)
     for k, axis in enumerate(AXES):
         lo, hi = limits[k]
@@ -64,16 +64,16 @@ def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tup
 
 
 class Mover:
-    """Drive one stage along targets; remembers from which side it stands.
+    """Drive one stage to targets; it remembers the direction of the last approach.
 
     Parameters
     ----------
     stage, time
-        The rig's.
+        Stage and clock of the rig.
     motion
-        Settings.
+        Settings for moving the stage.
     control
-        Asked for an abort while waiting.
+        Requests of the user; checked for an abort while waiting.
     """
 
     def __init__(self, stage: StageDevice, time: TimeSource, motion: Motion, control: Control) -> None:
@@ -82,7 +82,7 @@ class Mover:
         self._last: Point | None = None
 
     def forget(self) -> None:
-        """Approach the next target from beyond: after a fault the state of the backlash is unknown."""
+        """Approach the next target from its negative side, because the backlash is unknown after a fault."""
         self._last = None
 
     def go(self, target: Point) -> Point:
@@ -91,9 +91,9 @@ class Mover:
         Raises
         ------
         LimitError
-            Before anything moves.
+            If the target is beyond the stage's travel; nothing was moved.
         StageError, NotInPosition, DeviceLost
-            If the stage did not get there.
+            If the stage did not reach the target.
         """
         before = self._before(target)
         for k, (lo, hi) in enumerate(self._limits):
@@ -101,7 +101,7 @@ class Mover:
                 raise LimitError.expected(
                     f"stage axis {AXES[k]}", f"{lo:g} to {hi:g} µm", f"{target[k]:g} µm", "correct the plan"
                 )
-        # until it has arrived, nothing is known of where the stage stands
+        # the position of the stage is unknown until it has arrived
         self._last = None
         if before != target:
             self._travel(before)
@@ -126,7 +126,7 @@ class Mover:
         return here
 
     def position(self) -> Point:
-        """Return the read-back, wherever the stage stands (µm)."""
+        """Return the read-back of the present position (µm)."""
         return self._stage.position()
 
     def _before(self, target: Point) -> Point:
@@ -149,7 +149,7 @@ class Mover:
                     "stage",
                     f"arrival within {self._motion.timeout_s:g} s",
                     "still moving",
-                    "check for an obstacle, or allow more time",
+                    "check for an obstacle, or raise --move-timeout",
                 )
             time.sleep(pause)
             self._control.check()

@@ -1,4 +1,4 @@
-"""Reference frames: separate displacements caused by the stage, by the lamp and by the sensor."""
+"""Analyse reference frames: separate effects of the stage, of the lamp and of the sensor."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from lfcal.base import InputError
 __all__ = ["HotPixels", "References", "light_where"]
 
 CLEAR = 20.0
-"""Peak over noise from which the place of the light is known far better than to a tenth of a pixel."""
+"""Ratio of peak to noise above which the position of the light is known much better than 0.1 pixel."""
 FEW = 5
-"""Fewest frames that distinguish scatter from drift."""
+"""Smallest number of frames that distinguish scatter from drift."""
 HOT_SIGMAS, HOT_SHARE = 20.0, 0.02
-"""A hot pixel is so many standard deviations, and such a part of the range, above what is dark around it."""
+"""Thresholds of a hot pixel above its dark surroundings: standard deviations of the noise, and share of the range."""
 ALONE, FEW_HOT = 4.0, 16
-"""It rose so many times more than its neighbours; at most this many pixels become hot between two frames."""
+"""Smallest ratio of its rise to that of its neighbours; largest number of pixels that become hot between two frames."""
 MANY = 1000
-"""With more of them in a dark frame it is no longer single ones, and nothing is left out."""
+"""Largest number of hot pixels in a dark frame; if there are more, none is excluded."""
 
 
 class References:
-    """Frames of one position, in the order of recording.
+    """Statistics of repeated frames of one position, in the order of recording.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class References:
         self.hot = 0
 
     def add(self, seconds: float, frame: NDArray[Any], border: NDArray[np.bool_]) -> None:
-        """Take a frame ``(rows, columns)`` into account, whose ``border`` shows the background."""
+        """Add a frame ``(rows, columns)``; its ``border`` shows the background."""
         data = frame.astype(np.float64)
         level, noise = float(np.median(data[border])), float(data[border].std())
         data -= level
@@ -68,9 +68,9 @@ class References:
         self.seen.append((seconds, float(data.sum()), *place, level))
 
     def moved(self) -> tuple[float, float]:
-        """Return how far the light went from where it was first, and its scatter along an axis (pixels).
+        """Return the drift of the light from its first position, and its scatter along an axis (pixels).
 
-        The scatter is that of second differences, which a steady drift and a single jump leave alone.
+        The scatter is computed from second differences, which a steady drift or a single jump hardly changes.
         """
         places = np.array([row[2:4] for row in self.seen]).reshape(-1, 2)
         places = places[np.isfinite(places).all(axis=1)]
@@ -83,12 +83,12 @@ class References:
 
 
 def light_where(energy: NDArray[np.float64], y: int, x: int, moves_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the light of position ``(y, x)`` after displacements of its source ``(n, 2)`` by rows and columns.
+    """Return the light of position ``(y, x)`` after displacing its source by ``(n, 2)`` rows and columns.
 
-    ``energy`` ``(ny, nx)`` is the light of the positions of a plane: a source displaced by a pixel is at the next
-    position. NaN if that was not recorded.
+    ``energy`` ``(ny, nx)`` is the light at the positions of a plane; a source displaced by a pixel is at the next
+    position. The result is NaN where that position was not recorded.
     """
-    from scipy.ndimage import map_coordinates  # the window loads this module at its first look
+    from scipy.ndimage import map_coordinates  # slow to import
 
     places = np.array([[y], [x]]) + moves_px.T
     there: NDArray[np.float64] = map_coordinates(energy, places, order=1, mode="nearest")
@@ -107,12 +107,12 @@ def _became_hot(before: NDArray[np.float64], data: NDArray[np.float64], limit: f
     others = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
     near = np.maximum.reduce([padded[dy : dy + rows, dx : dx + columns] for dy, dx in others])
     found: NDArray[np.bool_] = (change > limit) & (change > ALONE * near)
-    # more than a few are a change of the light, not hot pixels
+    # many pixels at once mean that the light changed
     return found if found.sum() <= FEW_HOT else np.zeros_like(found)
 
 
 class HotPixels:
-    """Hot pixels of the dark frames, whose light is none of the source's; assembly subtracts them.
+    """Hot pixels of the dark frames; their signal is not light of the source, and assembly subtracts it.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class HotPixels:
         self._known: dict[float, tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]] = {}
 
     def learn(self, row: int, column: int, exposure_s: float, frame: NDArray[Any]) -> None:
-        """Find those of a dark frame ``(rows, columns)`` whose first pixel is this one of the sensor."""
+        """Find hot pixels in a dark frame ``(rows, columns)`` that starts at this sensor pixel."""
         level = float(np.median(frame))
         noise = 1.4826 * float(np.median(np.abs(frame - level)))
         rows, columns = np.nonzero(frame > level + max(HOT_SIGMAS * noise, HOT_SHARE * self._full))
@@ -134,7 +134,7 @@ class HotPixels:
         self._known[exposure_s] = rows + row, columns + column, frame[rows, columns] - level
 
     def within(self, row: int, column: int, exposure_s: float, shape: tuple[int, int]) -> float:
-        """Return their counts in a frame of this shape and exposure."""
+        """Return the counts of the hot pixels in a frame of this shape and exposure."""
         rows, columns, counts = self._known.get(exposure_s, (None, None, None))
         if rows is None or columns is None or counts is None or not len(rows):
             return 0.0

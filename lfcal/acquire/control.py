@@ -1,8 +1,8 @@
-"""Requests to a running session, from any thread.
+"""Pause, stop or abort a running session, from any thread.
 
-- **pause**: finish the present position, then hold; ``resume`` continues.
-- **stop**: finish the present position, then end in order; the session can be resumed.
-- **abort**: stop the stage immediately and drop the present frame; the session can be resumed.
+- **pause**: finish the current position, then hold; ``resume`` continues.
+- **stop**: finish the current position, then end normally; the session can be resumed.
+- **abort**: stop the stage immediately and discard the current frame; the session can be resumed.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ SLICE_S = 0.05
 
 
 class Aborted(Cancelled):
-    """The user asked for an abort."""
+    """The user aborted the work."""
 
 
 class Control:
-    """Hand requests from any thread to the thread that records.
+    """Pass requests from any thread to the recording thread.
 
     Examples
     --------
@@ -39,10 +39,10 @@ class Control:
         self._abort = threading.Event()
         self._wake = threading.Event()
         self.held = ""
-        """Why the session holds still, or empty; set by the recording thread."""
+        """Why the session is on hold, or empty; set by the recording thread."""
 
     def pause(self) -> None:
-        """Hold after the position under way."""
+        """Pause after the current position."""
         self._wake.clear()
         self._paused.set()
 
@@ -52,12 +52,12 @@ class Control:
         self._wake.set()
 
     def stop(self) -> None:
-        """End after the position under way."""
+        """Stop after the current position."""
         self._stop.set()
         self._wake.set()
 
     def abort(self) -> None:
-        """Stop the stage and end now."""
+        """Abort: stop the stage and end immediately."""
         # an abort ends a pause and a wait too
         self._abort.set()
         self._stop.set()
@@ -65,40 +65,40 @@ class Control:
 
     @property
     def pausing(self) -> bool:
-        """Whether a pause was asked for."""
+        """Whether a pause was requested."""
         return self._paused.is_set()
 
     @property
     def stopping(self) -> bool:
-        """Whether an end was asked for."""
+        """Whether a stop was requested."""
         return self._stop.is_set()
 
     @property
     def aborting(self) -> bool:
-        """Whether an immediate end was requested."""
+        """Whether an abort was requested."""
         return self._abort.is_set()
 
     def check(self) -> None:
-        """Raise `Aborted` if abort was asked for; called wherever the recording thread waits."""
+        """Raise `Aborted` if an abort was requested; called wherever the recording thread waits."""
         if self._abort.is_set():
             raise self.aborted()
 
     def aborted(self) -> Aborted:
         """Return the error that ends a session immediately."""
-        return Aborted("aborted: the stage was stopped; what was acknowledged is safe")
+        return Aborted("aborted: the stage was stopped; acknowledged frames are safe")
 
     def wait(self, seconds: float) -> None:
-        """Wait in real time, or until a request comes."""
+        """Wait for a real time, or until a request arrives."""
         self._wake.wait(seconds)
 
     def sleep(self, seconds: float, time: TimeSource) -> None:
-        """Let ``seconds`` of the rig's time pass, in slices, with a look for an abort after each."""
+        """Wait for ``seconds`` of the rig's time, checking for an abort at short intervals."""
         if seconds <= SLICE_S:
             if seconds > 0:
                 time.sleep(seconds)
             self.check()
             return
-        # in slices, because an abort must reach a thread that settles for minutes
+        # wait in slices, so that an abort is noticed even during a settling time of minutes
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             time.sleep(min(left, SLICE_S))

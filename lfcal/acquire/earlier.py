@@ -1,4 +1,4 @@
-"""Frames that earlier runs of a session recorded, read from its files in the background."""
+"""Read the frames of earlier runs of a session in the background."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from lfcal.base import FileFormatError
 __all__ = ["EarlierFrames", "EarlierRuns", "PlaneSum"]
 
 SECONDS = 30.0
-"""How long the frames of one plane are read at most (s)."""
+"""Longest time for reading the frames of one plane (s)."""
 MEMORY = 1 << 28
-"""Depth sums that are kept (bytes), and frames that the background is sampled from."""
+"""Memory for depth sums (bytes)."""
 SAMPLED = 8
-"""Frames of each plane that its background is sampled from at most."""
+"""Largest number of frames of a plane from which its background is sampled."""
 SHOWN_S = 0.25
-"""Between two sums that are shown (s)."""
+"""Time between two updates of the displayed sum (s)."""
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -51,16 +51,16 @@ class EarlierRuns:
 
 @dataclass(frozen=True, eq=False)
 class PlaneSum:
-    """Sum of the cutouts of a plane above the background, of the frames read so far.
+    """Sum of the cutouts of a plane above the background, over the frames read so far.
 
     Attributes
     ----------
     light
         ``(rows, columns)`` (counts).
     read, total, damaged
-        Frames that are read, that exist, and that cannot be read.
+        Number of frames read, of frames that exist, and of unreadable frames.
     ended
-        Whether no more are read.
+        Whether reading has ended.
     """
 
     light: NDArray[np.float64]
@@ -71,7 +71,7 @@ class PlaneSum:
 
     @property
     def words(self) -> str:
-        """How far it is read; empty where it is whole."""
+        """Progress of reading; empty if complete."""
         if not self.ended:
             return f"reading frame {self.read + self.damaged} of {self.total} …"
         return "" if self.read == self.total else f"{self.read} of {self.total} frames"
@@ -91,7 +91,7 @@ class _Frames:
     def of(cls, files: list[RecordingFile], known: EarlierRuns) -> _Frames:
         grid = known.grid
         where, slots = np.full((2, grid[0] * grid[1] * grid[2]), -1, np.intp)
-        for k, file in enumerate(files):  # oldest first: a later frame of a position counts
+        for k, file in enumerate(files):  # oldest first, because the latest frame of a position counts
             held = np.flatnonzero(file.taken & (file.records["index"] < len(where)))
             flat = file.records["index"][held]
             where[flat], slots[flat] = k, held
@@ -103,7 +103,7 @@ class _Frames:
         return cls(files, where[flat], slots[flat], flat // (grid[1] * grid[2]), records)
 
     def read(self, k: int) -> NDArray[Any] | None:
-        """Return frame ``k``, None where it is damaged."""
+        """Return frame ``k``, or None if it is damaged."""
         try:
             frame: NDArray[Any] = self.files[self.where[k]].read(int(self.slots[k]))
         except FileFormatError:
@@ -114,17 +114,17 @@ class _Frames:
 class EarlierFrames:
     """Passes records of earlier runs to ``quality``, and sums the frames of the displayed plane.
 
-    Records are read first, then frames of a plane for at most `SECONDS`, in an order spread over the period. Of the
-    sums, `MEMORY` is kept. `want` and `read` may be called in two threads.
+    Records are read first, then frames of a plane for at most `SECONDS`, in an order spread over the period. Sums
+    are kept in memory up to `MEMORY`. `want` and `read` may be called in two threads.
 
     Parameters
     ----------
     folder, quality
-        The session, and the receiver of its records and frames.
+        Folder of the session, and the object that receives its records and frames.
     known
-        Frames recorded by earlier runs; None: none.
+        Frames recorded by earlier runs, if any.
     seconds, clock
-        Time for reading a plane, and the clock (s).
+        Longest time for reading a plane (s), and the clock.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class EarlierFrames:
         self._sums: dict[int, PlaneSum] = {}
 
     def want(self, z: int) -> bool:
-        """Return whether reading plane ``z`` adds anything to what was asked for; reading of another plane ends."""
+        """Request plane ``z`` instead of any other; return whether there is anything to read."""
         before, self._wanted = self._wanted, z
         if before == z or self._known is None or not self._known.flat.size:
             return False
@@ -152,11 +152,11 @@ class EarlierFrames:
         return not (self._told and summed)
 
     def sum_of(self, z: int) -> PlaneSum | None:
-        """Return the sum of a plane as far as it is read."""
+        """Return the sum of a plane over the frames read so far."""
         return self._sums.get(z)
 
     def read(self, z: int, going: Callable[[], bool] = lambda: True) -> None:
-        """Read plane ``z`` until it is whole, another one is wanted, or ``going`` says no.
+        """Read plane ``z`` until it is complete, another one is requested, or ``going`` returns False.
 
         Raises
         ------

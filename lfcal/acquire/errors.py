@@ -1,4 +1,4 @@
-"""How a session ends early."""
+"""Errors that end a session early."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ __all__ = ["AcquisitionStopped", "SuspectFrame"]
 
 
 class AcquisitionStopped(LfcalError):
-    """The session ended early, safely: what was acknowledged is on disk and can be resumed.
+    """The session ended early; acknowledged frames are on disk, and it can be resumed.
 
     Attributes
     ----------
     acknowledged
-        Positions that are safe on disk.
+        Number of positions that are safe on disk.
     cause
-        The error that ended the session, or None when the user did.
+        The error that ended the session, or None if the user ended it.
     """
 
     def __init__(self, message: str, acknowledged: int, cause: BaseException | None = None) -> None:
@@ -26,12 +26,12 @@ class AcquisitionStopped(LfcalError):
 
 
 class SuspectFrame(LfcalError):
-    """The content of a frame is not what it should be, and taking it again did not help.
+    """The content of a frame is suspicious, also after it was taken again.
 
     Attributes
     ----------
     what
-        What is suspected.
+        Kinds of fault that are suspected.
     """
 
     def __init__(self, message: str, what: Suspicion) -> None:

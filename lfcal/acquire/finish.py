@@ -1,4 +1,4 @@
-"""What comes after the last frame: H from the session's own frames, and the recording compressed."""
+"""Finish a session: assemble H from its frames, and compress the recording."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def iter_assemble_session(
     skip_damaged: bool = False,
     make: Callable[..., Work[AssemblyReport]] = iter_assemble_plan,
 ) -> Work[AssemblyReport]:
-    """Assemble H from a session, even from complete planes while others are being recorded.
+    """Assemble H from a session, or from its complete planes while others are still being recorded.
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ def iter_assemble_session(
     planes
         Depth planes to use; None: all, with missing positions marked.
     recipe
-        Corrections; None: only the session's dark frames.
+        Corrections of the frames; None: only the session's dark frames.
     settings
         As in `lfcal.psf.iter_assemble_plan`.
     skip_damaged
-        Leave out damaged frames, and list them in report and file, instead of refusing the session.
+        Exclude damaged frames and list them in report and file, instead of raising an error.
     make
         Function that makes H from upright frames, with the arguments of `lfcal.psf.iter_assemble_plan`: plane by
         plane, for a session in progress.
@@ -76,7 +76,7 @@ def iter_assemble_session(
 
 
 class Packed(NamedTuple):
-    """What packing a session came to: bytes gained, and why some of its files were left as they are."""
+    """Result of packing a session: bytes saved, and the reasons why some files were not packed."""
 
     bytes_gained: int
     left: tuple[str, ...]
@@ -85,7 +85,7 @@ class Packed(NamedTuple):
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
     """Repack every finished recording of a session.
 
-    A recording that lacks frames, or holds a damaged one, is left as it is, ready to be resumed.
+    A recording with missing or damaged frames is not changed, so that it can be resumed.
 
     Examples
     --------
@@ -122,13 +122,13 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
 def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
     """Rewrite a recording as chunked, compressed HDF5 next to it, and replace it; return the number of bytes saved.
 
-    Every frame is checked against its CRC-32 on the way. Recordings that are packed already, or lack
-    frames, are left alone. The chunks are one frame each, gzip 1 with shuffle and fletcher32.
+    Every frame is checked against its CRC-32. Recordings that are already packed, or lack frames, are not changed.
+    The chunks are one frame each, gzip 1 with shuffle and fletcher32.
 
     Raises
     ------
     FileFormatError
-        If a frame is damaged: it is named, and the recording stays as it is.
+        If a frame is damaged; the message names it, and the recording is not changed.
     """
     before = path.stat().st_size
     with RecordingFile(path) as source:
@@ -142,7 +142,7 @@ def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
                     raise FileFormatError.expected(
                         str(path), "all records after packing", "fewer", "keep the file and report this"
                     )
-            source.close()  # Windows replaces no file that is open
+            source.close()  # Windows cannot replace an open file
     return before - path.stat().st_size
 
 
@@ -166,7 +166,7 @@ def _write_packed(source: RecordingFile, part: Path, workers: int) -> Work[None]
         def packed(slot: int) -> tuple[int, Any]:
             return slot, encode_chunk(source.read(slot))
 
-        for start in range(0, layout.count, BLOCK):  # a block at a time, so that memory stays flat
+        for start in range(0, layout.count, BLOCK):  # a block at a time, to limit memory
             yield clock.at(start)
             for slot, data in pool.map(packed, range(start, min(start + BLOCK, layout.count))):
                 frames.id.write_direct_chunk((slot, 0, 0), data)

@@ -1,4 +1,4 @@
-"""The light of the source: off while dark frames are taken, on for everything else."""
+"""Switch the light of the source: off for dark frames, on for all others."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def check_light(rig: Rig) -> None:
 
 
 class Lighting:
-    """Switch the light, and only where it changes: a lamp left on is a steadier one.
+    """Switch the light, only when necessary, because a lamp that stays on is more stable.
 
     Parameters
     ----------
     rig, control
-        The devices, and what the user asks.
+        The devices, and the requests of the user.
     settle_s
-        Wait after the light is switched (s).
+        Waiting time after switching the light (s).
     """
 
     def __init__(self, rig: Rig, control: Control, settle_s: float) -> None:
@@ -39,16 +39,16 @@ class Lighting:
         self._off = False
 
     def switch(self, on: bool) -> None:
-        """Switch the light on or off and wait until it is steady; raises `DeviceError` if it cannot be."""
+        """Switch the light on or off and wait until it is steady; raises `DeviceError` if this fails."""
         if self._light is None or on != self._off:
             return
-        self._off = True  # also while it is being switched: after a fault it may be either
+        self._off = True  # also while switching, because a fault may leave it on or off
         self._light.switch(on)
         self._off = not on
         self._control.sleep(self._settle, self._time)
 
     def restore(self) -> None:
-        """Switch the light on again, as far as it still answers; raises nothing."""
+        """Switch the light on again if it still responds; raises no error."""
         if self._light is not None and self._off and not self._light.hangs:
             with suppress(Exception):
                 self._light.switch(True)

@@ -1,4 +1,4 @@
-"""What the frames of a target recorded so far show, phase by phase, and what is wrong with them."""
+"""Track the positions shown by the frames of a target so far, and find faults of the frames."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["CoverageState", "LiveCoverage"]
 
 SAMPLE = 1 << 16
-"""Enough pixels for the level without light: it is the median of a frame that is mostly dark."""
+"""Number of pixels for the dark level, which is the median of a mostly dark frame."""
 FEW = 3
 
 
@@ -34,16 +34,16 @@ class CoverageState:
     Attributes
     ----------
     done, total
-        Number of frames seen, and in the plan.
-    shown
-        ``(nz, ny, nx)`` number of them that show each position within the plan's tolerance, if the target is at its
+        Number of frames recorded so far, and in the plan.
+    ``(nz, ny, nx)`` number of recorded frames that show each position within the plan's tolerance, provided the
+    target is at its planned pose.
         planned pose.
     light
-        ``(frames,)`` light of each above its median (counts), in the plan's order; NaN if not recorded.
+        ``(frames,)`` light of each frame above its median (counts), in the plan's order; NaN if not recorded.
     saturated
-        ``(frames,)`` saturated pixels.
+        ``(frames,)`` number of saturated pixels.
     lamp
-        ``(n, 2)`` seconds of recording and light of the reference frames (counts).
+        ``(n, 2)`` time of recording (s) and light (counts) of each reference frame.
     alarms
         Values out of bounds, in the form of `lfcal.acquire.live_quality`.
     """
@@ -58,11 +58,11 @@ class CoverageState:
 
     @property
     def coverage(self) -> float:
-        """Share of the positions that is shown so far."""
+        """Share of the positions shown so far."""
         return float((self.shown > 0).mean())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the number of frames and what they show, as plain values."""
+        """Return a summary as plain JSON types."""
         return {
             "frames": self.done,
             "coverage": self.coverage,
@@ -72,14 +72,14 @@ class CoverageState:
 
 
 class LiveCoverage:
-    """An observer of a `Runner` that records a target; ask for `state` from any thread.
+    """Observer of a `Runner` that records a target; call `state` from any thread.
 
     Parameters
     ----------
     plan
-        The session's.
+        Plan of the session.
     folder
-        Where a session of it was begun, whose frames count; None: it is a new one.
+        Folder of a session to continue, whose frames are included; None: a new session.
 
     Examples
     --------
@@ -109,7 +109,7 @@ class LiveCoverage:
         self._lamp: list[tuple[float, float]] = []
         self._lock = threading.Lock()
         if folder is not None:
-            # a session that was stopped before its first frame has none to open
+            # a session that was stopped before its first frame cannot be opened
             with suppress(LfcalError), TargetRecording(folder, skip_damaged=True) as source:
                 for z, k in source.frames if source.target == plan else ():
                     self.know(z, k)
@@ -133,7 +133,7 @@ class LiveCoverage:
     def know(self, z: int, k: int, light: float = math.nan, saturated: int = 0) -> None:
         """Mark frame ``k`` of plane ``z`` as recorded, with its light (counts); NaN if unknown.
 
-        A frame that is known already counts once.
+        A frame is counted only once.
         """
         from lfcal.targets import covered_by
 
@@ -150,7 +150,7 @@ class LiveCoverage:
             self._shown[z, found] += 1
 
     def state(self) -> CoverageState:
-        """Return a copy of what is known now."""
+        """Return a copy of the current state."""
         with self._lock:
             lamp = np.array(self._lamp).reshape(-1, 2)
             shown = self._shown.reshape(-1, *self._plan.scan.period).copy()
@@ -167,11 +167,11 @@ def _alarms(light: NDArray[np.float64], saturated: NDArray[np.int64], lamp: NDAr
     def look(kind: str, size: float, words: str) -> None:
         found.extend(alarm(kind, size, words))
 
-    look("saturated", float((saturated > 0).sum()), "saturated pixels: expose shorter, or bracket")
+    look("saturated", float((saturated > 0).sum()), "saturated pixels: shorten the exposure, or bracket")
     seen = light[np.isfinite(light)]
     if len(seen) >= FEW:
         dim = float((seen < 0.5 * np.median(seen)).mean())
-        look("dim", dim, "some frames are much darker than the others: check lamp, shutter and where the target ends")
+        look("dim", dim, "some frames are much darker than the others: check lamp, shutter and the edge of the target")
     if len(lamp) > 1 and lamp[0, 1] > 0:
         look("lamp", float(np.abs(lamp[:, 1] / lamp[0, 1] - 1).max()), "the lamp drifts: let it warm up")
     return found

@@ -1,4 +1,4 @@
-"""Quality of the session so far, from what is recorded anyway: faults show within the first minutes."""
+"""Assess the quality of a running session, so that faults appear within the first minutes."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ LIMITS = {
 """
 
 SUBJECT = {"lamp": "light", "dim": "light", "dark": "sensor", "hot": "sensor", "saturated": "sensor"}
-"""Subjects of the kinds that do not concern the stage."""
+"""Device to which each kind refers, if it is not the stage."""
 
 FEW = 16
 FEW_CENTROIDS = 8
 FIRST = 200
 UNSURE = 0.25
-"""Part of a change of light by a move of the source that may be wrong."""
+"""Relative error of a predicted change of light after a move of the source."""
 
 
 def alarm(kind: str, size: float, words: str) -> list[Finding]:
-    """Return a finding where ``size`` is beyond the limit of its kind; ``words`` are what it is, and the remedy."""
+    """Return a finding if ``size`` exceeds the limit of its kind; ``words`` state the fault and the remedy."""
     if not size > LIMITS[kind]:
         return []
     what, _, remedy = words.partition(": ")
@@ -63,20 +63,19 @@ class QualityState:
     Attributes
     ----------
     done
-        Number of positions seen, without those of earlier runs.
+        Number of positions recorded so far, without those of earlier runs.
     energy
         ``(nz, ny, nx)`` light of each position above the background (counts), NaN if not recorded.
     residual_px
         ``(nz, ny, nx)`` lateral difference between read-back and target (pixels), NaN if not recorded.
     saturated
-        ``(nz, ny, nx)`` saturated pixels of each cutout.
+        ``(nz, ny, nx)`` number of saturated pixels in each cutout.
     depth_sums
-        ``(nz, nt, ns)`` running sums of the cutouts above the background (counts); ``(1, nt, ns)`` of one plane.
+        ``(nz, nt, ns)`` running sums of the cutouts above the background (counts); ``(1, nt, ns)`` for one plane.
     lamp
-        ``(n, 2)`` seconds of recording, over all recordings that were followed, and energy of the reference frames
-        (counts).
+        ``(n, 2)`` time of recording (s), over all recordings followed, and light (counts) of each reference frame.
     places_px
-        ``(n, 2)`` row and column of their light in the cutout (pixels), NaN if it is too faint.
+        ``(n, 2)`` row and column of the light in the cutout of each reference frame (pixels), NaN if it is too faint.
     follow_px
         Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column
         per x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
@@ -96,16 +95,16 @@ class QualityState:
 
 
 class LiveQuality:
-    """An observer of a `Runner`; ask for `state` from any thread.
+    """Observer of a `Runner`; call `state` from any thread.
 
     Parameters
     ----------
     plan
-        The session's.
+        Plan of the session.
     window
         Rows and columns of the recorded frames.
     stride
-        Every how many frames the image's place in the cutout is measured, after the first 200.
+        Number of frames between measurements of the image's place in the cutout, after the first 200 frames.
 
     Examples
     --------
@@ -131,7 +130,7 @@ class LiveQuality:
         self._residual = np.full(shape, np.nan, np.float32)
         self._saturated = np.zeros(shape, np.int64)
         self._window = window
-        self._sums: dict[int, NDArray[np.float64]] = {}  # of planes with a frame: a sum may be as large as the sensor
+        self._sums: dict[int, NDArray[np.float64]] = {}  # only of planes with a frame
         self._levels = np.zeros(shape[0])
         self._before = self._now = 0.0
         self._range = float(plan.camera.sensor.max_value)
@@ -165,12 +164,12 @@ class LiveQuality:
         hot = self._hot.within(note.row, note.column, note.exposure_s, self._window)
         with self._lock:
             if self._done < FIRST or self._done % self._stride == 0:
-                # the border of a cutout shows the background: the spot is in its middle
+                # the border of a cutout shows the background, because the spot is in the middle
                 self._level = float(np.median(frame[self._border]))
                 self._follow(place, frame)
             self._energy[place] = note.energy - hot - self._level * frame.size
             error = [s - t for s, t in zip(note.stage_um, note.target_um, strict=True)]
-            # depth errors do not move the image sideways
+            # errors in depth do not move the image sideways
             error[self._away] = 0.0
             self._residual[place] = float(np.hypot.reduce(error)) / self._step[step.z]
             self._saturated[place] = note.saturated
@@ -183,12 +182,12 @@ class LiveQuality:
             self._done += 1
 
     def know(self, records: NDArray[Any], levels: NDArray[np.float64]) -> None:
-        """Take positions that earlier runs recorded from their records; depth sums need their frames and stay.
+        """Add positions of earlier runs from their records; depth sums do not change, because they need frames.
 
         Parameters
         ----------
         records
-            ``(n,)`` of type `lfcal.acquire.recording.records.RECORD`, one of each position.
+            ``(n,)`` of type `lfcal.acquire.recording.records.RECORD`, one for each position.
         levels
             ``(n,)`` background of each frame (counts).
         """
@@ -201,7 +200,7 @@ class LiveQuality:
             self._saturated[place] = records["saturated"]
 
     def state(self, plane: int | None = None) -> QualityState:
-        """Return a copy of what is known now; with ``plane`` the depth sum of that plane only."""
+        """Return a copy of the current state; ``plane`` limits the depth sums to one plane."""
         with self._lock:
             references = np.array(self._references.seen).reshape(-1, 5)
             follow = self._slopes()
@@ -231,7 +230,7 @@ class LiveQuality:
         row = (float(down @ self._rows) - self._level * frame.shape[1] * float(self._rows.sum())) / light
         column = (float(along @ self._columns) - self._level * frame.shape[0] * float(self._columns.sum())) / light
         at = np.array([1.0, place[1], place[2]])
-        # normal equations grow frame by frame: no centroid is kept
+        # add to the normal equations, so that no centroid must be kept
         self._normal += np.outer(at, at)
         self._right += np.outer(at, (row, column))
 
@@ -254,12 +253,12 @@ class LiveQuality:
         rms = float(np.sqrt(np.nanmean(np.square(self._residual))))
         look("position", rms, "the stage misses its targets: check load, speed and tolerance")
         moved, scatter = self._references.moved()
-        again = "record again what was recorded since"
+        again = "record the positions since then again"
         if scatter > LIMITS["scatter"]:
-            look("scatter", scatter, f"the stage does not return to a place: check coupling, load and encoder; {again}")
+            look("scatter", scatter, f"the stage is not repeatable: check coupling, load and encoder; {again}")
         else:
             moved = moved if moved > 3 * scatter else 0.0
-            look("drift", moved, f"the light of one place moved: stage, mount or the camera's region drifts; {again}")
+            look("drift", moved, f"the reference image moved: stage, mount or camera region drifts; {again}")
         lamp, levels = references[:, 1], references[:, 4]
         if len(lamp) > 1 and lamp[0] > 0:
             change = self._lamp_change(references, moved)
@@ -268,12 +267,12 @@ class LiveQuality:
         look("lamp", change, "the lamp drifts: let it warm up, or stabilise it")
         if len(levels) > 1:
             off = float(np.abs(levels - levels[0]).max()) / self._range
-            look("dark", off, "the level without light moves: let the camera warm up, take darks more often")
+            look("dark", off, "the dark level drifts: let the camera warm up, take darks more often")
         look("hot", self._references.hot, "pixels became hot: take darks more often, cool the camera")
         energy = self._energy[seen]
         dim = float((energy < 0.5 * np.median(energy)).mean())
         look("dim", dim, "some positions are much darker than the others: check lamp, shutter and vignetting")
-        look("saturated", float((self._saturated > 0).sum()), "saturated pixels: expose shorter, or bracket")
+        look("saturated", float((self._saturated > 0).sum()), "saturated pixels: shorten the exposure, or bracket")
         worst = float(np.abs(follow).max())
         look("follow", worst, "the image does not move with the cutout: check sign and scale of the stage's axes")
         return tuple(alarms)
@@ -283,7 +282,7 @@ class LiveQuality:
         change = references[:, 1] / references[0, 1]
         if moved_px <= LIMITS["drift"]:
             return float(np.abs(change - 1).max())
-        # a source that moved is seen through another part of the lenslets; the plane was recorded amid the moves
+        # a displaced source illuminates another part of the lenslets, and the plane was recorded between the moves
         z, y, x = self._reference
         places, amid = references[:, 2:4], int(np.searchsorted(references[:, 0], self._met_s))
         light = light_where(self._energy[z], y, x, places - places[max(0, amid - 1) : amid + 1].mean(axis=0))

@@ -1,4 +1,4 @@
-"""What a session does beyond the scan plan, and how careful it is."""
+"""Options of a session in addition to the scan plan: extra frames, tolerances, checks."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Options:
     bracket
         Exposures of each position as factors of its plane's; several are merged to a high dynamic range.
     margin_px
-        Pixels kept around the cutout, for interpolation at sub-pixel anchors and for drift. None: none, or 12 if the
-        plan's anchor is between pixels or frames are resampled.
+        Margin around the cutout (pixels), for interpolation at sub-pixel anchors and for drift. None: 12 if the plan's
+        anchor is between pixels or frames are resampled, else no margin.
     darks, dark_every
         Number of frames averaged into each dark frame (0: none), taken at the start and after every ``dark_every``
         positions (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts them;
@@ -47,10 +47,10 @@ class Options:
     tolerance_um, overshoot_um
         As in `Motion`; None tolerates a tenth of the smallest lateral step and a whole step in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
-        Longest waits for arrival and (beyond the exposure) for a frame, and the waiting time after the light
-        is switched (s).
+        Longest waits for arrival and for a frame (beyond its exposure), and the waiting time after switching the light
+        (s).
     keep_free_bytes
-        The session is refused, and holds, while the disk has less than this free in addition to the recording; None:
+        The session does not start, or holds, while the disk has less than this free besides the recording; None:
         a tenth of the recording, at least 16 MiB.
     origin_tolerance_px
         When resuming, the last position is taken again; a larger shift of the image means that the stage's origin is
@@ -102,7 +102,7 @@ class Options:
         check_type("check stage", self.check_stage, bool)
         check_type("allow automatic", self.allow_automatic, bool)
         check_choice("on suspect", self.on_suspect, POLICIES)
-        # a bracket without 1 has no frame at the plan's exposure to scale the others to
+        # a bracket without 1 has no frame at the plan's exposure, to which the others are scaled
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
             raise InputError.expected(
                 "exposure bracket", "different factors, 1 among them", self.bracket, "for example 1, 0.25, 0.0625"
@@ -118,7 +118,7 @@ class Options:
         for name in ("move_timeout_s", "grab_timeout_s"):
             check_number(name.replace("_", " "), getattr(self, name), above=0, at_most=86_400)
         check_number("steady s", self.steady_s, at_least=0, at_most=86_400)
-        self.bounds  # noqa: B018 each is read
+        self.bounds  # noqa: B018 this parses and checks each one
         check_number("light settle s", self.light_settle_s, at_least=0, at_most=86_400)
         for name in ("tolerance_um", "overshoot_um"):
             values = getattr(self, name)
@@ -129,31 +129,31 @@ class Options:
 
     @property
     def plain(self) -> bool:
-        """Whether one exposure makes one frame (unless the plan averages)."""
+        """Whether each frame is a single exposure (unless the plan averages)."""
         return len(self.bracket) == 1
 
     def reserve(self, recording_bytes: int) -> int:
-        """Return the bytes that stay free beyond a recording of this size."""
+        """Return the disk space to keep free in addition to a recording of this size (bytes)."""
         return max(recording_bytes // 10, LEAST_RESERVE) if self.keep_free_bytes is None else self.keep_free_bytes
 
     @property
     def bounds(self) -> tuple[Bound, ...]:
-        """What gauges may read; raises `InputError` where a text says no bounds."""
+        """Bounds of the gauges; raises `InputError` if a text cannot be parsed."""
         return tuple(Bound.parse(text) for text in self.suspend)
 
     def motion(self, plan: ScanPlan) -> Motion:
-        """Return how the stage is driven through ``plan``."""
+        """Return the settings for moving the stage along ``plan``."""
         tolerance = self.tolerance_um
         if tolerance is None:
             step = min(min(plan.step_um(z)) for z in range(len(plan.depths_um)))
-            # an error in depth changes a pattern far less than one sideways
+            # an error in depth changes a pattern much less than a lateral one
             sideways, away = 0.1 * step, step
             axis = plan.stage.away[1]
             tolerance = tuple(away if name == axis else sideways for name in "xyz")
         return Motion(plan.settle_s, _triple(tolerance), _triple(self.overshoot_um), self.move_timeout_s)
 
     def differences(self, other: Options) -> list[str]:
-        """Return the names of the options that shape the recording and differ."""
+        """Return the names of differing options that affect the layout of the recording."""
         return [name for name in _RESHAPING if getattr(self, name) != getattr(other, name)]
 
     def to_dict(self) -> dict[str, Any]:
@@ -164,7 +164,7 @@ class Options:
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
         """Return the options described by ``data``; unknown entries raise `InputError`.
 
-        Those that an older session does not know keep their defaults.
+        Options missing in an older session keep their defaults.
         """
         return build(cls, data, "options", partial=True)
 

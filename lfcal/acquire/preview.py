@@ -1,4 +1,4 @@
-"""Frames for a window: a bounded queue, the only place where frames may be dropped, the oldest first."""
+"""Pass frames to a window through a bounded queue; only here may frames be dropped, oldest first."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class LiveFrame:
     roi
         Region on the sensor.
     cutout
-        The part of it that is kept, on the sensor; None in the live view.
+        Part of `roi` that is stored, as a region on the sensor; None in the live view.
     position
         Position of the plan, or None.
     saturated
         Number of saturated pixels in ``data``.
     what
-        Kind, for display: ``"position"``, ``"dark"``, ``"live"`` …
+        Kind of the frame, for display: ``"position"``, ``"dark"``, ``"live"`` …
     """
 
     data: NDArray[Any]

@@ -1,4 +1,4 @@
-"""Lists of positions: to record again (from the quality report or a session), or those that a session records."""
+"""Lists of positions to record, or to record again (from the quality report or a session)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class RedoList:
         return json.dumps(data)
 
     def write(self, path: Path) -> None:
-        """Write the list as JSON, whole or not at all."""
+        """Write the list as JSON; a failed write leaves no partial file."""
         write_text(path, self.to_json())
 
     @classmethod
@@ -96,21 +96,21 @@ class RedoList:
 
 
 def _are_positions(value: Any) -> bool:
-    # bool is a kind of int: type() and not isinstance() keeps true and false out
+    # bool is a subclass of int, so test type() instead of isinstance()
     return isinstance(value, list) and all(
         isinstance(p, list) and len(p) == 3 and all(type(v) is int for v in p) for p in value
     )
 
 
 def read_suspects(folder: Path) -> RedoList:
-    """Return what the newest frames of a session are suspected of; empty where all is well.
+    """Return the positions of a session whose newest frames are suspicious, with reasons.
 
     Raises
     ------
     StorageError, FileFormatError
         If there is no session, or it is damaged.
     InputError
-        If nothing was recorded.
+        If no frame was recorded.
 
     Examples
     --------

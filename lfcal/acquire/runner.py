@@ -1,7 +1,7 @@
-"""The strict loop: move, arrive, settle, read back, expose, read back, write, acknowledge.
+"""Record step by step: move, arrive, settle, read back, expose, read back, write, acknowledge.
 
-A step is taken as the schedule says (`Taker`), again where a device failed, and looked into where its content is
-doubtful (`Attempts`); `Runner` goes through the schedule.
+`Taker` carries out a step as scheduled. `Attempts` repeats it if a device failed, and investigates doubtful content.
+`Runner` goes through the schedule.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ ENOUGH = 512
 
 
 class RecordedNeighbour(NamedTuple):
-    """A position that was recorded: its frame ``(rows, columns)``, saturated pixels, and exposure (s)."""
+    """A recorded position: its frame ``(rows, columns)``, number of saturated pixels, and exposure (s)."""
 
     position: Position
     frame: NDArray[Any]
@@ -57,9 +57,9 @@ class RecordedNeighbour(NamedTuple):
 
 
 def recorded_neighbours(folder: Path, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
-    """Return the trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, some hundreds at most.
+    """Return trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, at most a few hundred.
 
-    Frames that cannot be read are left out: there is less to compare with, and nothing else.
+    Unreadable frames are skipped; new frames are then compared with fewer ones.
     """
     near = todo.copy()
     for axis in (1, 2):
@@ -98,9 +98,9 @@ class Taker:
     rig, plan, options, schedule, control
         As in `Runner`.
     sensor
-        The camera's.
+        Limits of the sensor.
     elapsed
-        Seconds of recording so far, pauses left out.
+        Time of recording so far, without pauses (s).
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Taker:
             self.mover.go(step.target)
             repeats = self._plan.frames_averaged
             exposed = self._exposer.expose(self._exposures[step.z], repeats, self._rig.time.monotonic())
-            here = self.mover.check(step.target)  # a stage that crept away during the exposure shows here
+            here = self.mover.check(step.target)  # detects a stage that moved during the exposure
         frame, mask, row, column = self._crop(step, exposed)
         saturated = int(np.count_nonzero(frame >= self._sensor.ceiling if mask is None else mask))
         now = measured(frame, saturated, self._sensor)
@@ -175,7 +175,7 @@ class Taker:
     def _crop(self, step: ScheduledFrame, exposed: ExposedFrame) -> tuple[NDArray[Any], NDArray[Any] | None, int, int]:
         """Return the stored part of a frame, contiguous, with its saturation mask and first sensor row and column."""
         roi = self._exposer.roi
-        # dark frames keep the whole region: the cutouts of all positions lie in it
+        # dark frames keep the whole region, which contains the cutouts of all positions
         wanted = self._schedule.roi if step.kind is Kind.DARK else Roi(step.row, step.column, *self._schedule.window)
         part = wanted.within(roi)
         mask = None if exposed.mask is None else exposed.mask[part]
@@ -192,7 +192,7 @@ class _Judged(NamedTuple):
 
 
 class Attempts:
-    """Takes steps and checks the frames.
+    """Take steps and check the frames, with repeated attempts.
 
     A doubtful frame is taken again, because most faults are transient. If it still differs from its neighbours, the
     latest trusted position is taken again: if it equals its recorded frame, the rig is unchanged and the pattern
@@ -200,7 +200,7 @@ class Attempts:
     causes an alarm.
     ----------
     taker, guard
-        Object that takes frames, and object that checks them.
+        Objects that take and check frames.
     schedule, plan, options
         As in `Runner`.
     """
@@ -213,18 +213,18 @@ class Attempts:
         self._attempt = 1
 
     def trust(self, step: ScheduledFrame, now: MeasuredFrame) -> None:
-        """Take ``step`` of an earlier run, which looked like ``now``, for one that is known."""
+        """Register ``step`` of an earlier run with its content ``now`` as a known position."""
         self._trusted = step, now
 
     def record(self, step: ScheduledFrame) -> TakenFrame:
-        """Return frame and note of ``step``, the latter with what is still suspected of the frame.
+        """Return frame and note of ``step``; the note contains the remaining doubt about the frame.
 
         Raises
         ------
         DeviceError
             If a device fails more often than is allowed.
         SuspectFrame
-            If a doubt stays, and the options say that the session stops then.
+            If a doubt remains and the options request a stop.
         """
         self._attempt = 1
         judged = self._judged(step)
@@ -249,12 +249,12 @@ class Attempts:
         second = self._again(step)
         if not second.doubt or second.doubt.certain or step.kind is not Kind.POSITION:
             return second
-        if self._trusted is None:  # nothing to hold it against: the source may well be dim
+        if self._trusted is None:  # no frame to compare with: the source may simply be dim
             return second._replace(doubt=NO_DOUBT)
         witness = self._witness()
         if witness:
             return second._replace(doubt=second.doubt | witness)
-        # the rig is as it was: is it the fault of a moment, which passed meanwhile, or the pattern?
+        # the rig is unchanged, so either a transient fault has passed or the pattern is unusual
         third = self._again(step)
         steady = not same_place(third.seen.now, second.seen.now, self._guard.sensor)
         return third._replace(doubt=NO_DOUBT) if steady and not third.doubt.certain else third
@@ -271,7 +271,7 @@ class Attempts:
         changed = same_place(found.seen.now, before, self._guard.sensor)
         if not changed:
             return NO_DOUBT
-        known = f"(z, y, x) = {tuple(self._position(step))}, taken again, differs from its frame too"
+        known = f"(z, y, x) = {tuple(self._position(step))}, taken again, also differs from its frame"
         return Doubt.of(changed.what, known)
 
     def _again(self, step: ScheduledFrame) -> _Judged:
@@ -301,14 +301,14 @@ class Attempts:
         while True:
             try:
                 return self._taker.take(step, self._attempt)
-            # the camera was changed from outside: every further frame would be wrong too
+            # another program changed the camera, so every further frame would be wrong too
             except WrongFrame:
                 raise
             except (CameraError, StageError):
                 faults += 1
                 if faults > self._options.retries:
                     raise
-            # the fault may have left the stage anywhere, so the next attempt approaches from the start
+            # the fault may have left the stage anywhere, so the next attempt starts with the full approach
             self._taker.mover.forget()
             self._attempt += 1
 
@@ -317,18 +317,18 @@ class Attempts:
 
 
 HOLD_S, TICK_S = 0.2, 0.01
-"""Waiting time of a suspended session before its next check, and the part of it that is always real time (s)."""
+"""Waiting time before the next check of a session on hold, and the part of it that is real time (s)."""
 
 Observer = Callable[[ScheduledFrame, Note, NDArray[Any]], None]
-"""Called with step, note and frame after each acknowledgement, in the recording thread."""
+"""Function called in the recording thread with step, note and frame after each acknowledgement."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``; acknowledged positions, and their total number.
+    """End of a run (``"complete"``, ``"stopped"`` or ``"aborted"``), acknowledged positions, and positions in total.
 
-    ``damaged`` frames of earlier runs were found on resuming, and will be taken again. ``notes`` state which checks of
-    the stage were not done, and remarks about it.
+    ``damaged`` is the number of damaged frames of earlier runs, found on resuming, that will be taken again. ``notes``
+    list omitted checks of the stage, and remarks about it.
     """
 
     how: str
@@ -345,13 +345,13 @@ class Runner:
     Parameters
     ----------
     rig, plan, options, schedule
-        The work to do, and the devices.
+        Devices, plan and options, and the steps to record.
     sink
         Receiver of the frames.
     todo
         ``(len(schedule),)`` steps without an acknowledged frame.
     control
-        Pause, resume, stop and abort, from any thread.
+        Requests to pause, resume, stop or abort, from any thread.
     preview, observers
         Receivers of frames for display and live quality.
     trouble
@@ -360,7 +360,7 @@ class Runner:
     elapsed_s
         Seconds recorded by earlier runs of the session.
     recorded
-        CRC-32 of the frames that they stored, with their positions.
+        CRC-32 of the frames that earlier runs stored, with their positions.
     known
         Frames of earlier runs around the remaining steps.
     whole_frames
@@ -396,7 +396,7 @@ class Runner:
         self.control = control or Control()
         self._preview, self._observers, self._trouble = preview, observers, trouble
         motion = options.motion(plan)
-        # dark frames are taken wherever the stage stands
+        # dark frames are taken at any position of the stage
         moved = schedule.kinds != Kind.DARK
         check_limits(schedule.targets[moved], rig.stage.limits, motion.overshoot_um)
         if bool((todo & ~moved).any()):
@@ -417,16 +417,16 @@ class Runner:
         self._since = rig.time.monotonic()
         self._total = schedule.count(Kind.POSITION)
         self._done = self._total - int(todo[schedule.kinds == Kind.POSITION].sum())
-        # time without an acknowledged position says nothing about the rate
+        # only time with acknowledged positions shows the rate
         self._earlier = elapsed_s if self._done else 0.0
 
     def run(self) -> Work[Outcome]:
-        """Record; yields after acknowledged frames and while held.
+        """Record the remaining steps; yields after acknowledged frames and while on hold.
 
         Raises
         ------
         AcquisitionStopped
-            After a fault that retries did not cure: the stage is stopped, what was acknowledged is safe.
+            After a fault that retries did not remove; the stage is stopped, and acknowledged frames are safe.
         """
         self._began = time.perf_counter()
         self._since = self._rig.time.monotonic()
@@ -463,7 +463,7 @@ class Runner:
         return Outcome(how, self._done, self._total, seconds)
 
     def _progress(self, note: str = "") -> Progress:
-        # earlier runs count for the rate from which the time to the end is estimated
+        # earlier runs are included in the rate for the estimate of the remaining time
         seconds = self._earlier + time.perf_counter() - self._began
         return Progress(self._done, self._total, "record", seconds, note)
 
@@ -502,20 +502,20 @@ class Runner:
                 yield self._progress(why)
             if not why:
                 break
-            # while the session holds, nothing may be left in memory alone
+            # while the session is on hold, all frames must be on disk
             self._acknowledge(writer.flush())
             if not self.control.pausing:
-                # what troubles may pass with the rig's time, which is not always that of the wall
+                # the condition may depend on the rig's time, which may differ from real time
                 self.control.sleep(HOLD_S, self._rig.time)
             self.control.wait(HOLD_S if self.control.pausing else TICK_S)
             yield self._progress(why)
         self.control.held = ""
-        # a pause is not recording time: the drift of the lamp is judged over it
+        # exclude pauses from recording time, over which the lamp's drift is measured
         self._since += self._rig.time.monotonic() - began
 
     def _halt(self) -> None:
         """Stop the stage and switch the light on again, as far as the devices still answer."""
-        # what a driver raises here would hide why the session ends
+        # an error of a driver here would hide why the session ends
         with suppress(Exception):
             self._rig.stage.stop()
         self._lighting.restore()
@@ -524,10 +524,10 @@ class Runner:
         where = "before the first frame"
         if step is not None:
             where = f"{step.kind.name.lower()} (z, y, x) = {tuple(self._position(step))}"
-        # devices raise DeviceError only, see `driver_errors`: what is left of OSError is the recording's own
+        # devices raise only DeviceError (see `driver_errors`), so any OSError comes from the recording
         kind = "disk" if isinstance(error, OSError) else "device"
         remedy = "remove the cause, then resume"
         if isinstance(error, SuspectFrame):
             kind = "content guard"
-            remedy += ", or resume with --on-suspect flag to keep such frames and name them"
+            remedy += ", or resume with --on-suspect flag to keep and flag such frames"
         return f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe; {remedy}"

@@ -1,6 +1,6 @@
-"""All steps of a session in order; they are computed once and stay the same after every interruption.
+"""Order all steps of a session; the order stays the same after every interruption.
 
-Positions in their order, and the frames around them, are blocks of one kind; the schedule holds them as arrays.
+Positions and the additional frames are blocks of one kind each; the schedule stores the steps as arrays.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from lfcal.psf import Cutout
 __all__ = ["Schedule", "ScheduledFrame", "coarse_order", "window_shape"]
 
 SPLINE_MEMORY = 12
-"""Pixels after which a cubic spline has forgotten its neighbours to 1e-6."""
+"""Distance at which a sample affects a cubic spline by less than 1e-6 (pixels)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,11 +38,11 @@ class Block:
     slots
         ``(N,)`` place of each in the file of its kind.
     positions
-        ``(N, 3)`` position of the plan (z, y, x) each belongs to.
+        ``(N, 3)`` position of the plan (z, y, x) that each step belongs to.
     periods
         ``(N, 2)`` number of periods (y, x) away from that position.
     before
-        ``(N,)`` number of the position that follows each, in the order of recording.
+        ``(N,)`` for each step, number of the next position in the order of recording.
     """
 
     kind: Kind
@@ -53,7 +53,7 @@ class Block:
 
     @classmethod
     def of(cls, kind: Kind, positions: NDArray[Any], before: NDArray[Any], slots: NDArray[Any] | None = None) -> Block:
-        """Return a block at the positions themselves; slots count up by default."""
+        """Return a block of steps at the positions themselves; slots are consecutive by default."""
         counted = np.arange(len(positions)) if slots is None else slots
         return cls(kind, counted, positions, np.zeros((len(positions), 2), np.int64), before)
 
@@ -61,14 +61,14 @@ class Block:
 def blocks_of(
     plan: ScanPlan, options: Options, redo: Sequence[Position] | None, only: Sequence[Position] = ()
 ) -> list[Block]:
-    """Return everything to record of ``plan``, or of the positions ``redo`` of it.
+    """Return all blocks to record for ``plan``, or for its positions ``redo``.
 
-    With ``only`` positions the session records these and no others, with all that belongs to a session.
+    With ``only``, the session records only these positions, with its dark, reference and control frames.
 
     Raises
     ------
     InputError
-        If ``redo`` lies outside the plan, or no control frame fits on the sensor.
+        If ``redo`` is outside the plan, or no control frame fits on the sensor.
     """
     nz, ny, nx = plan.shape[:3]
     middle = (nz // 2, ny // 2, nx // 2)
@@ -92,12 +92,12 @@ def blocks_of(
 
 
 def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | None) -> list[Block]:
-    """Return everything to record of a plan of whole frames, or of the frames ``redo`` of it.
+    """Return all blocks to record for a plan of whole frames, or for its frames ``redo``.
 
     Raises
     ------
     InputError
-        If the plan has no such frame, or the options are of single points.
+        If the plan has no such frame, or an option applies only to single points.
     """
     if options.order != "plan" or options.controls:
         what = "order coarse" if options.order != "plan" else "control frames"
@@ -152,7 +152,7 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the rows and columns kept of each frame, odd: what the cutout covers, and the margin.
+    """Return the odd number of rows and columns stored of each frame: the cutout and its margin.
 
     Examples
     --------
@@ -165,7 +165,7 @@ def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
     rows, columns = Cutout.for_plan(plan).reach
     margin = options.margin_px
     if margin is None:
-        # at whole pixels nothing is interpolated, and the cutout is all that assembly reads
+        # at whole pixels nothing is interpolated, so assembly needs only the cutout
         whole = all(float(v).is_integer() for v in plan.anchor) and not plan.resample
         margin = 0 if whole else SPLINE_MEMORY
     return rows + 2 * margin, columns + 2 * margin
@@ -174,7 +174,7 @@ def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
 def _references(middle: tuple[int, int, int], options: Options, count: int, every: int) -> list[Block]:
     if not options.reference_every:
         return []
-    # also after the last position, so that the whole session lies between two of them
+    # also after the last position, so that they enclose the whole session
     before = np.append(np.arange(0, count, every), count)
     return [Block.of(Kind.REFERENCE, np.tile([middle], (len(before), 1)), before)]
 
@@ -184,7 +184,7 @@ def _darks(plan: ScanPlan, options: Options, count: int) -> list[Block]:
         return []
     times = np.arange(0, count, options.dark_every or count)
     exposures = plan.exposures
-    # dark current grows with the exposure: one dark frame for each, named by a plane that has it
+    # dark current grows with the exposure: one dark frame for each, labelled with a plane of this exposure
     planes = np.array([exposures.index(t) for t in sorted(set(exposures))])
     positions = np.zeros((len(times) * len(planes), 3), np.int64)
     positions[:, 0] = np.tile(planes, len(times))
@@ -202,8 +202,8 @@ def _controls(plan: ScanPlan, options: Options, count: int) -> list[Block]:
         raise InputError.expected(
             "control frames",
             "a sensor at least one period wider than the plan",
-            "none of them fits",
-            "leave control frames out",
+            "none fits on the sensor",
+            "omit control frames (--controls 0)",
         )
     positions = np.tile(middle, (nz * len(offsets), 1))
     positions[:, 0] = np.repeat(np.arange(nz), len(offsets))
@@ -271,9 +271,9 @@ class Schedule:
     window
         Rows and columns of every frame kept.
     roi
-        Region read for all but control frames; ``control_roi`` for those.
+        Region read for all frames except control frames, which use ``control_roi``.
     grid
-        ``(nz, ny, nx)`` that positions are counted on: the plan's, or that of `frame_grid`.
+        ``(nz, ny, nx)`` on which positions are counted: the plan's, or that of `frame_grid`.
 
     Examples
     --------
@@ -303,7 +303,7 @@ class Schedule:
         return len(self.kinds)
 
     def count(self, *kinds: Kind) -> int:
-        """Return the number of steps of these kinds."""
+        """Count the steps of these kinds."""
         return int(np.isin(self.kinds, kinds).sum())
 
     def roi_of(self, kind: Kind) -> Roi:
@@ -311,14 +311,14 @@ class Schedule:
         return self.control_roi if kind is Kind.CONTROL else self.roi
 
     def position(self, flat: int) -> Position:
-        """Return the position that is counted as ``flat``."""
+        """Return the position (z, y, x) with the number ``flat``."""
         return position_at(flat, self.grid[1:])
 
     def steps(self, todo: NDArray[np.bool_] | None = None) -> Iterator[ScheduledFrame]:
         """Iterate over the steps in order, those of ``todo`` ``(N,)`` only."""
         which = np.arange(len(self)) if todo is None else np.flatnonzero(todo)
         kinds = list(Kind)
-        for start in range(0, len(which), 4096):  # a block at a time, so that no list of all steps is ever made
+        for start in range(0, len(which), 4096):  # a block at a time, to avoid a list of all steps
             part = which[start : start + 4096]
             columns = zip(
                 self.kinds[part].tolist(),
@@ -342,18 +342,18 @@ class Schedule:
         *,
         only: Sequence[Position] = (),
     ) -> Schedule:
-        """Return the schedule of ``plan``, of the positions ``redo`` of it, or of a session of ``only`` some of it.
+        """Return the schedule for ``plan``, for its positions ``redo``, or for a session of ``only`` some positions.
 
         Raises
         ------
         InputError
-            If a frame to be kept would leave the sensor, or ``redo`` lies outside the plan.
+            If a stored frame would extend beyond the sensor, or ``redo`` is outside the plan.
         """
         found = _Joined.of(blocks_of(plan, options, redo, only))
         shape = window_shape(plan, options)
         places = found.positions + np.pad(found.periods * np.array(plan.period), ((0, 0), (1, 0)))
         images = plan.image_px(places)
-        # the same rounding as assembly's: half a pixel goes down
+        # round as assembly does: half a pixel is rounded down
         origins = (np.ceil(images - 0.5) - [centre(shape[0]), centre(shape[1])]).astype(np.int64)
         _check_on_sensor(plan, origins, found.positions, shape)
         control = found.kinds == Kind.CONTROL
@@ -403,7 +403,7 @@ class _Joined(NamedTuple):
         window: tuple[int, int],
         rois: tuple[Roi, Roi],
     ) -> Schedule:
-        """Return the schedule of these steps at places of the stage."""
+        """Return the schedule of these steps, at the given stage positions."""
         flat = np.ravel_multi_index(tuple(self.positions.T), grid).astype(np.int64)
         planes = self.positions[:, 0]
         return Schedule(self.kinds, self.slots, flat, planes, targets, origins, self.periods, window, *rois, grid)

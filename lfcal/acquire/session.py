@@ -1,4 +1,4 @@
-"""Record a session, resume it, record positions of it again."""
+"""Record a session, resume it, or record some of its positions again."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def check_origin(
     latest: tuple[int, NDArray[Any], NDArray[Any]],
     control: Control,
 ) -> None:
-    """Raise `InputError` unless the latest recorded position looks as it did.
+    """Raise `InputError` unless the latest recorded position still looks the same.
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ def check_origin(
         raise InputError(f"{what}: {error}") from error
     if max(abs(down), abs(right)) > tolerance:
         got = f"moved by ({down:.2f}, {right:.2f}) px"
-        raise InputError.expected(what, f"where it was to {tolerance:g} px (row, column)", got, remedy)
-    # an image in the same place may still be another one: defocused, or of another spot
+        raise InputError.expected(what, f"the same place within {tolerance:g} px (row, column)", got, remedy)
+    # an image at the same place may still differ: defocused, or of another spot
     if correlation < CORRELATION:
         raise InputError.expected(what, f"a correlation above {CORRELATION}", f"{correlation:.2f}", remedy)
 
@@ -125,9 +125,8 @@ def iter_record(
         Record these positions of a finished session again, into a separate file; the later frame counts. Positions
         that the session does not have are added. Whole frames are named as in `lfcal.acquire.frame_plan`.
     only
-        Record only these positions; a continued session keeps its own.
-    kept_aside
-        Positions among them that are held out from a fit.
+        kept_aside
+            Recorded positions that are held out from a fit.
     control, preview, observers
         See `Runner`.
     task

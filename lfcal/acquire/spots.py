@@ -1,4 +1,4 @@
-"""Where the image of the source is, how sharp, and how far it moved between two frames."""
+"""Measure place and sharpness of the source's image, and its displacement between two frames."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Spot:
     peak
         Highest sample above the background (counts).
     sharpness
-        Squared differences of neighbouring pixels over squared values, in [0, 4]: larger is sharper,
+        Sum of squared differences of neighbouring pixels over that of squared values, in [0, 4]; larger is sharper,
         independent of brightness.
     snr
         Peak over the noise of the background.
@@ -49,10 +49,10 @@ class Spot:
 
 
 def find_spot(frame: NDArray[Any]) -> Spot:
-    """Return the light of the source in ``frame`` ``(rows, columns)``.
+    """Find the light of the source in ``frame`` ``(rows, columns)``.
 
-    Background and noise are the median and the scaled median deviation. Light is what exceeds five times the noise and
-    a twentieth of the peak and is not isolated, which excludes hot pixels.
+    Background and noise are the median and the scaled median deviation. Light must exceed five times the noise and a
+    twentieth of the peak, and must not be a single pixel, which excludes hot pixels.
 
     Raises
     ------
@@ -69,15 +69,15 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     >>> print(f"row {spot.row:.1f}, column {spot.column:.1f}")
     row 30.4, column 61.5
     """
-    # a sample is enough for the median of millions of pixels
+    # a subset is enough for the median of millions of pixels
     step = max(1, math.isqrt(frame.size // SAMPLE))
     sample = frame[::step, ::step].astype(np.float64)
     level = float(np.median(sample))
-    # 0.3 counts: what rounding to integers leaves where nothing else is
+    # 0.3 counts: noise of rounding to integers
     noise = max(1.4826 * float(np.median(np.abs(sample - level))), 0.3)
     bright = frame > level + DETECT_SIGMA * noise
     together = np.zeros_like(bright)
-    # a bright pixel counts with a bright neighbour only
+    # a bright pixel counts only with a bright neighbour
     for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:-1], np.s_[1:])):
         together[a] |= bright[b]
         together[:, a] |= bright[:, b]
@@ -87,14 +87,14 @@ def find_spot(frame: NDArray[Any]) -> Spot:
         raise InputError.expected(
             "source",
             f"light above {level + DETECT_SIGMA * noise:.4g} counts",
-            "none that stands out",
+            "no significant light",
             "check lamp, exposure and position",
         )
     top, left = int(rows.min()), int(columns.min())
     box = np.s_[top : rows.max() + 1, left : columns.max() + 1]
     light = np.where(bright[box], frame[box] - level, 0.0)
     peak = float(light.max())
-    # the wings of the noise would pull the centroid to the middle of the box
+    # noise outside the light would pull the centroid to the middle of the box
     light[light < KEEP * peak] = 0.0
     energy = float(light.sum())
     change = float((np.diff(light, axis=0) ** 2).sum() + (np.diff(light, axis=1) ** 2).sum())
@@ -113,15 +113,16 @@ def _moments(share: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
-    """Return how far the light moved between two frames of one region, and how alike they are.
+    """Return the displacement of the light between two frames of one region, and the correlation of the frames.
 
-    Rows and columns in pixels, then the normalised correlation of the frames: 1 for equal ones, for any
-    brightness.
+    The result is the displacement in rows and in columns (pixels), then the normalized correlation, which is 1 for
+    equal
+    frames of any brightness.
 
     Raises
     ------
     InputError
-        If one of them shows no light.
+        If one of the frames shows no light.
 
     Examples
     --------

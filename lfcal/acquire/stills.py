@@ -1,4 +1,4 @@
-"""White and dark frames of the whole sensor: taken, checked, and written into the session's folder."""
+"""Take white and dark frames of the whole sensor, check them, and write them into the session's folder."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from lfcal.frames import CorrectionRecipe
 __all__ = ["Stills", "iter_stills", "recipe_of", "still_files"]
 
 COUNT = 8
-"""Frames of each kind."""
+"""Number of frames of each kind."""
 
 PARTS = 4
-"""Parts of the sensor along rows and columns, of which so many must be lit to a share of the brightest."""
+"""Parts of the sensor along rows and columns; a share `LIT` of them must reach `DIM` times the brightest."""
 LIT = 0.75
 DIM = 0.1
 SATURATED = 1e-3
@@ -31,7 +31,7 @@ DARK = 0.05
 
 @dataclass(frozen=True)
 class Stills:
-    """What was written: kind, files, and how bright the frames are (share of the range above black)."""
+    """Written frames: kind, files, and brightness (share of the range above black)."""
 
     kind: str
     files: tuple[Path, ...]
@@ -50,7 +50,7 @@ def still_files(folder: Path, kind: str) -> tuple[Path, ...]:
 
 
 def recipe_of(folder: Path) -> CorrectionRecipe:
-    """Return the corrections that a session needs: with its white image, if there is one, and its dark frames."""
+    """Return the corrections for a session, with its white image, if there is one, and its dark frames."""
     white, dark = (folder / kind if still_files(folder, kind)[0].is_file() else "" for kind in ("white", "dark"))
     # a recording has separate darks; those of the whole sensor are for the white image
     return CorrectionRecipe(white=white, dark=dark) if white else CorrectionRecipe()
@@ -70,14 +70,14 @@ def iter_stills(
     folder, kind
         Folder of the session; ``"white"`` or ``"dark"``.
     light
-        Switched off for dark frames, and on again afterwards.
+        Light to switch off for dark frames, and on again afterwards.
 
     Raises
     ------
     InputError
         If white frames are dim, saturated or not lit everywhere, or dark frames are not dark.
     StorageError
-        Before any is taken, if they cannot be written there.
+        If they cannot be written there; no frame was taken.
     """
     files = still_files(folder, kind)
     for path in files:
@@ -94,7 +94,7 @@ def iter_stills(
         if light is not None:
             light.switch(True)
     level = _checked(np.mean(frames, axis=0, dtype=np.float64), plan, kind)
-    import tifffile  # slow to load
+    import tifffile  # slow to import
 
     for path, frame in zip(files, frames, strict=True):
         with replace_whole(path) as part:
@@ -128,6 +128,6 @@ def _checked(mean: NDArray[np.float64], plan: ScanPlan, kind: str) -> float:
             "white frames",
             f"light on {100 * LIT:.0f} % of the sensor",
             f"on {100 * lit:.0f} %",
-            "put an even light or a diffuser before the lens",
+            "place uniform illumination or a diffuser in front of the lens",
         )
     return level

@@ -1,6 +1,6 @@
 """Suspenders: hold a session while conditions in the lab are out of bounds, and continue automatically.
 
-A gauge (temperature, the lamp's power) has bounds. Outside them, the session holds after the present position; when
+A gauge (temperature, the lamp's power) has bounds. Outside them, the session holds after the current position; when
 the gauge has been within them for some time, it continues. The idea comes from suspenders in beamline control (Allan
 et al., "Bluesky's Ahead", Synchrotron Radiation News 32, 2019).
 """
@@ -19,7 +19,7 @@ from lfcal.devices import Caller, DeviceError, FileGauge, Gauge, Rig
 __all__ = ["Bound", "Suspender", "gauge_of"]
 
 EVERY_S = 1.0
-"""Seconds of the rig's time between two readings."""
+"""Time between two readings (s of the rig's time)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,31 +47,31 @@ class Bound:
 
     @classmethod
     def parse(cls, text: str) -> Bound:
-        """Return the bound that ``GAUGE=LOW:HIGH`` says; either number may be left out, not both."""
+        """Parse ``GAUGE=LOW:HIGH``; one of the two numbers may be omitted."""
         name, sign, span = text.rpartition("=")
         low, colon, high = span.partition(":")
         try:
             bound = cls(name.strip(), float(low or "-inf"), float(high or "inf"))
         except ValueError:
             bound = cls("")
-        # written so that not-a-number fails too
+        # the order of the comparison rejects NaN too
         known = math.isfinite(bound.low) or math.isfinite(bound.high)
         if not (sign and colon and bound.gauge and known and bound.low < bound.high):
             raise InputError.expected("suspender", "GAUGE=LOW:HIGH such as temperature=20:22", repr(text), "correct it")
         return bound
 
     def holds(self, value: float) -> bool:
-        """Return whether a reading is within; not-a-number is not."""
+        """Return whether a reading is within the bounds; NaN is not."""
         return self.low <= value <= self.high
 
     def words(self, value: float, unit: str) -> str:
-        """Return why ``value`` stops a session, as one line."""
+        """Return one line that says why ``value`` suspends a session."""
         after = f" {unit}" if unit else ""
         return f"{self.gauge} {value:.4g}{after}, outside {self.low:g} to {self.high:g}{after}"
 
 
 def gauge_of(rig: Rig, name: str) -> Gauge:
-    """Return the gauge called ``name``, or the one of a file; raises `InputError` where there is neither."""
+    """Return the gauge or the file called ``name``; raises `InputError` if neither exists."""
     for gauge in rig.gauges:
         if gauge.name == name:
             return gauge

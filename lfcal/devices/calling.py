@@ -1,4 +1,4 @@
-"""Calls of a driver with a time limit: a driver that hangs is named, and never holds up the program."""
+"""Call drivers with a time limit, so that a hanging driver is reported and never blocks the program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ANSWER_S = 5.0
 """Waiting time for a driver in addition to the time that a call may take (s)."""
 
 CANCELLED = object()
-"""What a call gives that was cancelled."""
+"""Result of a cancelled call."""
 
 
 def never() -> bool:
@@ -37,17 +37,17 @@ class _Call(NamedTuple):
 
 
 class Caller:
-    """Calls the driver of one device in one thread, always the same.
+    """Call the driver of one device, always in the same thread.
 
-    A driver may hang in any call. The call is then abandoned: what it returns later is dropped, and no other call
-    begins before it has returned. The thread does not keep the program from ending.
+    A driver may hang in any call. The call is then abandoned: its later result is discarded, and no other call begins
+    before it returns. The thread does not keep the program from ending.
 
     Parameters
     ----------
     device
-        Where it is a `Waiting` one that says it never waits, it is called directly.
+        The device; one that is `Waiting` and never waits is called directly, without a thread.
     name
-        For messages.
+        Name of the device, for messages.
     """
 
     def __init__(self, device: object, name: str) -> None:
@@ -60,7 +60,7 @@ class Caller:
 
     @property
     def hangs(self) -> bool:
-        """Whether the driver still is in a call that was abandoned."""
+        """Whether the driver still hangs in an abandoned call."""
         if self._abandoned is not None and not self._abandoned.empty():
             self._abandoned = None
         return self._abandoned is not None
@@ -94,7 +94,7 @@ class Caller:
             The driver's error: one of lfcal's errors, or any other exception with the device's name.
         """
         if self._direct:
-            try:  # some ten calls a frame: a context around each would cost more than the checks
+            try:  # about ten calls per frame: a context manager for each would take longer than the checks
                 return function(*arguments)
             except BaseException:
                 with self._watched:
@@ -106,7 +106,7 @@ class Caller:
             raise DeviceLost(f"{self.name}: still hangs in an earlier {self._hanging}; switch it off and on")
         call = _Call(function, arguments, SimpleQueue())
         self._running().put(call)
-        # until an answer is there: an interrupt may end the wait, too
+        # repeat until there is an answer, because an interrupt may also end the wait
         self._abandoned, self._hanging = call.answer, what
         answer = _taken(call.answer, limit, cancelled)
         if answer is CANCELLED:
@@ -117,7 +117,7 @@ class Caller:
             )
         self._abandoned = None
         found, error = answer
-        if isinstance(error, KeyboardInterrupt):  # not the user's: that one reaches the main thread alone
+        if isinstance(error, KeyboardInterrupt):  # not from the user, whose interrupt reaches only the main thread
             error = RuntimeError("KeyboardInterrupt")
         if error is not None:
             with self._watched:
@@ -158,5 +158,5 @@ def _work(calls: SimpleQueue[_Call | None]) -> None:
     while (call := calls.get()) is not None:
         try:
             call.answer.put((call.function(*call.arguments), None))
-        except BaseException as error:  # it belongs to the thread that asked
+        except BaseException as error:  # raise it in the calling thread
             call.answer.put((None, error))

@@ -1,4 +1,4 @@
-"""Camera, stage and light as lfcal calls them: each call has a time limit, each answer is checked once, here."""
+"""Wrap camera, stage and light: each call has a time limit, and each answer is checked."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from lfcal.devices.protocols import (
 __all__ = ["CheckedCamera", "CheckedLight", "CheckedStage"]
 
 SETTING_S, LIGHT_S, MOVE_S = 10.0, 30.0, 60.0
-"""How long a setting of the camera, a switch of the light and a move may take (s)."""
+"""Time limits for a setting of the camera, for switching the light and for a move (s)."""
 
 D = TypeVar("D")
 
 POINT = [float, float, float]
-"""Types of a position as most drivers give it; it is asked for twice a frame."""
+"""Types of a position from most drivers, for a quick check twice per frame."""
 
 REMEDY = "the driver is wrong: correct or update it"
 
@@ -48,7 +48,7 @@ def _name(device: object, usual: str) -> str:
 
 
 def _whole(value: object, low: int) -> bool:
-    if type(value) is int:  # asked for every frame: the general question takes a microsecond
+    if type(value) is int:  # called for every frame: the general test takes a microsecond
         return value >= low
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= low
 
@@ -70,22 +70,22 @@ class _Checked(Generic[D]):
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of the device that is not part of the protocol."""
-        if name == "device":  # while this object is copied it has none yet
+        if name == "device":  # not yet set while this object is copied
             raise AttributeError(name)
         return getattr(self.device, name)
 
     @classmethod
     def of(cls, device: D) -> Self:
-        """Return the device behind its checks, which are put there once however often this is asked."""
+        """Wrap a device in its checks; a wrapped device is returned unchanged."""
         return device if isinstance(device, cls) else cls(device)
 
     @property
     def hangs(self) -> bool:
-        """Whether the driver still is in a call that was abandoned."""
+        """Whether the driver still hangs in an abandoned call."""
         return self._caller.hangs
 
     def close(self) -> None:
-        """Release the device; one whose driver hangs is left to the system, for closing would hang, too."""
+        """Release the device, unless its driver hangs, because closing would then hang too."""
         if not self.hangs:
             self._caller.call("close", self.device.close)  # type: ignore[attr-defined]  # a light is not closed
 
@@ -96,14 +96,14 @@ class CheckedCamera(_Checked[CameraDevice]):
     Parameters
     ----------
     device
-        The camera; what else it has is reached through this object.
+        The camera; its other attributes are available through this object.
 
     Raises
     ------
     CameraError
-        From every call, where the answer is none that the protocol allows.
+        In any call, if the answer is not allowed by the protocol.
     DeviceLost
-        From every call, where the driver does not return.
+        In any call, if the driver does not return.
     """
 
     usual = "camera"
@@ -133,14 +133,14 @@ class CheckedCamera(_Checked[CameraDevice]):
         return int(value)
 
     def set_exposure(self, seconds: float) -> Setting[float]:
-        """Set the exposure time; return it with the value the camera took (s)."""
+        """Set the exposure time; return the requested and the actual value (s)."""
         found = self._caller.call("set_exposure", self.device.set_exposure, seconds, seconds=SETTING_S)
         if not (isinstance(found, Setting) and _number(found.actual) and 0 < found.actual < math.inf):
             raise self._wrong("set_exposure", "a Setting with an exposure above 0 s", found)
         return found
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Read only ``roi`` from now on; the camera may take a larger one and says so."""
+        """Read only ``roi`` from now on; the returned actual region may be larger."""
         found = self._caller.call("set_roi", self.device.set_roi, roi, seconds=SETTING_S)
         if not (isinstance(found, Setting) and isinstance(found.actual, Roi) and _is_region(found.actual)):
             raise self._wrong("set_roi", "a Setting with a Roi", found)
@@ -182,7 +182,7 @@ def _words(got: object) -> str:
     """Return a value for a message; of an object that cannot say what it is, its type."""
     try:
         return repr(got)
-    except Exception:  # a driver's own type
+    except Exception:  # a type of the driver
         return type(got).__name__
 
 
@@ -220,14 +220,14 @@ class CheckedStage(_Checked[StageDevice]):
     Parameters
     ----------
     device
-        The stage; what else it has is reached through this object.
+        The stage; its other attributes are available through this object.
 
     Raises
     ------
     StageError
-        From every call, where the answer is none that the protocol allows.
+        In any call, if the answer is not allowed by the protocol.
     DeviceLost
-        From every call, where the driver does not return.
+        In any call, if the driver does not return.
     """
 
     usual = "stage"
@@ -246,17 +246,17 @@ class CheckedStage(_Checked[StageDevice]):
 
     @property
     def moved_elsewhere(self) -> bool:
-        """Whether another program moves it."""
+        """Whether another program moves the stage."""
         return isinstance(self.device, MovedElsewhere) and self.device.moved_elsewhere
 
     def move(self, target: Point, *, seconds: float = MOVE_S, cancelled: Callable[[], bool] = never) -> None:
-        """Begin to move to ``target`` (µm); a driver that waits for the arrival has so many ``seconds`` for it."""
+        """Begin to move to ``target`` (µm); a driver that waits for arrival may take ``seconds``."""
         self._caller.call("move", self.device.move, target, seconds=seconds, cancelled=cancelled)
 
     def moving(self, cancelled: Callable[[], bool] = never) -> bool:
-        """Return whether any axis is on its way; False once ``cancelled`` is true."""
+        """Return whether any axis is moving; False once ``cancelled`` is true."""
         found = self._caller.call("moving", self.device.moving, cancelled=cancelled)
-        if found is True or found is False:  # the usual answers, asked for several times a frame
+        if found is True or found is False:  # the usual answers, needed several times per frame
             return found
         if found is CANCELLED:
             return False
@@ -277,7 +277,7 @@ class CheckedStage(_Checked[StageDevice]):
         return float(x), float(y), float(z)
 
     def stop(self) -> None:
-        """Stop all axes now; a stage whose driver hangs is not asked."""
+        """Stop all axes now; a hanging driver is not called."""
         if not self.hangs:
             self._caller.call("stop", self.device.stop)
 
@@ -295,5 +295,5 @@ class CheckedLight(_Checked[Light]):
     usual = "light"
 
     def switch(self, on: bool) -> None:
-        """Switch the light on or off and return when it is."""
+        """Switch the light on or off, and return when that is done."""
         self._caller.call("switch", self.device.switch, on, seconds=LIGHT_S)

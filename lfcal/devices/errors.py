@@ -1,4 +1,4 @@
-"""What can go wrong with a device, by kind; the kind decides whether it is tried again."""
+"""Errors of devices; the class decides whether an action is tried again."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class DeviceError(LfcalError):
 
 
 class DeviceMissing(DeviceError):
-    """A backend or a device is not there; the message says what to install or switch on."""
+    """A backend or a device is missing; the message says what to install or switch on."""
 
 
 class DeviceLost(DeviceError):
@@ -33,15 +33,15 @@ class DeviceLost(DeviceError):
 
 
 class CameraError(DeviceError):
-    """The camera did not do what it was asked; trying again may help."""
+    """The camera failed to do what was requested; trying again may help."""
 
 
 class FrameTimeout(CameraError):
-    """No frame came in time."""
+    """No frame arrived in time."""
 
 
 class IncompleteFrame(CameraError):
-    """A frame came with parts missing."""
+    """A frame arrived with missing parts."""
 
 
 class StaleFrame(CameraError):
@@ -53,15 +53,15 @@ class WrongFrame(CameraError):
 
 
 class StageError(DeviceError):
-    """The stage did not do what it was asked; trying again may help."""
+    """The stage failed to do what was requested; trying again may help."""
 
 
 class NotInPosition(StageError):
-    """The read-back disagrees with the target: stopped short, or drifted away during the exposure."""
+    """The read-back disagrees with the target: the stage stopped short, or drifted during the exposure."""
 
 
 class LimitError(StageError, InputError):
-    """A target lies beyond the stage's limits; nothing was moved."""
+    """A target is beyond the stage's limits; nothing was moved."""
 
 
 class driver_errors:
@@ -71,7 +71,7 @@ class driver_errors:
     of a device that works with files, would otherwise be mistaken for an error of the recording's disk.
     """
 
-    # a class: entered some ten times a frame, where a generator would cost as much as the frame's checks
+    # a class: entered about ten times per frame, where a generator would take as long as the frame's checks
     __slots__ = ("_device",)
 
     def __init__(self, device: str) -> None:

@@ -1,8 +1,8 @@
-"""The small protocols behind which any camera and any stage can stand.
+"""Protocols that cameras, stages, lights, gauges and clocks must implement.
 
 Lengths are µm, times s. Stage coordinates are ``(x, y, z)``; image coordinates ``(row, column)``.
-A call that fails raises one of `lfcal.devices.errors`, which say whether to try again. Any other exception ends the
-session in order, as the device's.
+A call that fails raises one of `lfcal.devices.errors`, whose class says whether to try again. Any other exception
+ends the session in an orderly way, and is reported as an error of the device.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class Roi:
         return self.rows, self.columns
 
     def within(self, other: Roi) -> tuple[slice, slice]:
-        """Return where this rectangle lies in a frame of ``other``: slices of its rows and columns."""
+        """Return the slices of rows and columns that cut this rectangle out of a frame of ``other``."""
         top, left = self.row - other.row, self.column - other.column
         return slice(top, top + self.rows), slice(left, left + self.columns)
 
     def holds(self, other: Roi) -> bool:
-        """Return whether ``other`` lies inside."""
+        """Return whether ``other`` is inside this rectangle."""
         return (
             self.row <= other.row
             and self.column <= other.column
@@ -78,7 +78,7 @@ class Roi:
 
 @dataclass(frozen=True, slots=True)
 class Setting(Generic[T]):
-    """A value asked for and the value the device took.
+    """A requested value, and the actual value of the device.
 
     Examples
     --------
@@ -104,9 +104,9 @@ class Frame:
     data
         ``(rows, columns)`` of the region of interest, a buffer that the device no longer writes to.
     number
-        The device's or the backend's count of exposures; grows with every exposure.
+        Number of the exposure, counted by the device or the backend; increases with every exposure.
     exposure_s
-        Exposure time the device reports (s).
+        Exposure time reported by the device (s).
     started_s
         Earliest start of the exposure on the rig's clock (s), or None if only `number` shows that the frame is new.
     status
@@ -133,7 +133,7 @@ class Frame:
 
 @runtime_checkable
 class CameraDevice(Protocol):
-    """A camera that exposes when asked.
+    """A camera that exposes on request.
 
     A camera that can change samples automatically (exposure, gain, black level, gamma) has a further method,
     ``fixed_settings()``. It returns a mapping of the settings' names to `Setting`: the value that leaves samples
@@ -153,7 +153,7 @@ class CameraDevice(Protocol):
 
     @property
     def bit_depth(self) -> int:
-        """Bits per sample; samples are at most `max_value` and come as uint8 or uint16."""
+        """Bits per sample; samples are uint8 or uint16, at most `max_value`."""
         ...
 
     @property
@@ -162,11 +162,11 @@ class CameraDevice(Protocol):
         ...
 
     def set_exposure(self, seconds: float) -> Setting[float]:
-        """Set the exposure time; return it with the value the camera took (s)."""
+        """Set the exposure time; return the requested and the actual value (s)."""
         ...
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Read only ``roi`` from now on; the camera may take a larger one and says so."""
+        """Read only ``roi`` from now on; the returned actual region may be larger."""
         ...
 
     def grab(self, timeout_s: float) -> Frame:
@@ -194,7 +194,7 @@ class StageDevice(Protocol):
 
     @property
     def limits(self) -> Limits:
-        """Travel of each axis (µm); infinite where the controller does not know it."""
+        """Travel of each axis (µm); infinite if the controller does not know it."""
         ...
 
     def move(self, target: Point) -> None:
@@ -202,7 +202,7 @@ class StageDevice(Protocol):
         ...
 
     def moving(self) -> bool:
-        """Return whether any axis is on its way."""
+        """Return whether any axis is moving."""
         ...
 
     def position(self) -> Point:
@@ -227,7 +227,7 @@ class Light(Protocol):
     """The point source's lamp or a shutter in front of it."""
 
     def switch(self, on: bool) -> None:
-        """Switch the light on or off and return when it is."""
+        """Switch the light on or off, and return when that is done."""
         ...
 
 
@@ -237,7 +237,7 @@ class Gauge(Protocol):
 
     @property
     def name(self) -> str:
-        """What is read, such as ``"temperature"``."""
+        """Name of the quantity, such as ``"temperature"``."""
         ...
 
     @property
@@ -246,13 +246,13 @@ class Gauge(Protocol):
         ...
 
     def read(self) -> float:
-        """Return the reading of now."""
+        """Return the present reading."""
         ...
 
 
 @runtime_checkable
 class Rendered(Protocol):
-    """What computes its light, and says how: a simulated camera, or its optics. A session records it."""
+    """A simulated camera, or its optics, that states how its light is computed; a session records it."""
 
     @property
     def optics(self) -> str:
@@ -262,33 +262,33 @@ class Rendered(Protocol):
 
 @runtime_checkable
 class MovedElsewhere(Protocol):
-    """A stage that may be moved by another program alone."""
+    """A stage that another program may move."""
 
     @property
     def moved_elsewhere(self) -> bool:
-        """Whether it is, so that its moves are not checked."""
+        """Whether another program moves the stage; moves are then not checked."""
         ...
 
 
 @runtime_checkable
 class Waiting(Protocol):
-    """A device that says whether its driver waits in real time; of all others that is assumed."""
+    """A device that states whether its driver waits in real time; all others are assumed to wait."""
 
     @property
     def waits(self) -> bool:
-        """Whether calls take real time: False spares a thread for them."""
+        """Whether calls take real time; if False, they need no thread."""
         ...
 
 
 class TimeSource(Protocol):
-    """Time as the rig sees it; the simulator's runs as fast as the machine."""
+    """Clock of a rig; that of the simulator runs as fast as the computer."""
 
     def monotonic(self) -> float:
-        """Return seconds from an arbitrary start; never runs backwards."""
+        """Return seconds from an arbitrary start; never decreases."""
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Let ``seconds`` pass."""
+        """Wait for ``seconds``."""
         ...
 
     def wall(self) -> float:

@@ -1,4 +1,4 @@
-"""Device backends by name: which can be used here, why others cannot, and how their text options are read."""
+"""Find device backends by name, report why some are unavailable, and parse their text options."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Backend(Protocol):
     has_stage: bool
 
     def probe(self) -> str:
-        """Return the version of what drives the devices; raise `DeviceMissing` with the reason and remedy."""
+        """Return the version of the driver library; raise `DeviceMissing` with reason and remedy if it is missing."""
         ...
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
@@ -60,7 +60,7 @@ class Backend(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class BackendStatus:
-    """What was found of a backend: its version, or the reason why it is absent."""
+    """Availability of a backend: its version, or the reason why it is unavailable."""
 
     name: str
     title: str
@@ -69,7 +69,7 @@ class BackendStatus:
 
     @property
     def available(self) -> bool:
-        """Whether it can be used."""
+        """Whether the backend can be used."""
         return not self.reason
 
 
@@ -82,7 +82,7 @@ def _made(found: Any) -> Backend:
 
 
 def backend_registry() -> Registry[Backend]:
-    """Return a new registry of backends: lfcal's own, the simulator first, and those of other distributions."""
+    """Return a new registry of backends: the simulator, lfcal's other backends, and those of other distributions."""
     return Registry(
         "device backend",
         "lfcal.devices.backends",
@@ -94,11 +94,11 @@ def backend_registry() -> Registry[Backend]:
 
 
 BACKENDS = backend_registry()
-"""Every backend there is."""
+"""All available backends."""
 
 
 def get_backend(name: str) -> Backend:
-    """Return backend ``name``; raises `InputError` if there is none, `DeviceMissing` if it does not load.
+    """Return backend ``name``; raises `InputError` if it does not exist, `DeviceMissing` if it cannot be loaded.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def get_backend(name: str) -> Backend:
 
 
 def find_backends() -> list[BackendStatus]:
-    """Return what is found of every backend, with the reason where it cannot be used.
+    """Return the availability of every backend, with the reason if it cannot be used.
 
     Examples
     --------
@@ -140,16 +140,16 @@ def _probed(backend: Backend) -> BackendStatus:
 def open_rig(
     plan: ScanPlan, backend: str | Backend, options: Mapping[str, str] | None = None, *, stage: str = ""
 ) -> Rig:
-    """Return the devices of ``backend`` (or its name), with the stage of backend ``stage`` where that is given.
+    """Return the devices of ``backend`` (or its name), with the stage of backend ``stage`` if that is given.
 
     Options of the stage's backend are given with its name in front: ``micromanager.config=…``.
 
     Raises
     ------
     InputError
-        If an option is unknown, or no stage is named and the backend has none.
+        If an option is unknown, or no stage is given and the backend has none.
     DeviceError
-        If a device is not there.
+        If a device is missing.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def open_rig(
         mover = get_backend(stage)
         if stage == "sim":
             other.setdefault("time", "real")  # the camera's frames come in real time
-            other.setdefault("optics", "pattern")  # its own camera takes none: there is no light to compute
+            other.setdefault("optics", "pattern")  # only its stage is used, so no light needs to be computed
         if not mover.has_stage:
             raise InputError.expected("stage", "a backend with a stage", stage, "choose sim or micromanager")
         rig = _open(backend, plan, own)
@@ -176,12 +176,12 @@ def open_rig(
         except BaseException:
             rig.close()
             raise
-        # opened along with what is used, and to be closed with it
+        # opened together with the devices in use, and closed with them
         others = (rig.stage, carrier.camera)
         return Rig(rig.camera, carrier.stage, rig.light or carrier.light, rig.time, others)
     if not backend.has_stage:
         raise InputError.expected(
-            "stage", f"one for the camera of {backend.name}", "none", "name its backend, e.g. sim"
+            "stage", f"one for the camera of {backend.name}", "none", "choose its backend, e.g. sim"
         )
     return _open(backend, plan, dict(options or {}))
 
@@ -237,7 +237,7 @@ def number_option(
 
 
 def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | None:
-    """Return option ``key``, ``x0:x1,y0:y1,z0:z1`` in µm, as limits; None if it is not given.
+    """Parse option ``key``, ``x0:x1,y0:y1,z0:z1`` in µm, into limits; None if it is not given.
 
     Examples
     --------

@@ -17,12 +17,12 @@ __all__ = ["FileGauge", "Rig"]
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera, a stage, and a light if it can be switched; closes them as a context manager.
+    """A camera, a stage, and a light if it can be switched; as a context manager, it closes them at the end.
 
     Every call of camera, stage and light has a time limit, and every answer is checked; see `lfcal.devices.checked`.
-    ``others`` are devices that had to be opened together with these and are closed with them. ``gauges`` measure the
-    conditions in the lab, if there are any. ``switches`` says that points of a display are switched with the stage's
-    moves, as in a simulator.
+    ``others`` are devices that were opened together with these and are closed with them. ``gauges`` measure the
+    conditions
+    in the lab. ``switches`` states whether the stage's moves switch the points of a display, as in a simulator.
 
     Examples
     --------
@@ -53,7 +53,7 @@ class Rig:
             object.__setattr__(self, "light", CheckedLight.of(self.light))
 
     def close(self) -> None:
-        """Release all devices, each even if another fails; one whose driver still hangs is left to the system.
+        """Release all devices, even if one of them fails, except those whose driver hangs.
 
         Raises
         ------
@@ -85,12 +85,12 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 class FileGauge:
-    """The last number in a text file: what a logger of temperature or of a photodiode appends to.
+    """Gauge that reads the last number in a text file, to which a logger appends.
 
     Parameters
     ----------
     path
-        The file; a line such as ``2026-05-04 12:00:03, 21.37`` counts by its last number.
+        The file; from a line such as ``2026-05-04 12:00:03, 21.37``, the last number is used.
     """
 
     unit = ""
@@ -99,7 +99,7 @@ class FileGauge:
         self.path, self.name = path, path.name
 
     def read(self) -> float:
-        """Return the last number; raises `DeviceError` where there is none."""
+        """Return the last number; raises `DeviceError` if there is none."""
         try:
             with self.path.open("rb") as file:
                 size = file.seek(0, 2)
@@ -107,9 +107,9 @@ class FileGauge:
                 text = file.read().decode("utf-8", "replace")
         except OSError as error:
             raise DeviceError(f"{self.path}: cannot be read ({error.strerror or error})") from error
-        # a line without its end may be half written
+        # a line without a line end may be incomplete
         lines = [line for line in text[: text.rfind("\n") + 1].splitlines() if line.strip()]
         found = NUMBER.findall(lines[-1]) if lines else []
         if not found:
-            raise DeviceError.expected(str(self.path), "a last line with a number", "none", "check what writes it")
+            raise DeviceError.expected(str(self.path), "a last line with a number", "none", "check its writer")
         return float(found[-1])

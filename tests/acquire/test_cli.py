@@ -256,11 +256,11 @@ def test_fault_resume_redo_and_coarse_order(
     [
         (["--backend", "nothing"], "device backend: expected"),
         (["--option", "velocity"], "--option: expected NAME=VALUE"),
-        (["--option", "axes=-x,+y,+z"], "the scan would run the wrong way"),
+        (["--option", "axes=-x,+y,+z"], "the scan runs the wrong way"),
         (["--origin", "1,2"], "give three numbers"),
         (["--tolerance", "a"], "--tolerance: expected numbers"),
         (["--bracket", "0.5"], "exposure bracket"),
-        (["--backend", "gentl"], "name its backend"),
+        (["--backend", "gentl"], "choose its backend"),
         (["--option", "limits=-10:10,-10:10,-10:10"], "the limits"),
         (["--option", "limits=-10:10,-10:10,-10:10", "--no-check-stage"], "the limits"),
         (["--margin", "1000", "--no-check-stage"], "smaller margin"),

@@ -75,7 +75,7 @@ def test_a_session_that_goes_on_is_refused_on_a_short_disk(tmp_path: Path, monke
     rig = rig_for(PLAN)
     disk(monkeypatch, 1 << 20)
     with pytest.raises(
-        StorageError, match=r"disk low: 1.0 MB free, 16.8 MB wanted; free some space, or give --keep-free"
+        StorageError, match=r"disk low: 1.0 MB free, 16.8 MB required; free some space, or give --keep-free"
     ):
         record(folder, PLAN, rig, resume=True)
     monkeypatch.undo()
@@ -91,7 +91,7 @@ def holding(monkeypatch: pytest.MonkeyPatch, seen: list[Any], folder: Path) -> N
         looks += 1
         if looks > 6:
             seen.append(holder_of(folder))
-        return "disk low: 1 MB free, 2 MB wanted; free some space" if 4 < looks <= 7 else ""
+        return "disk low: 1 MB free, 2 MB required; free some space" if 4 < looks <= 7 else ""
 
     monkeypatch.setattr(DiskGuard, "__call__", short)
 
@@ -157,7 +157,7 @@ def test_a_disk_that_fills_up_holds_the_session_until_there_is_space(
         elif control.held:
             held.append(control.held)
             taken[0].unlink(missing_ok=True)
-    assert held and held[0].startswith("disk low: 0 B free, 65.5 kB wanted; free some space")
+    assert held and held[0].startswith("disk low: 0 B free, 65.5 kB required; free some space")
     monkeypatch.undo()
     assert record(tmp_path / "s", PLAN, rig_for(PLAN), OPTIONS).how == "complete"
     assert_same_frames(frames_of(disk / "s"), frames_of(tmp_path / "s"))

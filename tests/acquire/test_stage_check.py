@@ -68,7 +68,7 @@ WRONG: dict[str, tuple[Callable[[int, Point], Point], str]] = {
     "depth scale 1.1": (scaled(1.0, 1.0, 1.1), r"depth axis z of the stage: expected a move of 12294.8 µm .* 1.1\d\d"),
     "depth scale 0.9": (scaled(1.0, 1.0, 0.9), r"depth axis z of the stage: .* got 0.89\d times that"),
     "depth scale 2": (scaled(1.0, 1.0, 2.0), r"depth axis z of the stage: .* got 2.1\d\d times that"),
-    "depth reversed": (scaled(1.0, 1.0, -1.0), "it runs the wrong way: set the other sense in the plan"),
+    "depth reversed": (scaled(1.0, 1.0, -1.0), "the axis is reversed: set the opposite sense in the plan"),
     "depth stands still": (stuck, "the image of one plane in both; axis z does not move"),
 }
 
@@ -238,7 +238,7 @@ UNMEASURED: dict[str, tuple[Callable[[], tuple[ScanPlan, Rig]], str]] = {
     ),
     "trembling": (
         lambda: (PLAN, rig_for(PLAN, optics=_Trembling(PLAN))),
-        "whether the stage returns to a place was not checked: its image scatters by",
+        "the repeatability of the stage was not checked: the image scatters by",
     ),
     "period": (
         lambda: (small_plan((11, 19), 2), rig_for(small_plan((11, 19), 2))),

@@ -214,7 +214,7 @@ def test_aravis_says_what_is_missing() -> None:
     with fake_camera():
         with pytest.raises(InputError, match=r"expected Mono or Bayer.* 12Packed, got R"):
             aravis(plan, format="RGB8")
-        with pytest.raises(InputError, match="name its backend"):
+        with pytest.raises(InputError, match="choose its backend"):
             open_rig(plan, "aravis", {"camera": ADDRESS})
 
 
@@ -241,7 +241,7 @@ def test_gentl_records_27_positions(tmp_path: Path) -> None:
 @GENTL
 def test_gentl_says_what_is_missing() -> None:
     plan = plan_for((320, 320), 8)
-    with pytest.raises(InputError, match="name the maker's file"):
+    with pytest.raises(InputError, match="give the maker's file"):
         open_rig(plan, "gentl", {"cti": "/nowhere.cti"}, stage="sim")
     with pytest.raises(DeviceMissing, match="0 to 2"):
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "camera": "77"}, stage="sim")

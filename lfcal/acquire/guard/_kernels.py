@@ -1,4 +1,4 @@
-"""Compiled measurements of one frame; all take any sample type."""
+"""Compiled measurements of one frame, for any sample type."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["COLUMNS", "count_lit", "expect", "learn", "measure", "same_rows"]
 COLUMNS = ("level", "energy", "row", "column", "peak", "noise", "total")
 """Values that `measure` computes; the first five are stored in the table of neighbours.
 
-Level of the darkest corner; sum of the light above it; its centroid relative to the frame's middle (pixels); highest
+Level of the darkest corner; sum of the light above it; row and column of its centroid from the frame's middle; highest
 sample; noise of a pixel in that corner (counts); sum of all samples.
 """
 
@@ -36,7 +36,7 @@ def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
         mean = block.mean()
         if mean < level:
             level, noise = mean, block.std()
-    # column by column, because sums over an array of columns run on several at a time
+    # column by column, because the compiler can vectorize sums over columns
     sums, moments, tops = np.zeros(columns), np.zeros(columns), np.full(columns, -np.inf)
     for r in range(rows):
         for c in range(columns):
@@ -62,10 +62,10 @@ def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
 def learn(
     values: NDArray[np.float64], expected: NDArray[np.float64], ceiling: float, usual: NDArray[np.float64]
 ) -> None:
-    """Take the differences of ``values`` from ``expected`` into what they mostly are, ``usual`` ``(4,)``.
+    """Update the typical differences ``usual`` ``(4,)`` with those between ``values`` and ``expected``.
 
-    Units are those of `lfcal.acquire.guard.content.FIRST`. Quick to widen, slow to narrow: patterns that jump do so
-    again.
+    Units are those of `lfcal.acquire.guard.content.FIRST`. The value grows quickly and shrinks slowly, because
+    patterns with jumps usually have more of them.
     """
     light = max(abs(expected[1]), 1e-9)
     for k in range(4):
@@ -79,7 +79,7 @@ def learn(
 
 @njit()
 def same_rows(a: NDArray[Any], b: NDArray[Any]) -> tuple[int, int]:
-    """Return how many rows are equal in ``a`` and ``b``, counted from the first row on, and from the last row up."""
+    """Count equal rows of ``a`` and ``b`` from the first row downwards, and from the last row upwards."""
     rows, columns = a.shape
     counts = [0, 0]
     for end in range(2):
@@ -97,7 +97,7 @@ def same_rows(a: NDArray[Any], b: NDArray[Any]) -> tuple[int, int]:
 
 @njit()
 def count_lit(frame: NDArray[Any], floor: float, ceiling: float) -> int:
-    """Return how many samples of ``frame`` lie above ``floor`` and below ``ceiling``."""
+    """Count samples of ``frame`` above ``floor`` and below ``ceiling``."""
     found = 0
     for value in frame.flat:
         if floor < value < ceiling:
@@ -107,16 +107,16 @@ def count_lit(frame: NDArray[Any], floor: float, ceiling: float) -> int:
 
 @njit()
 def expect(table: NDArray[np.float64], y: int, x: int, pitch: int, out: NDArray[np.float64]) -> int:
-    """Expect the measurements at ``(y, x)`` from those around; return how, or -1 without neighbours.
+    """Predict the measurements at ``(y, x)`` from its neighbours; return the method, or -1 without neighbours.
 
     Parameters
     ----------
     table
         ``(ny, nx, 5)`` measurements of a plane, NaN where there are none.
     pitch
-        How far away neighbours are looked for (positions).
+        Distance of the neighbours (positions).
     out
-        ``(5,)``, filled.
+        ``(5,)``, filled with the prediction.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The content of one frame, checked before it counts.
+"""Check the content of a frame before it is accepted.
 
 A frame may hold content of an earlier exposure, whole or in part (`Repeats`), and its light, place, dark level and
 clipping may differ from the frames around it (`Neighbours`). `ContentGuard` makes all checks.
@@ -31,22 +31,22 @@ __all__ = [
 ]
 
 SAMPLES = 1 << 14
-"""So many samples of a frame are compared, whole rows of it: noise repeats in none of them."""
+"""Number of samples of a frame that are compared, in whole rows; noise never repeats in so many."""
 BUFFERS = 8
-"""Torn frames are looked for among so many earlier exposures: as many as drivers have buffers."""
+"""Number of earlier exposures with which torn frames are compared: as many as drivers have buffers."""
 FEW = 16
-"""So many lit samples must be equal. Where no light is, frames of a sensor without noise may well be the same."""
+"""Smallest number of equal lit samples; dark areas of frames without noise may be equal by chance."""
 
 
 class FramePlace(NamedTuple):
-    """Where a frame was taken: the plan's position and whole periods (y, x) away from it."""
+    """Position of a frame in the plan, and the number of periods (y, x) from it."""
 
     position: Position
     periods: tuple[int, int] = (0, 0)
 
 
 class RowSample(NamedTuple):
-    """Rows of one exposure, their CRC-32, the bytes of the first and the last of them, and where it was taken."""
+    """Rows of one exposure, their CRC-32, the bytes of the first and the last row, and the place of the exposure."""
 
     place: FramePlace
     rows: NDArray[Any]
@@ -55,7 +55,7 @@ class RowSample(NamedTuple):
 
 
 class Repeats:
-    """The content of all exposures so far, as checksums, and of the latest ones, as samples.
+    """Detect repeated content: keeps checksums of all exposures, and samples of the latest ones.
 
     Content is compared in sensor coordinates, and only between different positions: a displaced source gives a
     different image even without noise, while at the same position images may be equal.
@@ -77,20 +77,20 @@ class Repeats:
     def look(
         self, place: FramePlace, raws: Iterable[NDArray[Any]], floor: float
     ) -> tuple[Doubt, tuple[RowSample, ...]]:
-        """Return the doubt about the exposures ``raws`` of ``place``, and what `remember` takes of them.
+        """Return the doubt about the exposures ``raws`` of ``place``, and the samples to pass to `remember`.
 
         Parameters
         ----------
         place
-            Where they were taken.
+            Place of the exposures.
         raws
-            ``(rows, columns)`` each, the same region of the sensor for every frame.
+            Exposures ``(rows, columns)``, the same region of the sensor for every frame.
         floor
-            What exceeds it is light (counts).
+            Samples above this value are light (counts).
         """
         doubt, samples = NO_DOUBT, []
         for raw in raws:
-            # one array in memory: its rows may be those of a larger region
+            # make it contiguous: its rows may be part of a larger region
             rows = np.ascontiguousarray(raw[:: math.ceil(raw.size / SAMPLES)])
             sample = RowSample(place, rows, frame_crc(rows.data), (rows[0].tobytes(), rows[-1].tobytes()))
             samples.append(sample)
@@ -99,13 +99,13 @@ class Repeats:
         return doubt, tuple(samples)
 
     def remember(self, samples: Iterable[RowSample]) -> None:
-        """Hold later exposures against these; what was taken at a wrong place must not be among them."""
+        """Keep samples for comparison with later exposures; do not pass exposures from a wrong place."""
         for sample in samples:
             self._seen.setdefault(sample.crc, sample.place)
             self._latest.append(sample)
 
     def kept(self, position: Position, frame: NDArray[Any], noise: float, floor: float) -> Doubt:
-        """Return the doubt about a frame to be kept, against those that earlier runs of the session kept.
+        """Compare a frame with those stored by earlier runs of the session, and return the doubt about it.
 
         Of those only checksums of the cutouts are left, which move along with the source: without noise frames of
         different places may be equal.
@@ -126,7 +126,7 @@ class Repeats:
     def _part(self, sample: RowSample, floor: float) -> Doubt | None:
         rows, n = sample.rows, len(sample.rows)
         for place, earlier, _, edges in self._latest:
-            # with noise the outermost rows hardly ever agree: that is soon seen
+            # with noise, the outermost rows hardly ever agree, so this test is quick
             if edges[0] != sample.edges[0] and edges[1] != sample.edges[1]:
                 continue
             if place == sample.place or earlier.shape != rows.shape or earlier.dtype != rows.dtype:
@@ -141,31 +141,31 @@ class Repeats:
 
 
 def _repeated(position: Position) -> Doubt:
-    got = f"that of (z, y, x) = {tuple(position)} again"
+    got = f"the content of (z, y, x) = {tuple(position)}"
     return Doubt.of(Suspicion.REPEATED, f"frame: expected new content, got {got}; the camera repeats a buffer")
 
 
 LEVEL, ENERGY, ROW, COLUMN, PEAK = range(5)
 UNUSUAL = 8.0
-"""A frame is unusual that differs so many times as much from what its neighbours lead to as frames mostly do."""
+"""A frame is unusual if its deviation from the prediction exceeds the typical one by this factor."""
 SIGMAS = 8.0
 """Required significance, in standard deviations of the frame's own noise."""
 GAINS = (1.3, 2.0, 2.5, 1.5)
-"""Noise of a difference from what is expected, over that of one frame, for each way of `expect`."""
+"""Noise of a difference from the prediction, relative to that of one frame, for each method of `expect`."""
 FIRST = (0.001, 0.03, 0.15, 0.15)
-"""What differences mostly are until they are known: level (of the range), light (of all), row and column (pixels)."""
+"""Initial typical differences: level (share of the range), light (relative), row and column (pixels)."""
 LEAST = (0.003, 0.2, 0.5, 0.5)
-"""Smaller differences are no fault of the rig, in the same units."""
+"""Differences that are always tolerated, in the same units."""
 ELSEWHERE = (0.01, 0.5, 1.5, 1.5)
-"""The same for a frame without neighbours, compared with the latest one of another plane."""
+"""The same, for a frame without neighbours that is compared with the latest one of another plane."""
 MANY = (0.01, 0.5, math.inf, math.inf)
-"""The same for whole frames of many points, compared with the latest one: at another offset, light is elsewhere."""
+"""The same, for whole frames of many points, in which the light moves from one offset to the next."""
 AGAIN = (0.003, 0.15, 0.5, 0.5)
-"""The same for two frames of one place."""
+"""The same, for two frames of one position."""
 REFERENCES = (0.01, 0.25, 1.0, 1.0)
-"""The same for two reference frames, between which lamp and stage may drift."""
+"""The same, for two reference frames, between which lamp and stage may drift."""
 DARK = 0.1
-"""A frame with less than this of the light it should have is blank."""
+"""Share of the expected light below which a frame is blank."""
 FAR_FROM_FULL, FEW_CLIPPED = 0.7, 4
 
 
@@ -177,7 +177,7 @@ class SensorLimits(NamedTuple):
 
 
 class MeasuredFrame(NamedTuple):
-    """A frame in numbers: see `COLUMNS`; standard deviations of level, energy and centroid; saturated pixels."""
+    """Measurements of a frame (`COLUMNS`), standard deviations of level, energy and centroid, and saturated pixels."""
 
     values: NDArray[np.float64]
     level_sigma: float
@@ -202,36 +202,36 @@ class MeasuredFrame(NamedTuple):
 
     @property
     def lit(self) -> bool:
-        """Whether light stands out."""
+        """Whether the frame shows significant light."""
         return bool(self.values[ENERGY] > SIGMAS * self.energy_sigma)
 
 
 def measured(frame: NDArray[Any], saturated: int, sensor: SensorLimits) -> MeasuredFrame:
-    """Return the numbers of ``frame`` ``(rows, columns)``."""
+    """Measure ``frame`` ``(rows, columns)``."""
     values = np.empty(len(COLUMNS))
     measure(frame, values)
     rows, columns = frame.shape
-    # 0.3 counts: what rounding to integers hides
+    # 0.3 counts: noise of rounding to integers
     noise = max(float(values[5]), 0.3)
     level = noise / max(2, min(rows, columns) // 6)
     light = max(float(values[ENERGY]), 0.0)
     energy = math.sqrt(frame.size * noise**2 + (frame.size * level) ** 2 + light / sensor.gain)
-    # the wings of a pattern are a quarter of the frame away, those of the noise are everywhere
+    # a pattern extends over about a quarter of the frame, noise over all of it
     moment = math.sqrt(frame.size * noise**2 / 12 * max(rows, columns) ** 2 + light / sensor.gain * (rows / 4) ** 2)
     return MeasuredFrame(values, level, energy, moment / max(light, energy), saturated)
 
 
 class Neighbours:
-    """What was accepted so far, by position, and how much frames mostly differ from what is expected of them.
+    """Measurements of accepted frames by position, and the typical deviations from their predictions.
 
     Parameters
     ----------
     shape
         ``(nz, ny, nx)`` positions of the plan.
     sensor
-        The camera's.
+        Limits of the sensor.
     whole
-        Frames are whole ones of many points: only the latest one is near.
+        Whether frames are whole ones of many points; each is then compared only with the latest.
     """
 
     def __init__(self, shape: tuple[int, int, int], sensor: SensorLimits, *, whole: bool = False) -> None:
@@ -243,7 +243,7 @@ class Neighbours:
         self._latest: tuple[float, MeasuredFrame] | None = None
 
     def look(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> Doubt:
-        """Return the doubt about a frame of ``position``; neighbours are ``pitch`` positions away."""
+        """Compare a frame with its neighbours, ``pitch`` positions away, and return the doubt about it."""
         way = self._expect(position, pitch)
         if way < 0:
             return self._elsewhere(now, exposure_s)
@@ -284,7 +284,7 @@ class Neighbours:
 
 
 def same_place(now: MeasuredFrame, before: MeasuredFrame, sensor: SensorLimits, *, references: bool = False) -> Doubt:
-    """Return the doubt about a frame of a place that was recorded before, with the same exposure."""
+    """Compare a frame with an earlier one of the same place and exposure, and return the doubt about it."""
     return _compare(now, before.values, REFERENCES if references else AGAIN, 1.5, sensor)
 
 
@@ -310,13 +310,13 @@ def _compare(
         noise = sigmas * now.place_sigma
         if abs(down) > max(limits[ROW], noise) or abs(right) > max(limits[COLUMN], noise):
             why = f"image: expected within {max(limits[ROW], limits[COLUMN], noise):.2g} px of its place, got "
-            why += f"({down:.2f}, {right:.2f}) px (row, column) off it"
+            why += f"({down:.2f}, {right:.2f}) px (row, column) of displacement"
             doubt |= Doubt.of(Suspicion.DISPLACED, f"{why}; check the stage's steps and the camera's region")
     return doubt
 
 
 EXPOSURE_SHARE, EXPOSURE_STEP_S = 0.1, 50e-6
-"""Exposures come in steps: a tenth, or 50 µs, are the camera's own."""
+"""Tolerated deviation of the exposure, relative and in seconds, because cameras set exposures in steps."""
 LIT_SIGMAS, LIT_COUNTS = 5.0, 3.0
 
 
@@ -325,7 +325,7 @@ class Content(NamedTuple):
 
     ``frame`` ``(rows, columns)`` as it will be stored, ``now`` its measurements. ``raws`` are its exposures, in the
     same region of the sensor for every frame of a kind. ``asked_s`` and ``actual_s`` are the requested and the actual
-    exposures (s), that of the frame first.
+    exposures (s); the first entry is that of the frame.
     """
 
     kind: Kind
@@ -346,7 +346,7 @@ class CheckedFrame(NamedTuple):
 
 
 class ContentGuard:
-    """Checks frames in the order of recording.
+    """Check frames in the order of recording.
 
     Parameters
     ----------
@@ -379,7 +379,7 @@ class ContentGuard:
         self._any = False
 
     def look(self, content: Content) -> CheckedFrame:
-        """Return what is seen of a frame; nothing of it is trusted before `accept`."""
+        """Check a frame; later frames are compared with it only after `accept`."""
         now = content.now
         doubt = _exposure(content)
         if content.kind is Kind.DARK:
@@ -398,14 +398,14 @@ class ContentGuard:
         return CheckedFrame(now, doubt, samples)
 
     def know(self, position: Position, frame: NDArray[Any], saturated: int, exposure_s: float) -> MeasuredFrame:
-        """Trust a frame that an earlier run of the session recorded, and return it in numbers."""
+        """Accept a frame that an earlier run of the session recorded, and return its measurements."""
         now = measured(frame, saturated, self.sensor)
         self._neighbours.accept(position, now, exposure_s, self._pitch(position))
         self._any = True
         return now
 
     def accept(self, content: Content, seen: CheckedFrame) -> None:
-        """Trust a frame: later ones are compared with it."""
+        """Accept a frame, so that later ones are compared with it."""
         self._repeats.remember(seen.samples)
         if content.kind is Kind.POSITION:
             position = content.place.position
@@ -429,4 +429,4 @@ def _exposure(content: Content) -> Doubt:
     if abs(worst - asked) <= allowed:
         return NO_DOUBT
     why = f"exposure: expected {1e3 * asked:.4g} ms as planned, got {1e3 * worst:.4g} ms"
-    return Doubt.of(Suspicion.EXPOSURE, f"{why}; plan an exposure that the camera takes")
+    return Doubt.of(Suspicion.EXPOSURE, f"{why}; plan an exposure that the camera supports")

@@ -1,4 +1,4 @@
-"""What can be wrong with the content of a frame, and the words for it."""
+"""Possible faults in the content of a frame, and their messages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lfcal.base import Finding
 __all__ = ["CERTAIN", "NO_DOUBT", "Doubt"]
 
 CERTAIN = Suspicion.REPEATED | Suspicion.TORN | Suspicion.EXPOSURE
-"""Faults that a frame proves alone; all others are checked with a known position first."""
+"""Faults proved by the frame alone; all others are checked with a known position first."""
 
 
 SUBJECTS = {
@@ -20,19 +20,19 @@ SUBJECTS = {
     Suspicion.DARK_LEVEL: "sensor",
     Suspicion.CLIPPED: "sensor",
 }
-"""Subjects of findings on a frame; the others concern the frame itself."""
+"""Device to which each kind of finding refers; the others refer to the frame itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Findings on the content of one frame, and the flags that are stored with it; false without any."""
+    """Findings on the content of one frame, and the flags stored with it; false if there are none."""
 
     what: Suspicion = Suspicion.NONE
     findings: tuple[Finding, ...] = ()
 
     @classmethod
     def of(cls, what: Suspicion, why: str) -> Doubt:
-        """Return the doubt for one reason: what was expected and found, and after a semicolon the remedy."""
+        """Return the doubt for one reason: what was expected, what was found, and the remedy after a semicolon."""
         detail, _, remedy = why.rpartition("; ") if "; " in why else (why, "", "")
         one = Finding(
             kind=what.words.replace(" ", "_"),
@@ -56,7 +56,7 @@ class Doubt:
 
     @property
     def certain(self) -> bool:
-        """Whether the frame proves it without another one."""
+        """Whether the frame alone proves the fault."""
         return bool(self.what & CERTAIN)
 
     @property

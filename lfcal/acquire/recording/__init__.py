@@ -1,6 +1,6 @@
-"""The crash-safe recording: frames and records written in place with one sync each, readable at any time.
+"""The crash-safe recording: frames and records are written in place and synchronized, and are readable at any time.
 
-- ``records``: the record of every frame, and the proof that both are intact
+- ``records``: the record of every frame, and checksums of both
 - ``recording_file``: one recording file, written in place and read; ``store``: the files of one session;
   ``writer``: the writing thread
 - ``durable``: the lock of a session folder, and a check of the free space

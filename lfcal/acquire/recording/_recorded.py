@@ -1,4 +1,4 @@
-"""One file of a recorded session: its expected and its existing content.
+"""Compare the expected with the existing content of one file of a recorded session.
 
 The header may be missing and the end truncated. `lfcal.acquire.recording.recording_file.lay_out` always places the
 same recording at the same offsets, so the session determines where the frames are, and the records prove it.
@@ -30,14 +30,14 @@ __all__ = ["RecordedFile", "Slots", "files_made", "opened", "restore", "slots_of
 
 
 class Made:
-    """A recording as the session lays it out; where its parts lie is found out when it is asked for.
+    """Expected layout of a recording; offsets are computed on first use.
 
     Parameters
     ----------
     kind, count, shape, dtype
-        What the frames are, how many, rows and columns, and sample type.
+        Kind, number, shape (rows, columns) and sample type of the frames.
     attributes
-        What the file says of itself.
+        Attributes of the file.
     """
 
     def __init__(
@@ -48,29 +48,29 @@ class Made:
 
     @property
     def layout(self) -> Layout:
-        """Where everything lies."""
+        """Offsets of all parts."""
         return self._laid_out[0]
 
     @property
     def size(self) -> int:
-        """Bytes of the file."""
+        """Size of the file (bytes)."""
         return self._laid_out[1]
 
     @property
     def header(self) -> bytes:
-        """What the file begins with."""
+        """Bytes of the file's header."""
         return self._laid_out[2]
 
     @property
     def frame_ends(self) -> NDArray[np.int64]:
-        """Where in the file each frame ends (bytes), ``(N,)``."""
+        """Offset of the end of each frame in the file ``(N,)`` (bytes)."""
         layout = self.layout
         return layout.frames_at + layout.frame_bytes * np.arange(1, layout.count + 1, dtype=np.int64)
 
     @cached_property
     def _laid_out(self) -> tuple[Layout, int, bytes]:
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "layout.h5"  # sparse: it takes the room of its header only
+            path = Path(folder) / "layout.h5"  # sparse: only its header takes disk space
             size, records_at = lay_out(path, *self.frames, self._attributes)
             trust(path)
             with path.open("rb") as file:
@@ -79,9 +79,9 @@ class Made:
 
 
 def recovered(path: Path, made: Made) -> RecordingFile | None:
-    """Return a recording that HDF5 cannot open, read where it was ``made``; None where no frame is whole there.
+    """Open a recording that HDF5 cannot open, with the expected layout; None if no frame is intact there.
 
-    A packed recording may have its records at the same place, but never a frame.
+    A packed recording may have its records at the same offset, but never a frame.
     """
     try:
         file = RecordingFile(path, made.layout)
@@ -95,7 +95,7 @@ def recovered(path: Path, made: Made) -> RecordingFile | None:
 
 
 def restore(path: Path, made: Made) -> None:
-    """Give a recording its header and its size again; records and frames that are there stay as they are."""
+    """Restore header and size of a recording; existing records and frames are not changed."""
     with storage_errors(path):
         descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
         try:
@@ -108,7 +108,7 @@ def restore(path: Path, made: Made) -> None:
 
 @contextmanager
 def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFile | None, str]]:
-    """Open a recording as far as that is possible; give it, or None, and what is wrong with the file."""
+    """Open a recording as far as possible; return it, or None, and the fault of the file."""
     fault, file = "", None
     try:
         file = RecordingFile(path)
@@ -123,7 +123,7 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
         file = recovered(path, made) if size else None
         if file is not None:
             fault = f"cut short: {size} of {made.size} bytes" if size < made.size else "its header is damaged"
-    # another session's, and not one that was read where this session's frames lie
+    # from another session, unless it was read at the offsets of this session's frames
     if fault and file is not None and file.layout is not made.layout:
         file.close()
         file = None
@@ -137,7 +137,7 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
 def _in_sentence(error: str) -> str:
     """Return what was found in place of what, for a sentence that says what to do."""
     found = re.fullmatch(r"(?:[^:]*: )?expected (.+?), got (.+?)(?:; .*)?", error)
-    return f"{found[2]} in place of {found[1]}" if found else error
+    return f"{found[2]} instead of {found[1]}" if found else error
 
 
 class Slots(NamedTuple):
@@ -152,7 +152,7 @@ class Slots(NamedTuple):
     origins: NDArray[np.int64]
 
     def records(self, exposures_s: NDArray[np.float64]) -> NDArray[np.void]:
-        """Return stand-ins ``(N,)`` for records that are lost, with the exposure (s) of each slot's plane."""
+        """Return substitutes ``(N,)`` for lost records, with the exposure of each slot's plane (s)."""
         records = np.zeros(len(self.flat), RECORD)
         records["index"], records["kind"], records["exposure_s"] = self.flat, self.kinds, exposures_s
         records["row"], records["column"] = self.origins.T
@@ -160,7 +160,7 @@ class Slots(NamedTuple):
 
 
 def slots_of(schedule: Schedule, kind: Kind) -> Slots:
-    """Return what belongs into the slots of the file for ``kind``."""
+    """Return the expected slots of the file for ``kind``."""
     here = np.isin(schedule.kinds, [k for k in Kind if file_name(k, 0) == file_name(kind, 0)])
     order = np.argsort(schedule.slots[here])
     kinds, flat, origins = (values[here][order] for values in (schedule.kinds, schedule.flat, schedule.origins))
@@ -168,7 +168,7 @@ def slots_of(schedule: Schedule, kind: Kind) -> Slots:
 
 
 def files_made(session: SessionFile, run: int, schedule: Schedule) -> dict[Kind, Made]:
-    """Return how the files of recording ``run`` are laid out, by the kind they are for."""
+    """Return the expected layout of the files of recording ``run``, by kind of frame."""
     plans = files_of(schedule, frame_dtype(session.plan, session.options, session.devices))
     about = session.attributes(run, schedule)
     return {kind: Made(kind, *plan, about) for kind, plan in plans.items()}
@@ -191,7 +191,7 @@ class RecordedFile:
     Parameters
     ----------
     folder, session, run, schedule, kind
-        The file, its session, and the steps of its recording.
+        Folder of the session, the session, number and steps of the recording, and kind of the frames.
 
     Raises
     ------
@@ -225,21 +225,21 @@ class RecordedFile:
         return np.zeros(len(self.slots.flat), np.bool_) if self._file is None else self._file.taken
 
     def label(self, slot: int) -> str:
-        """Return the name of a frame for messages."""
+        """Return a label of the frame in slot ``slot``, for messages."""
         return f"{self.name}[{slot}]"
 
     def check(self) -> None:
-        """Raise `FileFormatError` where the file itself is damaged or gone."""
+        """Raise `FileFormatError` if the file itself is damaged or missing."""
         if self.fault:
             raise FileFormatError(
-                f"{self._path}: {self.fault}; lfcal verify says what is lost, --skip-damaged leaves it out"
+                f"{self._path}: {self.fault}; lfcal verify lists lost frames, --skip-damaged excludes them"
             )
 
     def read(self, slot: int) -> NDArray[Any]:
         """Return frame ``slot``; raises `FileFormatError` if it is not what was recorded."""
         if self._file is None:
             raise FileFormatError.expected(
-                self.label(slot), "the recorded bytes", "a file that cannot be read", "restore it, or record this again"
+                self.label(slot), "the recorded bytes", "an unreadable file", "restore it, or record it again"
             )
         return self._file.read(slot)
 

@@ -1,4 +1,4 @@
-"""Every record and every frame of a session checked: what is whole, what is damaged, what was never taken.
+"""Check every record and frame of a session: which are intact, damaged, or were never taken.
 
 A damaged recording is repaired so that its damaged frames can be taken again.
 """
@@ -34,11 +34,11 @@ from lfcal.frames import Position
 __all__ = ["DamagedFrame", "SessionReport", "iter_repair", "iter_verify", "verify"]
 
 BLOCK_BYTES = 1 << 24
-"""Frames are handed to the threads in blocks of about this size."""
+"""Approximate size of the blocks of frames that a thread checks (bytes)."""
 
 
 class State(IntEnum):
-    """What a slot of a recording holds."""
+    """State of a slot of a recording."""
 
     WHOLE = 0
     NEVER_TAKEN = 1
@@ -58,7 +58,8 @@ _STATE_WORDS = {
 class DamagedFrame:
     """A recorded frame that is damaged.
 
-    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) is that in the
+    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) is the position
+    in the
     plan; ``what`` describes the damage; ``replaced`` says whether a later recording has an intact frame of the
     position.
     """
@@ -114,12 +115,12 @@ class SessionReport:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing that was recorded is damaged, but for what was recorded again since."""
+        """Whether no recorded frame is damaged, apart from those recorded again since."""
         return not self.lacking and not any(f.fault for f in self.files) and all(d.replaced for d in self.damaged)
 
     @property
     def known(self) -> str:
-        """How many frames are whole, for a verdict."""
+        """Number of intact frames, as a sentence."""
         whole, total = (sum(getattr(file, name) for file in self.files) for name in ("whole", "frames"))
         return f"whole in {whole} of {format_count(total, 'frame', 'frames')}"
 
@@ -131,16 +132,16 @@ class SessionReport:
 
     @property
     def lost(self) -> int:
-        """How many frames there are to take again; a position that is damaged in several recordings counts once."""
+        """Number of frames to take again; a position damaged in several recordings counts once."""
         return len(self.to_redo) + sum(d.kind != "position" for d in self.damaged)
 
     def lines(self, most: int = 20) -> Iterator[str]:
-        """Yield every frame that is damaged, in words; no more than ``most`` of them."""
+        """Yield a sentence for each damaged frame, at most ``most`` of them."""
         for found in self.damaged[:most]:
             said = f"{found.what}; recorded again since" if found.replaced else found.what
             yield f"{found.kind} (z, y, x) = {tuple(found.position)}, {found.file}[{found.slot}]: {said}"
         if len(self.damaged) > most:
-            yield f"and {len(self.damaged) - most} more; --json lists all"
+            yield f"and {len(self.damaged) - most} more (listed by --json)"
 
     def slots(self, file: str) -> NDArray[np.int64]:
         """Return the slots of the damaged frames of one file."""
@@ -150,14 +151,14 @@ class SessionReport:
 def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionReport]:
     """Check every record and every frame of a session against its CRC-32.
 
-    Nothing is changed, and a session may be recorded meanwhile: frames that are being taken count as not taken.
+    Nothing is changed. The session may be recording meanwhile; frames in progress then count as not taken.
 
     Parameters
     ----------
     folder
-        The session's.
+        Folder of the session.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------
@@ -220,10 +221,10 @@ class _Checked:
         self.states = np.full(len(slots.flat), State.WHOLE, np.uint8)
 
     def look(self, file: RecordingFile, complete: bool, workers: int) -> Iterator[int]:
-        """Fill in the states with several threads; yields the number of slots done."""
+        """Determine the states with several threads; yields the number of slots done."""
         blank = ~file.records.view(np.uint8).reshape(len(file.records), -1).any(axis=1)
         self.states[~file.taken] = State.RECORD_DAMAGED
-        # a recording that was complete once had a record in every slot
+        # a recording that was once complete had a record in every slot
         self.states[blank] = State.LOST if complete else State.NEVER_TAKEN
         layout = file.layout
         self.in_place = layout.in_place
@@ -248,7 +249,7 @@ class _Checked:
         return FileReport(self.file, len(self.states), whole, damaged, never, self.fault)
 
     def damaged(self, shape: tuple[int, ...]) -> Iterator[DamagedFrame]:
-        """Yield the frames that are damaged; ``shape`` is that of the plan's positions."""
+        """Yield the damaged frames; ``shape`` is that of the plan's grid of positions."""
         for slot in np.flatnonzero(self.states > State.NEVER_TAKEN).tolist():
             z, y, x = (int(k) for k in np.unravel_index(self.slots.flat[slot], shape))
             kind = Kind(int(self.slots.kinds[slot])).name.lower()
@@ -258,7 +259,7 @@ class _Checked:
 def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> SessionReport:
     """Put the files together: the newest recording of a position counts."""
     shape = session.grid
-    # the latest recording that has the position whole, and the latest that is still to take it
+    # the latest recording with an intact frame of the position, and the latest that will still take it
     newest, open_run = np.full(int(np.prod(shape)), -1), np.full(int(np.prod(shape)), -1)
     taken, wanted = np.zeros(len(newest), np.bool_), np.zeros(len(newest), np.bool_)
     for part in checked:
@@ -283,23 +284,23 @@ def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> Sess
 def _lacking(session: SessionFile, taken: NDArray[np.bool_]) -> int:
     """Return how many positions the last run noted as safe that are not there."""
     ended = [run for run in session.runs if run.ended]
-    # later recordings count their own positions
+    # later recordings number their own positions
     if len(session.recordings) > 1 or not ended:
         return 0
     return max(0, ended[-1].acknowledged - int(taken.sum()))
 
 
 def iter_repair(folder: Path, session: SessionFile, report: SessionReport) -> Work[tuple[Position, ...]]:
-    """Make the files of a session take their damaged frames again; return the positions that need a new recording.
+    """Prepare files of a session for taking damaged frames again; return positions that need a new recording.
 
-    A file in place gets its header and its size back where it lacks them. Packed dark and check frames are few: their
-    file is laid out in place again with what is whole. A packed recording stays as it is, and its damaged positions are
-    returned, but for those that a later recording, begun and not finished, will take.
+    Header and size of an unpacked file are restored if necessary. Packed dark and check frames are few, so their file
+    is written again with the intact frames. A packed recording is not changed; its damaged positions are returned,
+    except those that an unfinished later recording will take.
 
     Raises
     ------
     FileFormatError
-        If nothing of a file can be read: it is better restored than recorded again unasked.
+        If a file is completely unreadable; restore it.
     """
     damaged: set[str] = {found.file for found in report.damaged if not found.replaced}
     faults = {file.file: file for file in report.files if file.fault}
@@ -342,4 +343,4 @@ def _iter_unpack(path: Path, damaged: np.ndarray[tuple[int], np.dtype[np.int64]]
             journal.sync()
         finally:
             journal.close()
-        source.close()  # Windows replaces no file that is open
+        source.close()  # Windows cannot replace an open file

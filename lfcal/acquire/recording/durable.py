@@ -1,4 +1,4 @@
-"""What keeps a session on the disk whole: one program at a time, and a look at the free space."""
+"""Protect a session on disk: a lock against other programs, and a check of the free space."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["DiskGuard", "FolderLock", "Holder", "holder_of"]
 LOCK = "session.lock"
 
 NOTE_BYTES, LONGEST = 2000, 400
-"""Size of the note in a lock, and the most characters of its reason."""
+"""Size of the note in a lock (bytes), and the largest number of characters of its reason."""
 
 
 class FolderLock:
-    """Keep a second program out of a session folder; gone with the process, however it ends."""
+    """Lock of a session folder against other programs; released whenever the process ends."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / LOCK
@@ -41,14 +41,14 @@ class FolderLock:
         self.note("")
 
     def note(self, held: str) -> None:
-        """Write into the lock who records, and why the session holds, empty where it does not.
+        """Store in the lock which program records, and why the session is on hold (empty: it is not).
 
-        A note is for people: a disk that is full, of all reasons to hold the most frequent, must not end the session.
+        The note is only for display, so a full disk, the most frequent reason to hold, must not end the session here.
         """
         assert self._descriptor is not None
         text = json.dumps({"pid": os.getpid(), "held": held[:LONGEST]}, ensure_ascii=False)
         with suppress(OSError):
-            # always as long as the first one: what is in its place needs no more of the disk
+            # always of the same length, so that no more disk space is needed
             write_at(self._descriptor, text.encode("utf-8", "replace").ljust(NOTE_BYTES), 0)
 
     def _holder(self) -> str:
@@ -56,7 +56,7 @@ class FolderLock:
         return "another program" + (f" (process {found.process})" if found.process else "")
 
     def release(self) -> None:
-        """Let others in; may be called twice."""
+        """Release the lock; may be called twice."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
@@ -70,7 +70,7 @@ class Holder(NamedTuple):
 
 
 def holder_of(folder: Path) -> Holder | None:
-    """Return who records into ``folder`` now; None where no program does."""
+    """Return the program that records into ``folder`` now, if any."""
     path = folder / LOCK
     try:
         descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
@@ -94,19 +94,19 @@ def _read_lock(path: Path) -> Holder:
 
 
 class DiskGuard:
-    """Ask every few seconds how much the disk has free.
+    """Check the free disk space every few seconds.
 
-    The recording itself is reserved beforehand; this is for file systems that do not keep a reservation
-    (compressing, copy-on-write, network), and for what else must be written.
+    The recording itself reserves its space beforehand. This check is for file systems that do not keep a reservation
+    (compressing, copy-on-write, network), and for other files that are written.
 
     Parameters
     ----------
     folder
-        The session's.
+        Folder of the session.
     keep_free
         Bytes that must stay free.
     every_s
-        Seconds between two looks.
+        Time between two checks (s).
     """
 
     def __init__(self, folder: Path, keep_free: int, *, every_s: float = 2.0) -> None:
@@ -127,5 +127,5 @@ class DiskGuard:
                 ) from None
             self._why = ""
             if free < self._keep:
-                self._why = f"disk low: {format_bytes(free)} free, {format_bytes(self._keep)} wanted; free some space"
+                self._why = f"disk low: {format_bytes(free)} free, {format_bytes(self._keep)} required; free some space"
         return self._why

@@ -1,4 +1,4 @@
-"""A session of any kind opened as frames."""
+"""Open the frames of a session of any kind."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """One recording file: laid out once by HDF5, then written in place; readable meanwhile, and after repacking.
 
 ``frames[N, h, w]`` and ``records[N]`` are contiguous, allocated early and never filled, so that the HDF5 file is
-complete before the first frame. Each frame is written at the place of its HDF5 dataset, then its record, then
-``fdatasync``; only then is it acknowledged. A frame torn by a crash fails its CRC-32 and counts as not taken. Any
-reader may open the file meanwhile.
+complete before the first frame. Each frame is written at its offset in the HDF5 dataset, followed by its record and
+``fdatasync``; only then is it acknowledged. A frame torn by a crash fails its CRC-32 and counts as not taken. Other
+programs may read the file meanwhile.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Layout:
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of one frame."""
+        """Size of one frame (bytes)."""
         return self.shape[0] * self.shape[1] * self.dtype.itemsize
 
     @property
@@ -75,7 +75,7 @@ class Layout:
 
 
 def read_layout(path: Path) -> Layout:
-    """Return the layout of recording ``path``, checked; raises `FileFormatError` if it is not one."""
+    """Read and check the layout of recording ``path``; raises `FileFormatError` if it is not a recording."""
     with H5File(path) as file:
         attributes = file.attributes()
         if attributes.text("format") != FORMAT:
@@ -91,7 +91,7 @@ def read_layout(path: Path) -> Layout:
                 str(path),
                 "frames[N, h, w] and records[N]",
                 f"{frames.shape} and {records.shape}",
-                "take the recording from its source again",
+                "get the recording from its source again",
             )
         frames_at, records_at = frames.offset, records.offset
         return Layout(
@@ -117,7 +117,7 @@ class RecordingJournal:
         self.path = path
         self.layout = read_layout(path)
         if not self.layout.in_place:
-            raise StorageError(f"{path}: is finished and repacked; record further positions into a separate file")
+            raise StorageError(f"{path}: recording is packed; record further positions into a separate file")
         with storage_errors(path):
             self._descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
         self._closed = False
@@ -141,7 +141,7 @@ class RecordingJournal:
                     sync_data(descriptor)
                 finally:
                     os.close(descriptor)
-                # under its name only when it is laid out, reserved and on the disk
+                # rename it only when it is laid out, reserved and on disk
                 replace(part, path)
                 sync_folder(path.parent)
         finally:
@@ -164,7 +164,7 @@ class RecordingJournal:
         data = np.ascontiguousarray(frame).data.cast("B")
         record = pack(note, sequence, frame_crc(data))
         try:
-            # the frame before its record: a record alone must never be found
+            # the frame before its record, so that a record never exists without its frame
             write_at(self._descriptor, data, layout.frames_at + slot * layout.frame_bytes)
             write_at(self._descriptor, record, layout.records_at + slot * RECORD.itemsize)
         except OSError:
@@ -172,16 +172,16 @@ class RecordingJournal:
                 raise
 
     def sync(self) -> None:
-        """Return when everything put is on the disk; raises `StorageError` if it is not, or the file is gone."""
+        """Wait until all frames put are on disk; raises `StorageError` if that fails or the file is missing."""
         try:
             sync_data(self._descriptor)
-            # a file that was removed still takes writes, which are lost when it is closed
+            # a removed file still accepts writes, which are lost when it is closed
             links = os.fstat(self._descriptor).st_nlink
         except OSError:
             with storage_errors(self.path):
                 raise
         if links < 1:
-            raise StorageError(f"{self.path}: was removed while recording; restore the folder, or start a new session")
+            raise StorageError(f"{self.path}: removed while recording; restore the folder, or start a new session")
 
     def records(self) -> NDArray[Any]:
         """Return all records ``[N]`` as they are on disk; see `RECORD`."""
@@ -189,7 +189,7 @@ class RecordingJournal:
         return np.frombuffer(data, RECORD).copy()
 
     def copy(self, slot: int, frame: NDArray[Any], record: NDArray[Any]) -> None:
-        """Hand over a frame of another recording with its record as it is; see `put`."""
+        """Write a frame of another recording with its unchanged record; see `put`."""
         layout = self.layout
         with storage_errors(self.path):
             data = np.ascontiguousarray(frame).data.cast("B")
@@ -215,7 +215,7 @@ def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
 def lay_out(
     path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
 ) -> tuple[int, int]:
-    """Make the HDF5 file without any data; return the end of the frames and the start of the records."""
+    """Create the HDF5 file without data; return the end of the frames and the start of the records (bytes)."""
     import h5py
 
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
@@ -250,7 +250,7 @@ class RecordingFile:
     path
         The file.
     layout
-        Where frames and records lie, for a file that cannot say so itself; what lies beyond its end is missing.
+        Offsets of frames and records, for a file with a damaged header; data beyond its end is missing.
     """
 
     def __init__(self, path: Path, layout: Layout | None = None) -> None:
@@ -295,19 +295,19 @@ class RecordingFile:
             # frombuffer gives a read-only view of the bytes
             return np.frombuffer(data, layout.dtype).reshape(layout.shape).copy()
         try:
-            # h5py's file is shared by all threads, a descriptor read at a position is not
+            # all threads share h5py's file position, but reading a descriptor at an offset needs none
             with self._lock:
                 return self._frames.read(slot)
         except FileFormatError:
             return None
 
     def is_whole(self, slot: int) -> bool:
-        """Return whether frame ``slot`` is what its record says, as both are on the disk now."""
+        """Return whether frame ``slot`` on disk agrees with its record."""
         for attempt in range(2):
             try:
                 self.read(slot)
             except (OSError, RuntimeError, ValueError):
-                # a session that is being recorded may have written the frame since its record was read
+                # a running session may have written the frame after its record was read
                 if attempt or not self._reread(slot):
                     return False
             else:

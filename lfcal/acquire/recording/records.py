@@ -1,4 +1,4 @@
-"""The record that goes with every frame: what it is, where it was taken, and proof that both are whole."""
+"""Record of each frame: its kind, position and measurements, and checksums of frame and record."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["FILES", "RECORD", "Kind", "Note", "Suspicion", "file_name", "frame_c
 
 
 class Kind(IntEnum):
-    """What a frame is."""
+    """Kind of a frame."""
 
     POSITION = 0
     DARK = 1
@@ -26,26 +26,26 @@ class Kind(IntEnum):
 
 
 class Suspicion(IntFlag):
-    """What may be wrong with the content of a frame that was kept."""
+    """Possible faults in the content of a stored frame."""
 
     NONE = 0
-    BLANK = 1  # no light where there should be some
+    BLANK = 1  # no light where some is expected
     LIGHT = 2  # more or less light than at the positions around
-    DISPLACED = 4  # the image is not where it should be
-    DARK_LEVEL = 8  # the sensor's level without light moved
-    CLIPPED = 16  # saturated where the positions around are far from it
-    REPEATED = 32  # the content of another frame
-    TORN = 64  # in part the content of an earlier frame
-    EXPOSURE = 128  # exposed for another time than was asked for
+    DISPLACED = 4  # the image is not at its expected place
+    DARK_LEVEL = 8  # the sensor's dark level changed
+    CLIPPED = 16  # saturated although its neighbours are far from saturation
+    REPEATED = 32  # the content is that of another frame
+    TORN = 64  # part of the content is that of an earlier frame
+    EXPOSURE = 128  # the exposure differs from the requested one
 
     @property
     def words(self) -> str:
-        """The names of what is suspected, for people."""
+        """Names of the suspected faults, for display."""
         return ", ".join(str(flag.name).lower().replace("_", " ") for flag in Suspicion if flag and flag in self)
 
 
 FILES = {Kind.POSITION: "recording", Kind.REFERENCE: "checks", Kind.CONTROL: "checks", Kind.DARK: "darks"}
-"""Which file each kind of frame goes to."""
+"""File in which each kind of frame is stored."""
 
 
 def file_name(kind: Kind, run: int) -> str:
@@ -55,7 +55,7 @@ def file_name(kind: Kind, run: int) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
-    """What is noted with a frame: the fields, their order and their stored types are the record's layout.
+    """Notes on a frame; the fields, their order and their stored types define the record's layout.
 
     Lengths in µm, times in s, light in counts. ``sequence`` and ``frame_crc`` are filled in when the frame is written.
 
@@ -79,7 +79,7 @@ class Note:
     frame_crc: Annotated[int, "<u4"] = 0
     attempts: Annotated[int, "<u2"] = 1  # in the record, `suspicion` is their high byte
     kind: Annotated[Kind, "<u2"]
-    row: Annotated[int, "<i4"]  # sensor pixel of the frame's first row and column
+    row: Annotated[int, "<i4"]  # sensor coordinates of the frame's first pixel
     column: Annotated[int, "<i4"]
     period_y: Annotated[int, "<i2"] = 0  # control frames: whole periods away from the plan's position
     period_x: Annotated[int, "<i2"] = 0
@@ -89,7 +89,7 @@ class Note:
     stage_um: Annotated[Point, "3<f8"]  # read back after the exposure
     exposure_s: Annotated[float, "<f8"]
     time_s: Annotated[float, "<f8"]  # seconds since 1970
-    elapsed_s: Annotated[float, "<f8"]  # seconds of recording, pauses and interruptions left out
+    elapsed_s: Annotated[float, "<f8"]  # seconds of recording, without pauses and interruptions
     energy: Annotated[float, "<f8"]  # sum of the frame's samples
     peak: Annotated[float, "<f4"]
     suspicion: Suspicion = (
@@ -106,7 +106,7 @@ def _layout() -> list[tuple[str, str]]:
 
 
 RECORD = np.dtype([*_layout(), ("record_crc", "<u4"), ("valid", "<u4")])
-"""One record: the fields of `Note`, their CRC-32 and the mark of validity; 128 bytes, little-endian."""
+"""One record: the fields of `Note`, their CRC-32 and a mark of validity; 128 bytes, little-endian."""
 
 _values = attrgetter(*STORED)  # of a note, in the record's order
 _BODY = RECORD.itemsize - 8  # a record's CRC-32 covers everything before itself
@@ -137,7 +137,7 @@ def suspicions(records: NDArray[Any]) -> NDArray[np.uint8]:
 
 def intact(records: NDArray[Any]) -> NDArray[np.bool_]:
     """Return for each record whether it was written and is whole."""
-    # a slot that was never written is all zeros; only marked ones are worth a CRC-32
+    # a slot that was never written is all zeros; so compute the CRC-32 only of marked ones
     valid: NDArray[np.bool_] = records["valid"] == _MARK
     raw = np.ascontiguousarray(records).view(np.uint8).reshape(len(records), RECORD.itemsize)
     for k in np.flatnonzero(valid):

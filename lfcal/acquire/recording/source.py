@@ -1,4 +1,4 @@
-"""A recorded session as frames: cutouts with their places on the sensor, or whole frames of a target."""
+"""Read a recorded session as frames: cutouts with their places on the sensor, or whole frames of a target."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ __all__ = ["CheckFrame", "RecordingSource", "TargetRecording", "read_checks"]
 
 @dataclass(frozen=True)
 class RecordedDarks:
-    """Mean dark frames by exposure (s), what was left out of them, and exposures (s) of which none is whole."""
+    """Mean dark frames by exposure (s), the excluded frames, and exposures (s) without an intact dark frame."""
 
     darks: dict[float, Dark] = field(default_factory=dict)
     left_out: tuple[LeftOut, ...] = ()
@@ -56,19 +56,19 @@ class RecordedDarks:
 
 
 def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_damaged: bool = False) -> RecordedDarks:
-    """Return the dark frames of a session, nothing where none was to be recorded.
+    """Return the dark frames of a session; empty if none were planned.
 
     Parameters
     ----------
     folder, session, schedule
         The session and the steps of its first recording.
     skip_damaged
-        Average what is whole, and name what is not.
+        Average the intact frames, and list the damaged ones.
 
     Raises
     ------
     FileFormatError, StorageError
-        Unless ``skip_damaged``: if a dark frame is damaged, or their file is gone.
+        If a dark frame is damaged or the file of dark frames is missing, unless ``skip_damaged``.
     """
     if not schedule.count(Kind.DARK):
         return RecordedDarks()
@@ -87,7 +87,7 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
             if frames:
                 first = file.records[next(iter(frames))]
                 place = (int(first["row"]), int(first["column"]))
-                # each frame in the file is the mean of as many exposures as were asked for
+                # each frame in the file is the mean of the requested number of exposures
                 count = len(frames) * session.options.darks
                 shown = list(frames.values())
                 pairs = [difference_variance(*pair) for pair in pairwise(shown)]
@@ -116,7 +116,7 @@ def _whole(
 
 
 class RecordingSource(Frames):
-    """The acknowledged positions of a session, oldest recording first, later ones winning.
+    """Acknowledged frames of a session; a later recording of a position replaces an earlier one.
 
     Frames are cutouts with their place on the sensor. ``metadata`` contains the session's ``plan``, the camera's bit
     depth and saturation, and the recorded ``darks`` by exposure.
@@ -137,7 +137,7 @@ class RecordingSource(Frames):
     StorageError, FileFormatError
         If there is no session, or one of its files is damaged.
     InputError
-        If nothing was recorded, or the session has whole frames of a target (open it with `TargetRecording`).
+        If no frame was recorded, or the session has whole frames of a target (open it with `TargetRecording`).
     """
 
     of_whole_frames = False
@@ -167,7 +167,7 @@ class RecordingSource(Frames):
                 self._files.append(file)
             self._where, self._slots, self._flat = self._newest(planes)
             if not skip_damaged:
-                for k in np.unique(self._where).tolist():  # a file of which every position was recorded again may rot
+                for k in np.unique(self._where).tolist():  # ignore files whose positions were all recorded again
                     self._files[k].check()
             self._darks = read_darks(folder, session, schedules[0], skip_damaged=skip_damaged)
         except BaseException:
@@ -206,7 +206,7 @@ class RecordingSource(Frames):
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """What is known of all frames, made once."""
+        """Metadata of all frames, computed once."""
         return self._known()
 
     def _known(self) -> FrameMetadata:
@@ -248,7 +248,7 @@ class RecordingSource(Frames):
         return len(self._flat)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what the record of frame ``index`` says."""
+        """Return the metadata of frame ``index`` from its record."""
         k = check_index(index, len(self))
         record = self.record(k)
         return FrameInfo(
@@ -264,7 +264,7 @@ class RecordingSource(Frames):
         return self._files[self._where[index]].records[self._slots[index]]
 
     def suspects(self) -> list[tuple[Position, Suspicion]]:
-        """Return the positions whose content was suspicious when it was recorded, and of what."""
+        """Return the positions with suspicious content when they were recorded, and the suspected faults."""
         bits = np.zeros(len(self), np.uint8)
         for k, file in enumerate(self._files):
             here = self._where == k
@@ -287,7 +287,7 @@ class RecordingSource(Frames):
         return np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples; of frames made of several exposures the record knows how many were saturated."""
+        """Return the samples; for frames of several exposures, saturation comes from the record."""
         # means of several exposures have no single level of saturation
         if self.dtype.kind != "f":
             return super().samples(index, region)
@@ -296,7 +296,7 @@ class RecordingSource(Frames):
         )
 
     def repeats(self) -> FrameSource | None:
-        """Return the reference frames of the newest recording that has two or more, None without one."""
+        """Return the reference frames of the newest recording with at least two; None without such a recording."""
         for run in reversed(range(len(self.session.recordings))):
             found = [
                 (record, frame) for record, frame in _checks(self._folder, run) if record["kind"] == Kind.REFERENCE
@@ -424,21 +424,21 @@ class TargetRecording(RecordingSource):
 
     @property
     def target(self) -> TargetPlan:
-        """The plan that was recorded."""
-        return self.session.target  # type: ignore[return-value]  # `read_frame_plan` makes no other
+        """The recorded plan."""
+        return self.session.target  # type: ignore[return-value]  # `read_frame_plan` returns no other type
 
     @cached_property
     def frames(self) -> tuple[tuple[int, int], ...]:
-        """Plane and offset's number of every frame there is, as in `TargetPlan.frames`."""
+        """Plane and offset number of every recorded frame, as in `TargetPlan.frames`."""
         _, _, most = self.session.grid
         return tuple((flat // most, flat % most) for flat in self._flat.tolist())
 
     def _known(self) -> FrameMetadata:
-        # frames are no scan's
+        # frames are not those of a scan
         return replace(super()._known(), target=self.target, target_frames=self.frames, plan_shape=None)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what the record of frame ``index`` says, and which positions it was planned to show."""
+        """Return the metadata of frame ``index`` from its record, with the positions that it was planned to show."""
         k = check_index(index, len(self))
         record = self.record(k)
         return FrameInfo(

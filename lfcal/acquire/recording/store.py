@@ -1,4 +1,4 @@
-"""The recordings of one session as one place to write to: positions, checks and darks."""
+"""Write the files of a recording together: positions, checks and dark frames."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Store:
     schedule
         The steps.
     taken
-        For each kind, whether its slots contain an intact acknowledged frame; None: none does.
+        For each kind, whether each slot contains an intact acknowledged frame; None: none does.
     earlier
         Records ``[N]`` of all files of the recording, also of packed ones.
     """
@@ -45,7 +45,7 @@ class Store:
         self._journals = journals
         self._schedule = schedule
         self._taken = taken or {kind: np.zeros(j.layout.count, np.bool_) for kind, j in journals.items()}
-        # a resumed session counts on from its highest number, over all files
+        # a resumed session continues from its highest number in all files
         self._sequence = max((int(found["sequence"].max()) + 1 for found in earlier if len(found)), default=0)
         self.elapsed_s = max((float(found["elapsed_s"].max()) for found in earlier if len(found)), default=0.0)
 
@@ -60,7 +60,7 @@ class Store:
         *,
         reserve: int = 0,
     ) -> Store:
-        """Lay out and reserve the files of recording ``run``, of frames of ``dtype``; ``reserve`` bytes stay free."""
+        """Create the files of recording ``run`` for frames of ``dtype``; ``reserve`` bytes stay free on disk."""
         plans = files_of(schedule, dtype)
         require_space(folder, recording_bytes(schedule, dtype) + reserve, what="the recording and its reserve")
         opened: dict[Kind, RecordingJournal] = {}
@@ -69,7 +69,7 @@ class Store:
                 about = {**attributes, "holds": FILES[kind]}
                 opened[kind] = RecordingJournal.create(folder / file_name(kind, run), count, shape, sample, about)
         except BaseException:
-            # a half-made set of files would look like a recording to resume
+            # an incomplete set of files would look like a recording to resume
             for kind, journal in opened.items():
                 journal.close()
                 (folder / file_name(kind, run)).unlink(missing_ok=True)
@@ -86,7 +86,7 @@ class Store:
         identity: str,
         damaged: Callable[[str], NDArray[np.int64]],
     ) -> Store:
-        """Open the files of recording ``run`` to continue it; ``damaged`` lists the slots of a file to take again.
+        """Open the files of recording ``run`` to continue it; ``damaged`` lists the slots to take again by file.
 
         Raises `FileFormatError` if they belong to another session.
         """
@@ -111,17 +111,17 @@ class Store:
 
     @property
     def writable(self) -> bool:
-        """Whether any of the files still takes frames."""
+        """Whether any of the files can still be written."""
         return bool(self._journals)
 
     def put(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> None:
-        """Hand a frame with its note to the operating system."""
+        """Write a frame with its note, without waiting for the disk."""
         journal = self._journals[step.kind]
         journal.put(step.slot, frame.astype(journal.layout.dtype, copy=False), note, self._sequence)
         self._sequence += 1
 
     def sync(self, kinds: set[Kind]) -> None:
-        """Return when all frames of these kinds that were put are on the disk."""
+        """Wait until all frames of these kinds that were put are on disk."""
         # by identity, because reference and control frames share one journal
         for journal in {id(self._journals[kind]): self._journals[kind] for kind in kinds}.values():
             journal.sync()
@@ -135,7 +135,7 @@ class Store:
         return todo
 
     def checksums(self) -> dict[int, int]:
-        """Return the CRC-32 of every acknowledged position, with its number in the plan; none of a packed recording."""
+        """Return CRC-32 and position of every acknowledged frame, except those of packed recordings."""
         journal = self._journals.get(Kind.POSITION)
         if journal is None:
             return {}
@@ -157,7 +157,7 @@ def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
 
 
 def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
-    """Return count, shape and dtype of the file of each kind; references represent all checks."""
+    """Return count, shape and dtype of the file of each kind; references include all check frames."""
     plans: dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]] = {}
     for kind, count, shape, sample in (
         (Kind.POSITION, schedule.count(Kind.POSITION), schedule.window, dtype),
@@ -175,7 +175,7 @@ def _check_session(file: RecordingFile, wanted: tuple[int, tuple[int, int], np.d
     found = layout.attributes.get("session")
     for what, want, got in (
         ("frames", f"{count} of {shape} {sample}", f"{layout.count} of {layout.shape} {layout.dtype}"),
-        # a file put here from another session would be filled up with this one's frames
+        # otherwise a file copied from another session would be filled with frames of this one
         ("session", identity, found),
     ):
         if want != got:

@@ -1,4 +1,4 @@
-"""A thread that waits for the disk while the next frame is being taken.
+"""Wait for the disk in a thread while the next frame is being taken.
 
 The disk then works in parallel with stage and camera, and a disk that is slower than the camera writes several frames
 in one sync. Nothing is acknowledged before it is on the disk. Frames in flight when the program dies are taken again.
@@ -21,14 +21,14 @@ __all__ = ["Acknowledged", "Sink", "Writer"]
 
 
 class Sink(Protocol):
-    """Where frames go."""
+    """Receiver of frames."""
 
     def put(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> None:
-        """Hand a frame with its note to the operating system."""
+        """Write a frame with its note, without waiting for the disk."""
         ...
 
     def sync(self, kinds: set[Kind]) -> None:
-        """Return when all frames of these kinds that were put are on the disk."""
+        """Wait until all frames of these kinds that were put are on disk."""
         ...
 
 
@@ -41,9 +41,9 @@ class Acknowledged(NamedTuple):
 
 
 class Writer:
-    """Put frames into a `Sink` and have a thread make them safe, at most ``depth`` in flight.
+    """Put frames into a `Sink`, and synchronize it in a thread, with at most ``depth`` frames in flight.
 
-    All methods are for one thread. An error of the disk is raised by one of the next ``depth`` calls; nothing is
+    Call all methods from one thread. An error of the disk is raised by one of the next ``depth`` calls; nothing is
     acknowledged after it.
     """
 
@@ -57,7 +57,7 @@ class Writer:
         self._thread.start()
 
     def submit(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> list[Acknowledged]:
-        """Put a frame, waiting while ``depth`` others are in flight; return what became safe meanwhile."""
+        """Put a frame, waiting while ``depth`` others are in flight; return the frames acknowledged meanwhile."""
         while self._in_flight >= self._depth:
             self._take(self._answers.get())
         self._sink.put(step, frame, note)
@@ -66,7 +66,7 @@ class Writer:
         return self.collect()
 
     def collect(self) -> list[Acknowledged]:
-        """Return what became safe since the last call, without waiting."""
+        """Return the frames acknowledged since the last call, without waiting."""
         while self._in_flight:
             try:
                 answer = self._answers.get_nowait()
@@ -76,20 +76,20 @@ class Writer:
         return self._handed_out()
 
     def flush(self) -> list[Acknowledged]:
-        """Wait until everything put is safe; return what became so."""
+        """Wait until all frames put are on disk; return those acknowledged meanwhile."""
         while self._in_flight:
             self._take(self._answers.get())
         return self._handed_out()
 
     def salvage(self) -> list[Acknowledged]:
-        """Wait for what can still become safe after an error and return it; raises nothing of the disk's."""
+        """Wait for frames that can still be saved after an error, and return them; raises no storage error."""
         with suppress(LfcalError, OSError):
             while self._in_flight:
                 self._take(self._answers.get())
         return self._handed_out()
 
     def close(self) -> None:
-        """End the thread after what is in flight; may be called twice."""
+        """End the thread after the frames in flight; may be called twice."""
         self._jobs.put(None)
         self._thread.join()
 
@@ -106,7 +106,7 @@ class Writer:
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
-            # one sync for all that waits: a slow disk is called less often
+            # one sync for all waiting frames, so that a slow disk is called less often
             batch, last = [job], False
             while not self._jobs.empty():
                 more = self._jobs.get()
@@ -116,7 +116,7 @@ class Writer:
                 batch.append(more)
             try:
                 self._sink.sync({item.step.kind for item in batch})
-            except BaseException as error:  # it belongs to the thread that records
+            except BaseException as error:  # raise it in the recording thread
                 self._answers.put(error)
                 return
             self._answers.put(batch)

@@ -1,8 +1,8 @@
-"""Live set-up: measurements that a user needs before the session begins, independent of the window.
+"""Live set-up: measurements needed before a session, independent of the window.
 
 - ``lfcal.acquire.spots``: place, sharpness and displacement of the spot
 - ``stage_fit``: stage-to-image scale, rotation and sign from a few moves, and the movement in depth
-- ``optical_axis``: the place where moving in depth does not move the image
+- ``optical_axis``: the lateral position at which a movement in depth does not move the image
 - ``exposure``: exposure time for each plane
 - ``live``: the live view with histogram, exact saturation, and the planned place of the image
 """

@@ -1,4 +1,4 @@
-"""An exposure time for each plane: bright, and nothing saturated."""
+"""Find an exposure time for each plane: bright, but not saturated."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ TRIES = 12
 def suggest_exposure(
     peak: float, exposure_s: float, *, black_level: float, max_value: float, target: float = 0.7
 ) -> float | None:
-    """Return the exposure at which ``peak`` counts become ``target`` of the range above black (s).
+    """Return the exposure (s) that brings a peak of ``peak`` counts to the share ``target`` of the range above black.
 
-    None when the frame is saturated, which hides how bright it is, or shows no light.
+    None if the frame is saturated, because its brightness is then unknown, or shows no light.
 
     Examples
     --------
@@ -51,10 +51,10 @@ def iter_exposures(
 ) -> Work[tuple[float, ...]]:
     """Find an exposure for every plane at four positions of its cell.
 
-    Nothing is recorded, and the stage returns to where it was.
+    Nothing is recorded, and the stage returns to its previous position.
 
-    The brightest of the positions (corner, middle, and half-way along either side) peaks at ``target`` of the
-    range above black.
+    The brightest of the positions (corner, middle, and half-way along either side) has a peak of the share ``target``
+    of the range above black.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def iter_exposures(
                         "too dark or too bright at every exposure",
                         "change the lamp or the iris",
                     )
-                # the brightest place of a plane decides; the first only starts the search
+                # the brightest place of a plane decides; the first is only a start of the search
                 seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
             found.append(seconds)
     yield clock.at(nz)
@@ -112,7 +112,7 @@ def _settle(
     for _ in range(TRIES):
         peak = float(looker.expose(seconds).max())
         better = suggest(peak, seconds)
-        if better is None:  # saturated, or dark: how far off cannot be seen
+        if better is None:  # saturated or dark: the factor is unknown
             better = seconds / 4 if peak >= max_value else seconds * 8
         elif 0.5 < better / seconds < 2:
             return min(better, longest_s)

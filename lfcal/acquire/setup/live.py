@@ -1,4 +1,4 @@
-"""The live view: frames as they come, each with its exact numbers."""
+"""The live view: frames as they arrive, each with exact measurements."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _count(data: NDArray[Any], histogram: NDArray[np.int64]) -> None:
     last = histogram.size - 1
     for i in range(data.shape[0]):
         for j in range(data.shape[1]):
-            # one pass without a copy: np.bincount would first widen a frame of 16 bits to 64
+            # one pass without a copy; np.bincount would convert 16 bits to 64 first
             histogram[min(int(data[i, j]), last)] += 1
 
 
@@ -43,12 +43,12 @@ class Levels:
 
     @property
     def pixels(self) -> int:
-        """Pixels counted."""
+        """Number of pixels."""
         return int(self.histogram.sum())
 
     @property
     def saturated(self) -> int:
-        """Pixels at the highest value."""
+        """Number of pixels at the highest value."""
         return int(self.histogram[-1])
 
     @property
@@ -57,8 +57,8 @@ class Levels:
         return int(np.flatnonzero(self.histogram)[-1])
 
     def quantile(self, share: float) -> int:
-        """Return the sample value below or at which ``share`` of the pixels lie."""
-        total = np.cumsum(self.histogram)  # exact for whole numbers, where sorting the frame would cost its copy
+        """Return the sample value that a share ``share`` of the pixels does not exceed."""
+        total = np.cumsum(self.histogram)  # exact for whole numbers, without a sorted copy of the frame
         return int(np.searchsorted(total, share * total[-1]))
 
 
@@ -115,7 +115,7 @@ class LiveState:
 
 
 def predicted_image(plan: ScanPlan, stage_um: Point) -> tuple[float, float]:
-    """Return where the plan expects the image (row, column) with the stage at ``stage_um``; sensor pixels.
+    """Return the image position (row, column) that the plan expects for the stage at ``stage_um`` (sensor pixels).
 
     Examples
     --------
@@ -142,7 +142,7 @@ def iter_live(
     plan: ScanPlan | None = None,
     timeout_s: float = 5.0,
 ) -> Generator[LiveState, float | None, None]:
-    """Grab whole frames until stopped, put each into ``preview`` and yield its measurements.
+    """Grab whole frames until stopped; put each into ``preview`` and yield its measurements.
 
     Send a number to change the exposure (s). A missing or incomplete frame is reported in `LiveState.trouble`, and the
     view continues.
@@ -190,6 +190,6 @@ def iter_live(
             except InputError:
                 spot = None
             wanted = yield LiveState(counts, spot, stage, expected)
-        # only where it changes: some cameras restart their stream for it
+        # only if it changes, because some cameras restart their stream
         if wanted is not None:
             seconds = camera.set_exposure(wanted).actual

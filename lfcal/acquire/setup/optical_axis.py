@@ -1,4 +1,4 @@
-"""Where the optical axis is: the place at which moving in depth does not move the image."""
+"""Find the optical axis: the lateral position at which a movement in depth does not move the image."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ __all__ = ["OpticalAxis", "find_optical_axis", "iter_optical_axis"]
 
 @dataclass(frozen=True, slots=True)
 class OpticalAxis:
-    """Place of the optical axis in object space and on the sensor.
+    """Position of the optical axis in object space and on the sensor.
 
     Attributes
     ----------
     object_um
-        Lateral place (right, down) at which the image does not move while the depth changes (µm).
+        Lateral position (right, down) at which the image does not move while the depth changes (µm).
     image_px
         Place of that image on the sensor (row, column).
     residual_px
@@ -38,7 +38,7 @@ class OpticalAxis:
 
 
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
-    """Return the axis from images seen at several depths and lateral places.
+    """Return the axis from images of the source at several depths and lateral positions.
 
     In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral place p; the axis is the p
     at which all planes agree, by least squares.
@@ -53,8 +53,9 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     Raises
     ------
     InputError
-        If the magnification does not change over the depths: a telecentric system has no such place, and an image that
-        moves then shows a tilted stage axis.
+        If the magnification is the same at all depths. A telecentric system has no such axis; if its image moves, a
+        stage
+        axis is tilted.
 
     Examples
     --------
@@ -106,14 +107,14 @@ def iter_optical_axis(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[OpticalAxis]:
-    """Look at 45 places in each of ``planes`` (default: first and last) and find the axis.
+    """Find the axis from images at 45 lateral positions in each of ``planes`` (default: first and last).
 
-    Nothing is recorded, and the stage returns to where it was.
+    Nothing is recorded, and the stage returns to its previous position.
 
     Raises
     ------
     InputError
-        Before anything moves: if these are not two planes or more.
+        If there are fewer than two planes; nothing was moved.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""The check of the stage before a session: sign, scale, angle, return to a place, and movement in depth.
+"""Check the stage before a session: sign, scale, angle, repeatability, and movement in depth.
 
-A fault of these is in every frame, and no frame shows it. What cannot be measured is said, and refuses nothing.
+Such a fault affects every frame, and no frame shows it. Properties that cannot be measured are only noted.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ __all__ = ["STAGE", "StageCheck", "iter_stage_check"]
 R = TypeVar("R")
 
 STAGE = "stage check"
-"""Stage of the check's progress; its last note is those of `StageCheck`."""
+"""Label of the check's progress; its last note contains those of `StageCheck`."""
 STILL, VISITS = 3, 5
-"""Exposures without a move, and visits of the middle of the cell: the scatter of its image, without and with moves."""
+"""Exposures without a move, and visits of the middle of the cell: they show the scatter without and with moves."""
 REPEAT_PX = 0.25
 """Largest RMS distance of the image of one place from its mean, along an axis (pixels)."""
 FLOOR_PX = 0.05
-"""Centroids are never taken to be better known than this (pixels)."""
+"""Smallest assumed error of a centroid (pixels)."""
 ROUGH = 0.1
-"""Scale errors that are seen in any case, where the lenslets' pattern does not cancel between the places."""
+"""Relative scale error that is detected even if the lenslets' pattern does not cancel between the places."""
 AWAY_PX, NEAR, TRIES = 0.3, 0.2, 3
-"""Images farther from where they were planned are looked at again, so often, where the scale error is below `NEAR`."""
+"""Displacement from plan above which images are taken again, and how often, if the scale error is below `NEAR`."""
 FOCUSED_SIGMAS = 20.0
 
 
@@ -69,7 +69,7 @@ class StageCheck:
     repeat_px
         RMS distance of the image of one place from its mean over several visits, along an axis (pixels).
     depth
-        Movement in depth; None where it was not measured.
+        Movement in depth; None if it was not measured.
     notes
         Omitted checks and remarks, one sentence each.
     frames
@@ -84,11 +84,11 @@ class StageCheck:
 
     @property
     def words(self) -> str:
-        """The result as one line, as ``session.json`` stores it."""
+        """The result as one line, the form stored in ``session.json``."""
         if not self.fits:
             return "; ".join(self.notes) or "stage not checked: check_stage is off"
         right, down = self.fits[0].scale
-        said = [f"checked: scale right {right:.4f}, down {down:.4f}, place repeated to {self.repeat_px:.2f} px rms"]
+        said = [f"checked: scale right {right:.4f}, down {down:.4f}, repeatability {self.repeat_px:.2f} px rms"]
         if self.depth is not None:
             said.append(f"depth scale {self.depth.scale:.3f} ± {self.depth.error:.3f}")
         return "; ".join((*said, *self.notes))
@@ -101,7 +101,7 @@ def _left_out(why: str) -> StageCheck:
 def iter_stage_check(
     rig: Rig, plan: ScanPlan | FramePlan, options: Options | None = None, control: Control | None = None
 ) -> Work[StageCheck]:
-    """Visit five places in the first and in the last plane, the middle of the cell several times.
+    """Check the stage at five places in the first and last plane; the middle of the cell is visited several times.
 
     Nothing is recorded, and the stage returns to its previous place.
 
@@ -119,7 +119,7 @@ def iter_stage_check(
     DeviceError
         If a device fails more often than `Options.retries` allows.
     Cancelled
-        If an end was requested through the control.
+        If a stop was requested through the control.
 
     Examples
     --------
@@ -133,11 +133,11 @@ def iter_stage_check(
     16 frames: [1.0, 1.0] ()
     """
     options, control = options or Options(), control or Control()
-    if not options.check_stage:  # the user asked for it: no note
+    if not options.check_stage:  # omitted by the user, so no note is needed
         return StageCheck()
     found = None
     if not isinstance(plan, ScanPlan):
-        found = _left_out("its sign and scale are measured with a single point, not with a target")
+        found = _left_out("sign and scale can be measured only with a single point, not with a target")
     elif CheckedStage.of(rig.stage).moved_elsewhere:
         found = _left_out("another program moves it")
     else:
@@ -232,11 +232,11 @@ class _Watch:
         self.frames = 0
 
     def turn(self, z: int, visits: int) -> None:
-        """Look at plane ``z`` from now on, ``visits`` times at the middle of the cell."""
+        """Select plane ``z``, with ``visits`` visits at the middle of the cell."""
         self._z, self._visits = z, visits
 
     def looks(self, places: NDArray[np.float64], clock: Clock) -> Work[_Looks]:
-        """Return the images at ``places`` ``(5, 3)``; the first place is visited between the others."""
+        """Return the images at ``places`` ``(5, 3)``; the first place is visited again between the others."""
         order = [0] + [k for corner in range(1, 5) for k in ((corner, 0) if self._visits > 1 else (corner,))]
         stage, still = np.zeros((5, 3)), np.zeros((0, 2))
         seen: list[list[Spot]] = [[] for _ in places]
@@ -255,7 +255,7 @@ class _Watch:
         return _Looks(stage, means, spread, _centroids(seen[0]), still, middle)
 
     def focused(self, places: NDArray[np.float64]) -> bool:
-        """Return whether light in single pixels moves with the stage: a source in focus, which is no spot."""
+        """Return whether light in single pixels moves with the stage, as for a source in focus."""
         lit = []
         for place in places[:2]:
             self._go(place)
@@ -324,14 +324,14 @@ def _check_repeat(repeat: float, still: float, notes: list[str]) -> None:
         return
     if repeat <= 3 * still:
         notes.append(
-            f"whether the stage returns to a place was not checked: its image scatters by {still:.2f} px without a move"
+            f"the repeatability of the stage was not checked: the image scatters by {still:.2f} px without a move"
         )
         return
     raise InputError.expected(
         f"image of one place, visited {VISITS} times",
         f"within {REPEAT_PX:g} px rms",
         f"{repeat:.2f} px rms ({still:.2f} px without a move)",
-        "the stage does not return to a place: check coupling, load and encoder, or record with --no-check-stage",
+        "the stage is not repeatable: check coupling, load and encoder, or record with --no-check-stage",
     )
 
 
@@ -343,17 +343,17 @@ def _judged(plan: ScanPlan, looks: list[_Looks], optics: str, notes: list[str], 
     fits = tuple(fit_stage(plan, z, look.stage, look.places) for z, look in zip(planes, looks, strict=False))
     check_axes(fits[0], plan)
     moves = plan.stage.to_object(looks[0].stage)[:, :2] / plan.camera.step_um(plan.depths_um[0])
-    # of the slopes of a fit to four corners
+    # error of the slopes of a fit to four corners
     error = max(FLOOR_PX, still, repeat, *(fit.residual_px for fit in fits)) / np.ptp(moves, axis=0)
     rough, seen = "", ROUGH
     if not _has_room(plan):
-        rough = "the sensor has no room for a move of the cutout by a period"
+        rough = "the sensor has no room to move the cutout by a period"
     elif (np.abs(phase_drift(plan)) > PHASE).any():
         rough = "the plan's period is not the lenslets'"
-        # a centroid between lenslets is off by up to half a pitch
+        # between lenslets, a centroid is wrong by up to half a pitch
         seen = max(ROUGH, plan.camera.pitch_px / 2 / float(np.ptp(moves, axis=0).min()))
     if rough:
-        notes.append(f"stage scale checked to {seen:.0%} only, depth axis not checked: {rough}")
+        notes.append(f"stage scale checked only to {seen:.0%}, depth axis not checked: {rough}")
     depth = None
     if len(fits) == 2 and not rough:
         depth = depth_fit(

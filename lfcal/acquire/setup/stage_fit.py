@@ -1,6 +1,6 @@
-"""Stage-to-image scale, rotation and sign from a few moves, and how far the stage moves in depth.
+"""Measure stage-to-image scale, rotation and sign from a few moves, and the movement in depth.
 
-A scan with a wrong sign yields an H that is useless and looks fine: nothing costs more, so it is measured.
+A scan with a wrong sign yields a useless H that looks correct, so the sign is measured.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ __all__ = [
 
 SENSES = ("right", "down")
 CELL_PX = 0.25
-"""Largest displacement of the source over one period by an error of the scale or the angle (pixels)."""
+"""Tolerated displacement of the source over one period by an error of scale or angle (pixels)."""
 PHASE = 0.1
-"""Part of a period by which the lenslets' pattern may be displaced between places that are to look the same."""
+"""Tolerated displacement of the lenslets' pattern, in periods, between places that should look the same."""
 
 
 @dataclass(frozen=True, slots=True)
 class StageFit:
-    """Measured motion of the image by the stage, compared with the plan.
+    """Measured motion of the image with the stage, compared with the plan.
 
     Attributes
     ----------
@@ -68,32 +68,32 @@ class StageFit:
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Movement over plan along the axes that should move the image right and down."""
+        """Measured over planned movement, for the axes that should move the image right and down."""
         (a, b), (c, d) = self.matrix
         return math.hypot(a, c), math.hypot(b, d)
 
     @property
     def mirrored(self) -> bool:
-        """Whether an axis runs in the wrong direction, or the axes are swapped."""
+        """Whether an axis is reversed, or the axes are swapped."""
         (a, b), (c, d) = self.matrix
         return a * d - b * c < 0
 
     @property
     def orientation(self) -> str:
-        """What would make the live image move as planned, one of `lfcal.frames.ORIENTATIONS`."""
+        """Orientation of the live image that makes it move as planned, one of `lfcal.frames.ORIENTATIONS`."""
         (a, b), (c, d) = self.matrix
         return nearest_orientation(((d, c), (b, a)))[0].name
 
     @property
     def rotation_rad(self) -> float:
-        """Rotation of the image's movement against the plan, right towards down positive (rad)."""
+        """Rotation of the image's movement relative to the plan (rad), positive from right to down."""
         (a, b), (c, d) = self.matrix
         sign = -1.0 if self.mirrored else 1.0
         return math.atan2(c - sign * b, a + sign * d)
 
 
 def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) -> StageFit:
-    """Return the fit of seen image positions to stage positions in one depth plane.
+    """Fit image positions to stage positions in one depth plane.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     solution, *_ = np.linalg.lstsq(design, seen, rcond=None)
     matrix = solution[:2].T
     residual = float(np.sqrt(((design @ solution - seen) ** 2).sum(axis=1).mean()))
-    # noise of the centroids alone fits a matrix near zero
+    # centroids that consist of noise give a matrix near zero
     if np.linalg.norm(matrix) < 0.05:
         raise InputError.expected(
             "image",
@@ -151,7 +151,7 @@ def _axes(plan: ScanPlan, z: int, matrix: NDArray[np.float64], at_origin: NDArra
     """Return stage axes that fit ``matrix``, with the origin where the image is at the sensor's centre."""
     old = plan.stage
     planned = (old.right, old.down)
-    # the larger pair of entries shows which stage axis moves the image sideways
+    # the larger pair of entries shows the stage axis that moves the image sideways
     swapped = abs(matrix[0, 1]) + abs(matrix[1, 0]) > abs(matrix[0, 0]) + abs(matrix[1, 1])
     names = []
     for image in range(2):
@@ -169,7 +169,7 @@ def _turned(axis: str) -> str:
 
 
 def check_axes(fit: StageFit, plan: ScanPlan) -> None:
-    """Raise `InputError` if an axis of the stage runs the wrong way, or the two sideways ones are swapped."""
+    """Raise `InputError` if a lateral stage axis is reversed, or the two are swapped."""
     old, new = plan.stage, fit.axes
     if (old.right, old.down) != (new.right, new.down):
         why = "" if fit.orientation == AS_IS else f": {either_words(fit.orientation)}"
@@ -182,7 +182,7 @@ def check_axes(fit: StageFit, plan: ScanPlan) -> None:
 
 
 def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, residual_px: float = 2.0) -> None:
-    """Raise `InputError` if the stage does not move the image as the plan says.
+    """Raise `InputError` if the stage does not move the image as planned.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
         if abs(value - 1) * period > cell_px:
             raise InputError.expected(
                 f"image movement to the {sense}" if sense == "right" else "image movement down",
-                f"{period} px over a period of the lenslets, to {cell_px:.2g} px",
+                f"{period} ± {cell_px:.2g} px over a period of the lenslets",
                 f"{value * period:.2f} px, {100 * (value - 1):+.2f} %",
                 "correct the camera's magnification or working distance in the plan, or the stage's scale",
             )
@@ -227,18 +227,18 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     if fit.residual_px > residual_px:
         raise InputError.expected(
             "image movement",
-            f"straight to {residual_px:g} px rms",
+            f"linear within {residual_px:g} px rms",
             f"{fit.residual_px:.2f} px",
-            "check that only one spot is seen, and the stage",
+            "check the stage, and that only one spot is visible",
         )
 
 
 def iter_stage_fit(
     rig: Rig, plan: ScanPlan, *, z: int = 0, options: Options | None = None, control: Control | None = None
 ) -> Work[StageFit]:
-    """Move to the corners and the middle of a rectangle about the cell, and fit how the image moves.
+    """Measure the motion of the image with moves to the corners and the middle of a rectangle about the cell.
 
-    It spans `places_about`. Nothing is recorded, and the stage returns to where it was.
+    `places_about` gives the rectangle. Nothing is recorded, and the stage returns to its previous position.
 
     Examples
     --------
@@ -266,7 +266,7 @@ def iter_stage_fit(
 
 
 def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
-    """Return by which part of itself a period of the plan differs from that of the lenslets ``(y, x)``."""
+    """Return the relative difference ``(y, x)`` of the plan's period from that of the lenslets."""
     if plan.resample:
         return np.zeros(2)
     drift: NDArray[np.float64] = np.array(plan.period_residual_px) / np.array(plan.period)
@@ -274,7 +274,7 @@ def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
 
 
 def room(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return by how many periods ``(y, x)`` the cutout of the middle of the cell can move before and after it."""
+    """Return how many periods ``(y, x)`` the cutout of the cell's middle can move in either direction."""
     image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
     half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
     periods = np.array(plan.period) / factors
@@ -284,10 +284,10 @@ def room(plan: ScanPlan) -> NDArray[np.intp]:
 def places_about(
     plan: ScanPlan, z: int, limits: Limits, overshoot_um: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Return five places of the stage ``(5, 3)``: the middle of the cell in plane ``z``, and a rectangle about it (µm).
+    """Return five stage positions ``(5, 3)`` (µm): the middle of the cell in plane ``z``, and a rectangle about it.
 
-    Its corners are whole periods from the middle, over which the lenslets' pattern cancels: three periods or a tenth
-    of the sensor. They are closer if the period was rounded, the cutout would leave the sensor, or the stage its
+    The corners are whole periods from the middle, so that the lenslets' pattern cancels: three periods or a tenth of
+    the sensor. They are closer if the period was rounded, or if the cutout would leave the sensor or the stage its
     travel. If the sensor has no `room`, they are one period away.
 
     Raises
@@ -301,7 +301,7 @@ def places_about(
     cut = before + after < 1
     before[cut], after[cut] = 1, 1
     reach = np.maximum(3, np.rint(np.array(plan.camera.sensor.shape) / 10 / period).astype(int))
-    # a period of the plan is rounded to whole pixels: so many of them are still about as many of the lenslets
+    # the plan's period is rounded to whole pixels; over this many periods, the error is still small
     drift = np.maximum(np.abs(phase_drift(plan)), 1e-9)
     reach = np.maximum(1, np.minimum(reach, np.minimum(PHASE / drift, 1e6).astype(int)))
     while True:
@@ -320,20 +320,20 @@ def places_about(
 
 
 ENOUGH = 0.1
-"""Largest error of the depth scale for which the growth of the image is used."""
+"""Largest error of the depth scale at which the change of magnification is used."""
 GROWTH_OFF, SPREAD_OFF, SPREAD_NOTED = 0.05, 1 / 3, 0.06
-"""Depth scales that are refused, by the growth and by the spread, and one of the spread that is noted.
+"""Deviations of the depth scale that are refused (by growth, by spread), and one of the spread that is noted.
 
 The first depends on the working distance of the lens too, the others on how the source fills the aperture.
 """
 STILL = 0.2
 """Share of the expected movement below which a depth axis is reported not to move."""
 ALIKE, APART_PX = 0.98, 2.0
-"""Correlation of two planes that are one, where the pattern's edge should have moved so far (pixels)."""
+"""Correlation above which two planes are the same, if the pattern's edge should have moved so far (pixels)."""
 
 
 class DepthLook(NamedTuple):
-    """What was seen in a plane: fit, spread of the light at the places (pixels), cutout of the middle of the cell."""
+    """Measurements in a plane: fit, spread of the light at the places (pixels), cutout of the middle of the cell."""
 
     fit: StageFit
     spread: NDArray[np.float64]
@@ -347,7 +347,7 @@ class DepthFit:
     Attributes
     ----------
     scale, error
-        Ideally 1, with its standard deviation; NaN if it cannot be measured.
+        Measured over planned movement and its standard deviation; ideally 1, NaN if it cannot be measured.
     by
         ``"growth"`` of the image's movement with depth, ``"spread"`` of the pattern (for a telecentric camera), or why
         neither is measurable.
@@ -381,14 +381,14 @@ def depth_fit(
         first_seen, last_seen = (math.sqrt(abs(np.linalg.det(np.array(look.fit.matrix)))) for look in looks)
         return DepthFit((last / last_seen / (step / first_seen) - 1) / grows, error, "growth")
     if optics == "pattern":
-        return DepthFit(math.nan, math.nan, "the quick pattern of the simulator does not spread as a lens does")
+        return DepthFit(math.nan, math.nan, "the simulator's quick pattern does not spread with depth")
     first, second = looks
     edges = [half_extent_px(plan.camera, plan.depths_um[z]) for z in (0, -1)]
     if abs(edges[1] - edges[0]) > APART_PX and _correlation(first.frame, second.frame) > ALIKE:
         return DepthFit(0.0, 0.0, "spread")
     places = [_depth_of(plan, z, look.spread) for z, look in zip((0, -1), looks, strict=True)]
     if not any(known for _, known in places):
-        return DepthFit(math.nan, math.nan, "patterns of few lenslets do not show it")
+        return DepthFit(math.nan, math.nan, "patterns cover too few lenslets")
     away = places[1][0] - places[0][0]
     return DepthFit(away / (plan.depths_um[-1] - plan.depths_um[0]), SPREAD_NOTED / 3, "spread")
 
@@ -403,7 +403,7 @@ def _depth_of(plan: ScanPlan, z: int, spread: NDArray[np.float64]) -> tuple[floa
         return planned, False
     share = np.linspace(0.0, 4.0, 201)
     radii = np.array([rms_radius_px(camera, planned * s) for s in share])
-    # from the focus on it grows
+    # it grows with the distance from focus
     start = int(np.argmin(radii))
     return planned * float(np.interp(float(np.median(spread)), radii[start:], share[start:])), True
 
@@ -415,7 +415,7 @@ def _correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
 
 
 def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
-    """Raise `InputError` if the movement in depth is not the plan's; return what is worth knowing of it."""
+    """Raise `InputError` if the movement in depth differs from the plan; return remarks about it."""
     if math.isnan(fit.scale):
         return (f"depth axis not checked: {fit.by}",)
     off, axis = abs(fit.scale - 1), plan.stage.away[1]
@@ -423,17 +423,17 @@ def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
     by = "how the image's movement" if fit.by == "growth" else "how the pattern"
     what = f"depth axis {axis} of the stage"
     if off > (GROWTH_OFF if fit.by == "growth" else SPREAD_OFF) + 3 * fit.error:
-        got = f"{fit.scale:.3f} times that by {by} grows"
+        got = f"{fit.scale:.3f} times that, from {by} grows"
         remedy = f"correct the scale of axis {axis}, or the camera's working distance, or record with --no-check-stage"
         if abs(fit.scale) < STILL + 3 * fit.error:
             got, remedy = "the image of one plane in both", f"axis {axis} does not move: check its drive"
         elif fit.scale < 0:
-            remedy = "it runs the wrong way: set the other sense in the plan"
+            remedy = "the axis is reversed: set the opposite sense in the plan"
         raise InputError.expected(what, f"a move of {way:g} µm from the first to the last plane", got, remedy)
     edges = [half_extent_px(plan.camera, plan.depths_um[z]) for z in (0, -1)]
     moved = max(abs(edges[1] - edges[0]), 1e-9)
     notes = () if fit.by == "growth" else (f"sense of the {what} not checked: the camera is telecentric",)
     if off <= (max(CELL_PX / moved, 3 * fit.error) if fit.by == "growth" else SPREAD_NOTED):
         return notes
-    how = f"{fit.scale:.3f} ± {fit.error:.3f} times as far as planned by {by} grows"
+    how = f"{fit.scale:.3f} ± {fit.error:.3f} times as far as planned, from {by} grows"
     return (*notes, f"{what} moves {how}: check its scale")

@@ -1,4 +1,4 @@
-"""The functions of libaravis-0.8 that are used here, by ctypes: no introspection, no build step."""
+"""Call the functions of libaravis-0.8 through ctypes, without introspection and without a build step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STATUS = (
     "aborted",
     "payload not supported",
 )
-"""What a buffer's status means, from 0."""
+"""Meaning of a buffer's status codes, from 0."""
 
 SILENT = (2, 4, 5)
 """Codes of ``ARV_DEVICE_ERROR``: not connected, transfer error, timeout."""
@@ -92,7 +92,7 @@ _FAILING: dict[str, tuple[Any, tuple[Any, ...]]] = {
 
 
 class AravisError(Exception):
-    """What a ``GError`` says; ``silent`` if the device did not answer at all."""
+    """Message of a ``GError``; ``silent`` if the device did not respond at all."""
 
     def __init__(self, message: str, *, silent: bool = False) -> None:
         super().__init__(message)
@@ -144,7 +144,7 @@ def _checked(name: str, function: Any, free: Any) -> Callable[..., Any]:
         if error:
             message = (error.contents.message or b"").decode(errors="replace")
             silent = error.contents.code in SILENT and "timeout" in message
-            # an error of GLib belongs to the caller and must be freed
+            # the caller owns an error of GLib and must free it
             free(error)
             raise AravisError(f"{name}: {message}", silent=silent)
         return result

@@ -1,4 +1,4 @@
-"""What the backends of real cameras share: facts of the sensor, fixed settings, and stages where there is none."""
+"""Shared by the backends of real cameras: facts of the sensor, fixed settings, and substitutes for a missing stage."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CameraFacts:
 
 
 Read = Callable[[str], str | None]
-"""Returns the value of a setting as text; None where the camera has none of that name, or it cannot be read now."""
+"""Function that returns a setting as text, or None if the camera does not have it or cannot read it now."""
 
 GENICAM: Mapping[str, str] = {
     "ExposureAuto": "Off",
@@ -64,27 +64,27 @@ GENICAM: Mapping[str, str] = {
 }
 """Features of GenICam cameras (most are in the SFNC), and the value that leaves samples proportional to light.
 
-Static correction of defects is left as it is: it replaces the same few pixels in every frame.
+Static correction of defects is not changed, because it replaces the same few pixels in every frame.
 """
 
 RECORDED = ("Gain", "GainRaw", "BlackLevel", "BlackLevelRaw", "DigitalShift")
-"""Features that scale or shift all samples alike: only recorded."""
+"""Features that scale or shift all samples equally; they are only recorded."""
 
 UNREADABLE = "cannot be read"
-"""Value of a setting that is there and cannot be read."""
+"""Value recorded for a setting that exists but cannot be read."""
 
 OFF = ("off", "false", "0", "no", "disable", "disabled", "manual", "none")
 
 
 def off_value(allowed: Sequence[str]) -> str | None:
-    """Return which of the ``allowed`` values switches a setting off; None where none is known to."""
+    """Return the one of the ``allowed`` values that switches a setting off; None if none is known."""
     return next((value for word in OFF for value in allowed if value.strip().lower() == word), None)
 
 
 def switch_off(wanted: Mapping[str, str], read: Read, write: Callable[[str, str], None]) -> None:
-    """Give every setting that the camera has its ``wanted`` value.
+    """Set every setting that the camera has to its ``wanted`` value.
 
-    ``write`` raises nothing where a setting is read-only, locked or without that value: `read_settings` shows it.
+    ``write`` must not raise an error if a setting is read-only, locked or lacks that value; `read_settings` shows it.
     """
     for name, value, found in _found(wanted, read):
         if value is not None and not _same(value, found):
@@ -92,7 +92,7 @@ def switch_off(wanted: Mapping[str, str], read: Read, write: Callable[[str, str]
 
 
 def read_settings(wanted: Mapping[str, str], noted: Sequence[str], read: Read) -> dict[str, Setting[str | None]]:
-    """Return what the camera has of the settings: the value asked for, None where any will do, and the one it has."""
+    """Return the camera's settings, each with the requested value (None: any) and the present one."""
     settings: dict[str, Setting[str | None]] = {}
     for name, value, found in _found(wanted, read):
         settings[name] = Setting(value, value if value is not None and _same(value, found) else found)
@@ -138,28 +138,28 @@ _ANYWHERE: Limits = ((-math.inf, math.inf), (-math.inf, math.inf), (-math.inf, m
 
 
 class NoStage:
-    """The place where a stage belongs."""
+    """Substitute for the stage of a camera without one."""
 
     name = "no stage"
     limits = _ANYWHERE
 
     def move(self, target: Point) -> None:
-        """Refuse."""
-        raise StageError("stage: this camera has none; name the backend of the stage")
+        """Raise `StageError`."""
+        raise StageError("stage: this camera has none; choose the backend of the stage (--stage)")
 
     def moving(self) -> bool:
         """Return False."""
         return False
 
     def position(self) -> Point:
-        """Refuse."""
-        raise StageError("stage: this camera has none; name the backend of the stage")
+        """Raise `StageError`."""
+        raise StageError("stage: this camera has none; choose the backend of the stage (--stage)")
 
     def stop(self) -> None:
         """Do nothing."""
 
     def home(self) -> None:
-        """Refuse."""
+        """Raise `StageError`."""
         self.move((0.0, 0.0, 0.0))
 
     def close(self) -> None:
@@ -167,7 +167,7 @@ class NoStage:
 
 
 class ExternalStage:
-    """A source that another program or a person moves: its place is taken to be where it was asked to be."""
+    """Source that another program or a person moves; it is assumed to be at the last target."""
 
     name = "moved by another program"
     moved_elsewhere = True
@@ -192,7 +192,7 @@ class ExternalStage:
         """Do nothing."""
 
     def home(self) -> None:
-        """Go to the origin."""
+        """Set the target to the origin."""
         self._target = (0.0, 0.0, 0.0)
 
     def close(self) -> None:

@@ -32,11 +32,11 @@ class PixelFormat:
     name
         Name in the PFNC, such as ``"BayerRG12p"``.
     bits
-        Bits of a sample.
+        Bits per sample.
     stored_bits
         Bits per pixel in the buffer, from the PFNC number of the format.
     group
-        Pixels and bytes after which the layout repeats; (1, 1) or (1, 2) if samples are not packed.
+        Number of pixels and of bytes after which the layout repeats; (1, 1) or (1, 2) if samples are not packed.
     legacy
         Whether it is the older packing of GigE Vision.
     """
@@ -67,10 +67,11 @@ class PixelFormat:
         return np.dtype(np.uint8 if self.bits == 8 else np.uint16)
 
     def samples(self, data: NDArray[np.uint8], shape: tuple[int, int], padding: int = 0) -> NDArray[Any]:
-        """Return the samples in ``data``, the bytes of a buffer, as a new array of ``shape`` (rows, columns).
+        """Decode ``data``, the bytes of a buffer, into a new array of samples of ``shape`` (rows, columns).
 
-        A line of packed pixels may begin in the middle of a byte. Each line begins with a new byte where there are
-        ``padding`` bytes after it, or where the buffer has the size of such lines.
+        A line of packed pixels may begin in the middle of a byte. Lines begin at a new byte if ``padding`` bytes
+        follow each
+        line, or if the size of the buffer is that of such lines.
 
         Raises
         ------
@@ -80,13 +81,13 @@ class PixelFormat:
         rows, columns = shape
         line = -(-columns * self.stored_bits // 8)
         stream = -(-rows * columns * self.stored_bits // 8)
-        # of a group that is begun, all bytes may be there
+        # the buffer may contain all bytes of an incomplete last group
         lengths = (line, -(-columns // self.group[0]) * self.group[1])
         filled = next((n for n in lengths if len(data) == rows * n != stream), 0)
         step = line + padding if padding else filled
         needed = (rows - 1) * step + line if step else stream
         if len(data) < needed:
-            raise ValueError(f"{len(data)} bytes of {self.name} for {rows} x {columns} pixels, which take {needed}")
+            raise ValueError(f"{len(data)} bytes of {self.name} for {rows} x {columns} pixels, {needed} needed")
         if not step:
             return self._unpacked(data[None, :stream], rows * columns).reshape(shape)
         lines = np.lib.stride_tricks.as_strided(data, (rows, line), (step, 1), writeable=False)
@@ -119,7 +120,7 @@ class PixelFormat:
                 low = low & np.uint8((1 << shift) - 1)
                 out[..., k] = high.astype(np.uint16) << np.uint16(shift) | low
                 continue
-            # a sample of 10 or 12 bits lies in two bytes, wherever it begins
+            # a sample of 10 or 12 bits always spans two bytes
             first, shift = divmod(k * self.bits, 8)
             value = groups[..., first + 1].astype(np.uint16)
             value <<= np.uint16(8)

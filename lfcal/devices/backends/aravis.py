@@ -33,7 +33,7 @@ __all__ = ["BACKEND", "AravisBackend"]
 
 BUFFERS = 4
 FREE_RUNNING_DISCARD = 2
-"""Without a trigger, one frame may be on the wire and one being exposed when a frame is asked for."""
+"""Number of frames to skip without a trigger: one in transfer and one in exposure at the time of the request."""
 
 
 class AravisBackend:
@@ -43,11 +43,11 @@ class AravisBackend:
     title = "GigE Vision and USB3 Vision (Aravis)"
     has_stage = False
     options: Mapping[str, str] = {
-        "camera": "its id, or its network address; the only one found by default",
-        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's by default",
-        "trigger": "software or none; software where the camera has it by default",
+        "camera": "ID or network address of the camera; the only one found by default",
+        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's present format by default",
+        "trigger": "software or none; by default software if the camera supports it",
         "packet_size": "bytes per network packet (GigE Vision)",
-        "fake": "1 looks for Aravis's built-in fake camera too",
+        "fake": "1 also finds Aravis's built-in fake camera",
     }
 
     def probe(self) -> str:
@@ -55,7 +55,7 @@ class AravisBackend:
         return f"libaravis {library().version}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return the camera with no stage."""
+        """Return the camera without a stage."""
         lib = library()
         if options.get("fake") == "1":
             lib.enable_interface(b"Fake")
@@ -78,7 +78,7 @@ def _only_camera(lib: Library) -> str:
     names = [lib.get_device_id(k).decode() for k in range(lib.get_n_devices())]
     if len(names) != 1:
         raise DeviceMissing.expected(
-            "Aravis", "one camera", ", ".join(names) or "none", "name it with option camera, or plug it in"
+            "Aravis", "one camera", ", ".join(names) or "none", "choose it with option camera, or plug it in"
         )
     return str(names[0])
 
@@ -141,7 +141,7 @@ class _Camera(CameraFacts):
         return Setting(seconds, self._exposure)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Read ``roi``, grown to what the camera's increments allow; restarts the stream."""
+        """Read ``roi``, enlarged to the camera's increments; restarts the stream."""
         lib, camera = self._lib, self._camera
         try:
             self._stop()
@@ -166,10 +166,10 @@ class _Camera(CameraFacts):
         return Setting(roi, Roi(y, x, h, w))
 
     def grab(self, timeout_s: float) -> Frame:
-        """Trigger, or let what may be old pass, and return the next frame."""
+        """Trigger, or skip frames that may be old, and return the next frame."""
         lib = self._lib
         try:
-            if self._dirty:  # a frame of an earlier call may still be on its way
+            if self._dirty:  # a frame of an earlier call may still arrive
                 self._stop()
                 self._start()
                 self._dirty = False
@@ -178,7 +178,7 @@ class _Camera(CameraFacts):
             if self._triggered:
                 lib.camera_software_trigger(self._camera)
             else:
-                # free running: the frames on their way were exposed before the call
+                # free running: pending frames were exposed before the call
                 for _ in range(FREE_RUNNING_DISCARD):
                     lib.stream_push_buffer(self._stream, self._pop(timeout_s))
             buffer = self._pop(timeout_s)
@@ -195,7 +195,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, self._exposure, started if self._triggered else None, text)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the settings that change samples, read back."""
+        """Return the read-back of the settings that change samples."""
         try:
             return read_settings(GENICAM, RECORDED, self._read)
         except AravisError as error:
@@ -245,10 +245,10 @@ class _Camera(CameraFacts):
         shape = int(lib.buffer_get_image_height(buffer)), int(lib.buffer_get_image_width(buffer))
         padding, below = c.c_int(), c.c_int()
         lib.buffer_get_image_padding(buffer, c.byref(padding), c.byref(below))
-        # the PFNC number of a format holds the bits that a pixel takes
+        # the PFNC number of a format contains the bits per pixel
         bits = lib.buffer_get_image_pixel_format(buffer) >> 16 & 0xFF
         if bits != self._format.stored_bits:
-            got = f"{bits} bits a pixel"
+            got = f"{bits} bits per pixel"
             raise CameraError.expected(f"{self.name}: frame", self._format.name, got, "set option format")
         raw = memoryview((c.c_char * size.value).from_address(address)).cast("B")
         try:
@@ -290,7 +290,7 @@ class _Camera(CameraFacts):
             raise self._gone(error) from error
 
     def _gone(self, error: AravisError) -> DeviceLost:
-        self._lost = True  # from now on every request would wait for seconds
+        self._lost = True  # every further request would wait for seconds
         return DeviceLost(f"{self.name}: no answer ({error}); check power and cable")
 
     def _explained(self, error: AravisError) -> CameraError | DeviceLost:

@@ -1,6 +1,6 @@
-"""Another program records; its files are picked up as they appear, complete or not at all.
+"""Use files that another program records as frames of a camera, once each file is complete.
 
-For each frame a request file is written: the number, the exposure, and where the source should be. The other
+For each frame a request file is written: the number, the exposure, and the requested position of the source. The other
 program (or a person) moves the source if lfcal does not, records, and saves one image.
 """
 
@@ -39,22 +39,22 @@ class FolderBackend:
     title = "files of another program, as they appear"
     has_stage = True
     options: Mapping[str, str] = {
-        "path": "folder in which the files appear",
-        "pattern": "name of the files: with {number} for the request's number, or with * for any (default *)",
-        "quiet": "seconds for which a file must not grow before it is read (default 0.2)",
+        "path": "folder in which the other program saves its files",
+        "pattern": "file name, with {number} for the number of the request, or * for any text (default *)",
+        "quiet": "time for which a file must not grow before it is read (s, default 0.2)",
         "wait": "longest wait for a file (s, default 60)",
         "bits": "bits per sample; the plan's by default",
     }
 
     def probe(self) -> str:
-        """Return what is read."""
+        """Return the supported file formats."""
         return "TIFF, PNG, PGM, NPY, camera RAW"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
         """Return the folder as a camera, and a stage that assumes that the other program moves."""
         path = Path(options.get("path", ""))
         if not options.get("path") or not path.is_dir():
-            raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "make it first")
+            raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "create it first")
         pattern = options.get("pattern", "*")
         if "/" in pattern or os.sep in pattern:
             raise InputError.expected("option pattern", "a name without folders", repr(pattern), "correct it")
@@ -90,17 +90,17 @@ class _Camera(CameraFacts):
         self.name = f"files {pattern} in {folder.resolve()}"
 
     def set_exposure(self, seconds: float) -> Setting[float]:
-        """Ask for this exposure in the next requests; whether it is taken is for the other program."""
+        """Request this exposure from now on; the other program must set it."""
         self._exposure = seconds
         return Setting(seconds, seconds)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Keep to whole frames."""
+        """Return the whole sensor, because files contain whole frames."""
         return Setting(roi, Roi(0, 0, *self._shape))
 
     def grab(self, timeout_s: float) -> Frame:
-        """Write the request and return the file that answers it."""
-        # listed before the request: any file that is new afterwards answers it
+        """Write the request and return the frame in the file that follows."""
+        # list files before the request; any new file afterwards belongs to it
         known = self._listing()
         self._number += 1
         started = time.monotonic()
@@ -118,19 +118,19 @@ class _Camera(CameraFacts):
                     return Frame(data, self._number, self._exposure, started)
             time.sleep(min(0.02, max(self._quiet, 0.001)))
         if trouble:
-            raise IncompleteFrame(f"{self._folder}: a file stayed unreadable: {trouble}")
+            raise IncompleteFrame(f"{self._folder}: a file remained unreadable: {trouble}")
         message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
         if "{number" in self._pattern:
             raise FrameTimeout(f"{message}; check the other program")
-        raise DeviceLost(f"{message}; a late one could be mistaken for the next, so use {{number}} in the pattern")
+        raise DeviceLost(f"{message}; a late file could be mistaken for the next, so use {{number}} in the pattern")
 
     def close(self) -> None:
-        """Take the request back."""
+        """Remove the request."""
         (self._folder / REQUEST).unlink(missing_ok=True)
 
     def _request(self) -> None:
         if not self._folder.is_dir():
-            raise DeviceLost(f"{self._folder}: the folder is gone; make it again and start the other program")
+            raise DeviceLost(f"{self._folder}: the folder is missing; create it and start the other program")
         asked = {"number": self._number, "exposure_s": self._exposure, "stage_um": self._stage.position()}
         write_text(self._folder / REQUEST, json.dumps(asked))
 
@@ -143,7 +143,7 @@ class _Camera(CameraFacts):
                 if path.suffix.lower() in image_suffixes() and not path.name.startswith("."):
                     info = path.stat()
                     found[path.name] = (info.st_size, info.st_mtime_ns)
-        except FileNotFoundError:  # a file that went while it was looked at
+        except FileNotFoundError:  # the file was removed meanwhile
             pass
         return found
 
@@ -159,10 +159,10 @@ class _Camera(CameraFacts):
         """Return the frame if the file is quiet and whole, None while it grows; raises if it is no frame."""
         try:
             before = path.stat()
-            # a file that still grows has another size or time after a moment
+            # size or time of a growing file change
             time.sleep(self._quiet)
             after = path.stat()
-        except FileNotFoundError:  # renamed or removed while it was looked at
+        except FileNotFoundError:  # the file was renamed or removed meanwhile
             return None
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns) or not after.st_size:
             return None

@@ -1,4 +1,4 @@
-"""GenTL producers through harvesters: how CoaXPress, Camera Link and many other heads are reached."""
+"""Cameras with a GenTL producer (CoaXPress, Camera Link and many others) through harvesters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = ["BACKEND", "GenTLBackend"]
 
 FREE_RUNNING_DISCARD = 2
 NOT_AVAILABLE, WRITE_ONLY = 1, 2
-"""Access modes of GenApi; features with lower ones are not there, with higher ones can be read."""
+"""Access modes of GenApi; features below the first are not available, and above the second are readable."""
 INSTALL = "uv pip install 'lfcal[acquire]'"
 
 
@@ -42,11 +42,11 @@ class GenTLBackend:
     title = "GenTL producers (harvesters)"
     has_stage = False
     options: Mapping[str, str] = {
-        "cti": "GenTL producer file (.cti) of the maker; 'virtual' for the one that comes with genicam",
-        "camera": "number of the device in the producer's list, from 0; or its serial number",
-        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's by default",
-        "set": "Feature=value separated by ';', set before the session",
-        "trigger": "software or none; software where the camera has it by default",
+        "cti": "GenTL producer file (.cti) of the camera's maker; 'virtual' for the one included in genicam",
+        "camera": "number of the camera in the producer's list, from 0, or its serial number",
+        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's present format by default",
+        "set": "Feature=value separated by ';', settings to apply before the session",
+        "trigger": "software or none; by default software if the camera supports it",
     }
 
     def probe(self) -> str:
@@ -59,7 +59,7 @@ class GenTLBackend:
         return f"harvesters {harvesters.__version__}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return the camera with no stage."""
+        """Return the camera without a stage."""
         import genicam
         from harvesters.core import Harvester
 
@@ -67,7 +67,7 @@ class GenTLBackend:
         if cti == "virtual":
             cti = os.path.join(os.path.dirname(genicam.__file__), "viky.cti")
         if not os.path.isfile(cti):
-            raise InputError.expected("option cti", "a GenTL producer (.cti)", repr(cti), "name the maker's file")
+            raise InputError.expected("option cti", "a GenTL producer (.cti)", repr(cti), "give the maker's file")
         harvester = Harvester()
         try:
             harvester.add_file(cti)
@@ -92,7 +92,7 @@ def _chosen(harvester: Any, wanted: str) -> int:
     if wanted in serials:
         return serials.index(wanted)
     raise DeviceMissing.expected(
-        "GenTL camera", f"0 to {len(devices) - 1}, or one of {serials}", wanted, "name one, or plug it in"
+        "GenTL camera", f"0 to {len(devices) - 1}, or one of {serials}", wanted, "choose one, or plug it in"
     )
 
 
@@ -100,7 +100,7 @@ def _buffer_value(source: Any, name: str, default: Any) -> Any:
     """Return what a producer says of a buffer; producers need not know everything, and raise then."""
     try:
         return getattr(source, name)
-    except Exception:  # kinds of GenTL's own
+    except Exception:  # GenTL has its own types of errors
         return default
 
 
@@ -120,7 +120,7 @@ class _Camera(CameraFacts):
         given = [entry.partition("=") for entry in options.get("set", "").split(";") if entry]
         for key, _, value in given:
             self._set(key.strip(), value.strip())
-        # what the user set explicitly stays
+        # keep what the user set explicitly
         chosen = {key.strip() for key, _, _ in given}
         switch_off({key: value for key, value in GENICAM.items() if key not in chosen}, self._read, self._write)
         if options.get("format"):
@@ -142,13 +142,13 @@ class _Camera(CameraFacts):
         return Setting(seconds, self._exposure if self._exposure > 0 else seconds)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Keep reading the whole sensor: what increments a camera allows differs from maker to maker."""
-        # the camera reads its whole sensor; the session takes the region out of it
+        """Keep reading the whole sensor, because the increments of regions differ between makers."""
+        # the session crops the region from the whole sensor
         return Setting(roi, Roi(0, 0, *self._shape))
 
     def grab(self, timeout_s: float) -> Frame:
-        """Trigger, or let what may be old pass, and return the next frame."""
-        # what lies in the buffers was exposed before the call
+        """Trigger, or skip frames that may be old, and return the next frame."""
+        # frames in the buffers were exposed before the call
         while self._device.num_holding_filled_buffers:
             self._fetch(timeout_s)
         started = time.monotonic()
@@ -163,7 +163,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, exposure, started if self._triggered else None, status)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the features that change samples, read back."""
+        """Return the read-back of the features that change samples."""
         return read_settings(GENICAM, RECORDED, self._read)
 
     def close(self) -> None:
@@ -180,7 +180,7 @@ class _Camera(CameraFacts):
     def _fetch(self, timeout_s: float) -> tuple[Any, str]:
         """Return the next frame as its own array, and what is wrong with its buffer."""
         try:
-            # raw: harvesters unpacks no lines with padding or of an odd number of pixels
+            # raw, because harvesters cannot unpack lines with padding or an odd number of pixels
             buffer = self._device.fetch(timeout=timeout_s, is_raw=True)
         except self._timeout_error:
             raise FrameTimeout(f"{self.name}: no frame in {timeout_s:g} s; check trigger, light and cable") from None
@@ -231,7 +231,7 @@ class _Camera(CameraFacts):
             return None
         try:
             return UNREADABLE if mode == WRITE_ONLY else str(node.to_string())
-        except Exception:  # kinds of GenApi's own; a camera that is lost fails in the next frame
+        except Exception:  # GenApi has its own types of errors; a lost camera fails in the next frame
             return UNREADABLE
 
     def _write(self, name: str, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Micro-Manager's device drivers through raw pymmcore: any configuration file."""
+"""Micro-Manager's device drivers through pymmcore, with any configuration file."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ AUTOMATIC = re.compile(
 )
 CURVES = re.compile(r"(gamma|lut|sharpening|denoise).?enabled?|black.?level.?clamping.*")
 RECORDED = re.compile(r"(analog.|digital.|pre.?amp.)?gain|offset|black.?level|gamma|pixel.?type|binning")
-"""Names of properties, which differ between drivers: what is automatic, what bends the response, what is recorded.
+"""Names of properties in various drivers: automatic settings, nonlinear response, and settings that are only recorded.
 
-An automatic shutter is the mechanical one, which opens for each exposure.
+The automatic shutter is not included; it is the mechanical one, which opens for each exposure.
 """
 
 INSTALL = "uv pip install 'lfcal[acquire]', and Micro-Manager for its drivers"
@@ -48,16 +48,16 @@ class MicroManagerBackend:
     options: Mapping[str, str] = {
         "config": "configuration file (.cfg) made with Micro-Manager; 'demo' for its demo devices",
         "adapters": "folder of Micro-Manager's device adapters",
-        "camera": "label of the camera; the configuration's by default",
-        "xy": "label of the XY stage; the configuration's by default",
-        "z": "label of the Z stage; the configuration's by default",
+        "camera": "label of the camera; by default that of the configuration",
+        "xy": "label of the XY stage; by default that of the configuration",
+        "z": "label of the Z stage; by default that of the configuration",
         "light": "label of a shutter in front of the source, for dark frames",
-        "limits": "travel x0:x1,y0:y1,z0:z1 (µm); Micro-Manager does not know it, so it must be given",
-        "set": "Device.Property=value separated by ';', set before the session",
+        "limits": "travel x0:x1,y0:y1,z0:z1 (µm); required, because Micro-Manager does not know it",
+        "set": "Device.Property=value separated by ';', settings to apply before the session",
     }
 
     def probe(self) -> str:
-        """Return the core's version."""
+        """Return the version of the MMCore."""
         try:
             import pymmcore
         except ImportError:
@@ -85,7 +85,7 @@ class MicroManagerBackend:
                 key, _, value = rest.partition("=")
                 core.setProperty(label.strip(), key.strip(), value.strip())
                 chosen.add((label.strip(), key.strip()))
-            # the session switches the light itself; an automatic shutter would light dark frames
+            # the session switches the light; an automatic shutter would open in dark frames
             core.setAutoShutter(False)
             labels = {
                 key: options.get(key) or default()
@@ -138,7 +138,7 @@ class _Camera(CameraFacts):
         serial = _property(core, label, "SerialNumber") or _property(core, label, "Serial Number")
         self.name = " ".join(filter(None, ("Micro-Manager", library, device, label, serial)))
         self._off, self._noted = _settings_of(core, label)
-        # what the user set explicitly stays
+        # keep what the user set explicitly
         switch_off({key: value for key, value in self._off.items() if key not in chosen}, self._read, self._write)
         core.clearROI()
         self._shape = int(core.getImageHeight()), int(core.getImageWidth())
@@ -146,7 +146,7 @@ class _Camera(CameraFacts):
         if core.getNumberOfComponents() != 1:
             raise CameraError.expected(label, "grey pixels", "colour", "set a grey PixelType with option set")
         self._number = 0
-        # a driver that hangs must not hang the session
+        # a hanging driver must not block the session
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="micromanager")
         self._pending: Future[Any] | None = None
 
@@ -162,14 +162,14 @@ class _Camera(CameraFacts):
             self._call(self._core.clearROI)
         else:
             self._call(self._core.setROI, roi.column, roi.row, roi.columns, roi.rows)
-        # Micro-Manager counts (x, y), a region (row, column)
+        # Micro-Manager uses (x, y), a region (row, column)
         column, row, columns, rows = self._call(self._core.getROI)
         return Setting(roi, Roi(row, column, rows, columns))
 
     def grab(self, timeout_s: float) -> Frame:
         """Snap a frame."""
         if self._pending is not None and not self._pending.done():
-            raise DeviceLost(f"{self.name}: still hangs in the last frame; switch it off and on")
+            raise DeviceLost(f"{self.name}: the driver still hangs in the last frame; switch the camera off and on")
         started = time.monotonic()
         self._pending = self._pool.submit(self._snap)
         try:
@@ -182,13 +182,13 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, exposure, started)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the properties that change samples, read back."""
+        """Return the read-back of the properties that change samples."""
         return read_settings(self._off, self._noted, self._read)
 
     def close(self) -> None:
         """Unload all devices of the core."""
         self._pool.shutdown(wait=False, cancel_futures=True)
-        # resetting under a frame that hangs would hang here too
+        # a reset during a hanging frame would also hang
         if self._pending is None or self._pending.done():
             self._core.reset()
 
@@ -196,7 +196,7 @@ class _Camera(CameraFacts):
         return str(self._call(self._core.getProperty, self._label, key))
 
     def _write(self, key: str, value: str) -> None:
-        with contextlib.suppress(RuntimeError):  # read-only now
+        with contextlib.suppress(RuntimeError):  # may be read-only now
             self._core.setProperty(self._label, key, value)
 
     def _snap(self) -> tuple[Any, float]:
@@ -225,7 +225,7 @@ class _Stage:
         self._call(self._core.setPosition, self._z, target[2])
 
     def moving(self) -> bool:
-        """Return whether one of the two is busy."""
+        """Return whether either of the two stages is busy."""
         return bool(self._call(self._core.deviceBusy, self._xy) or self._call(self._core.deviceBusy, self._z))
 
     def position(self) -> Point:
@@ -235,12 +235,12 @@ class _Stage:
         return x, y, float(self._call(self._core.getPosition, self._z))
 
     def stop(self) -> None:
-        """Stop both."""
+        """Stop both stages."""
         self._call(self._core.stop, self._xy)
         self._call(self._core.stop, self._z)
 
     def home(self) -> None:
-        """Send both to their reference."""
+        """Send both stages to their reference."""
         self._call(self._core.home, self._xy)
         self._call(self._core.home, self._z)
 
@@ -262,7 +262,7 @@ class _Shutter:
         self.switch(True)
 
     def switch(self, on: bool) -> None:
-        """Open or close it and wait."""
+        """Open or close the shutter and wait."""
         try:
             self._core.setShutterOpen(self._label, on)
             self._core.waitForDevice(self._label)
@@ -280,10 +280,10 @@ def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:
         if off is not None and (CURVES.fullmatch(name) or ("auto" in name and AUTOMATIC.search(name))):
             wanted[key] = off
         elif name == "gamma" and core.hasPropertyLimits(label, key) and core.getPropertyUpperLimit(label, key) <= 10:
-            wanted[key] = "1"  # other drivers have other scales, such as percent
+            wanted[key] = "1"  # the scale depends on the driver, so only some have a gamma of 1
         elif RECORDED.fullmatch(name):
             noted.append(key)
-    # a switch of gamma comes before its value, which is of no effect then
+    # a switch for gamma comes first; the value then has no effect
     return dict(sorted(wanted.items(), key=lambda pair: pair[0].lower() == "gamma")), noted
 
 

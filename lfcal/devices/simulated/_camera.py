@@ -1,4 +1,4 @@
-"""The simulated camera: sensor noise, exposure, regions and injected faults around a renderer."""
+"""Simulate a camera: sensor noise, exposure, regions and injected faults, with the light of a renderer."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ BUMP_UM = (15.0, -15.0, 0.0)
 """Distance that a stage moves when it is bumped during an exposure (µm)."""
 
 SLIP_PX = 3
-"""How far a region that slips is off (columns)."""
+"""Displacement of a region after a slip (columns)."""
 WARM = 60 / 4095
-"""How much the dark level rises (of the range)."""
+"""Rise of the dark level (share of the range)."""
 DIMMED = 0.7
 CLAMPED = 0.1
-"""What is left of the lamp's light, and of an exposure."""
+"""Remaining share of the lamp's light, and of an exposure, in faults of these."""
 
 FIXED = {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1"}
 AUTOMATIC = {"ExposureAuto": "Continuous", "GainAuto": "Continuous", "Gamma": "2.2"}
-"""Settings of the camera under which samples are proportional to light, and their values where they stay automatic."""
+"""Settings of the camera under which samples are proportional to light, and their values if they stay automatic."""
 PEAK = 0.7
-"""Brightest pixel that automatic exposure and gain lead to (of the range above black)."""
+"""Level of the brightest pixel with automatic exposure and gain (share of the range above black)."""
 
 SPREAD = 64
-"""Rows and columns that the noise field has more than the region: every row of every frame has its own part."""
+"""Additional rows and columns of the noise field, so that every row of every frame has a separate part."""
 
 
 class _Grain(NamedTuple):
@@ -48,7 +48,7 @@ class _Grain(NamedTuple):
 
     @classmethod
     def two(cls, draw: int, rows: int) -> tuple[_Grain, _Grain]:
-        """Return the deviates of read noise and of photon noise, which share no sample of the field.
+        """Return the deviates of read noise and of photon noise; they have no sample of the field in common.
 
         Each row uses a separate part of the field. With one part for a whole frame, two of 4096 frames would have
         equal noise, unlike any real sensor. Their dark rows would be equal, and the content guard would treat them as
@@ -61,7 +61,7 @@ class _Grain(NamedTuple):
         return cls(first + down, shifts[0]), cls(other + down, shifts[1])
 
     def of(self, field: NDArray[Any], rows: slice, columns: slice) -> NDArray[Any]:
-        """Return a part of the frame, a new array, of the field's windows ``(rows, shifts, columns)``."""
+        """Return a part of the frame as a new array from the field's windows ``(rows, shifts, columns)``."""
         return np.asarray(field[self.rows[rows], self.columns[rows], columns])
 
 
@@ -76,11 +76,11 @@ class LightPatch(NamedTuple):
 class Renderer(Protocol):
     """The light of a point source on the sensor.
 
-    A session records the ``optics`` of one that is `Rendered`, of another the name of its class.
+    A session records the ``optics`` of a `Rendered` one; for others, it records the name of the class.
     """
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
-        """Return the expected light of a source at (right, down, away) µm; it may reach beyond ``roi``."""
+        """Return the expected light of a source at (right, down, away) µm; it may extend beyond ``roi``."""
         ...
 
 
@@ -91,7 +91,7 @@ class SimLight:
         self.on = True
 
     def switch(self, on: bool) -> None:
-        """Switch the lamp."""
+        """Switch the lamp on or off."""
         self.on = on
 
 
@@ -99,7 +99,7 @@ class SimCamera:
     """A camera in a simulated world.
 
     The same position and exposure always give the same frame, so that an interrupted session can be compared with an
-    uninterrupted one. A second frame without a move has different noise.
+    uninterrupted one. Further frames without a move have different noise.
 
     Parameters
     ----------
@@ -112,7 +112,8 @@ class SimCamera:
     renderer
         The optics.
     automatic
-        Settings that cannot be switched off, of `AUTOMATIC`: every frame then has the same peak, or a gamma.
+        Settings of `AUTOMATIC` that cannot be switched off: automatic exposure or gain gives every frame the same
+        peak.
     seed
         Seed of the noise.
     """
@@ -153,7 +154,7 @@ class SimCamera:
 
     @property
     def optics(self) -> str:
-        """How its light is computed, which a session records; real cameras have no such attribute."""
+        """Method of computing the light; a session records it, and real cameras have no such attribute."""
         return self._renderer.optics if isinstance(self._renderer, Rendered) else type(self._renderer).__name__
 
     @property
@@ -168,11 +169,11 @@ class SimCamera:
 
     @property
     def max_value(self) -> int:
-        """Saturated sample value."""
+        """Sample value of a saturated pixel."""
         return self._sensor.max_value
 
     def set_exposure(self, seconds: float) -> Setting[float]:
-        """Take the exposure in steps of 1 µs, from 10 µs to 60 s."""
+        """Set the exposure in steps of 1 µs, from 10 µs to 60 s."""
         self._check_connected()
         self._asked = min(max(round(seconds * 1e6), 10), 60_000_000) / 1e6
         self._exposure = self._taken(self.faults.pending())
@@ -185,24 +186,24 @@ class SimCamera:
         return {name: Setting(value, wrong.get(name, value or "0")) for name, value in wanted.items()}
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Take the region, clipped to the sensor."""
+        """Set the region, clipped to the sensor."""
         rows, columns = self._sensor.shape
         row, column = min(max(roi.row, 0), rows - 1), min(max(roi.column, 0), columns - 1)
         actual = Roi(row, column, min(roi.rows, rows - row), min(roi.columns, columns - column))
         self._roi = actual
         sensor = self._sensor
-        # noise is drawn once for a region and shifted for each frame, because drawing it takes longer than the exposure
+        # noise is drawn once for a region and shifted for each frame, because drawing takes longer than an exposure
         rng = np.random.default_rng((self._seed, actual.row, actual.column, actual.rows, actual.columns))
         shape = (actual.rows + SPREAD, actual.columns + SPREAD)
         normal = rng.standard_normal(shape, np.float32)
         dark = sensor.black_level + normal * np.float32(sensor.read_noise_e / sensor.electrons_per_count)
         dark = np.clip(np.rint(dark), 0, sensor.max_value).astype(np.uint8 if sensor.bit_depth <= 8 else np.uint16)
-        # windows as wide as a frame, at every shift: views, which take no memory
+        # windows as wide as a frame at every shift; views need no memory
         self._normal, self._dark = (sliding_window_view(field, actual.columns, 1) for field in (normal, dark))
         return Setting(roi, actual)
 
     def grab(self, timeout_s: float) -> Frame:
-        """Expose and return the frame; an active fault replaces it."""
+        """Expose and return a frame; an active fault changes it."""
         active = self.faults.next_call()
         self._lost = self._lost or "vanishes" in active
         self._check_connected()
@@ -230,7 +231,7 @@ class SimCamera:
         return self._last
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""
 
     def _taken(self, active: frozenset[str]) -> float:
         """Return the exposure that the camera takes, and says it takes (s)."""
@@ -244,7 +245,7 @@ class SimCamera:
         if before is None or before.shape != data.shape:
             before = data
         if "frozen" in active:
-            self._before = before  # and so the next one too
+            self._before = before  # so the next frame is affected too
         if "frozen" in active or "repeats" in active:
             data = before
         if "torn" in active:
@@ -261,11 +262,11 @@ class SimCamera:
 
     def _expose(self, dimmed: bool = False) -> NDArray[Any]:
         place = self._stage.true_position()
-        # frames without a move between them differ, the first after a move does not
+        # repeated frames without a move differ; the first frame after a move is reproducible
         count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
         self._since_move = (self._stage.moves, count)
         key = struct.pack(
-            # nanometres and microseconds: float noise of the same place must not change the draw
+            # nanometres and microseconds: rounding errors of the same place must not change the noise
             "<4q2I",
             *(round(v * 1000) for v in place),
             round(self._exposure * 1e6),
@@ -276,7 +277,7 @@ class SimCamera:
         grains = _Grain.two(draw, self._roi.rows)
         frame = grains[0].of(self._dark, slice(None), slice(None))
         if self._light.on:
-            # plain numbers: arrays of three cost more than the sums
+            # plain numbers, because arrays of three are slower
             offset = [p - o for p, o in zip(place, self._origin, strict=True)]
             source = tuple(sum(offset[k] * self._matrix[k][j] for k in range(3)) for j in range(3))
             patch = self._renderer.render((source[0], source[1], source[2]), self._exposure, self._roi)
@@ -306,11 +307,11 @@ class SimCamera:
         if bottom <= top or right <= left:
             return
         light = patch.counts[top - row : bottom - row, left - column : right - column]
-        # one set of random numbers for the read noise and the photon noise alike: both repeat with the place
+        # the same random numbers give read and photon noise, so that both are reproducible at a place
         dark, normal = (grain.of(self._normal, slice(top, bottom), slice(left, right)) for grain in grains)
         sensor = self._sensor
         gain = np.float32(1 / sensor.electrons_per_count)
-        # rounded once, as a converter does: twice would lose light of less than half a count
+        # round once, as a converter does; rounding twice would lose light below half a count
         total = np.sqrt(light * gain) * normal + light
         total += dark * (np.float32(sensor.read_noise_e) * gain) + np.float32(sensor.black_level)
         np.rint(total, out=total)

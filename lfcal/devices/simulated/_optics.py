@@ -1,4 +1,4 @@
-"""Renderers for the simulated camera: a built-in quick pattern, or frames from elsewhere."""
+"""Renderers for the simulated camera: a built-in quick pattern, or frames of another source."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ __all__ = ["FramesRenderer", "PatternRenderer", "chosen_effects", "simulated_opt
 
 
 TOLERANCE = 0.01
-"""Relative L1 error of simulated optics with effects: at 5 % a fit of 24 frames found its camera incomplete."""
+"""Relative L1 error of simulated optics with effects; with 5 %, a fit of 24 frames reported an incomplete model."""
 
 OFF_PLANE_PX = 0.5
-"""Change of the shadow's radius above which a source is not in a plane of the plan."""
+"""Change of the radius of the aperture's shadow above which a source is not in a plane of the plan."""
 
 GRID_TOLERANCE = 0.003
-"""The same at level ``grid``: the information from a fit of many frames is far below the noise of one."""
+"""The same at level ``grid``, because a fit of many frames detects errors far below the noise of one."""
 
 
 class PatternRenderer:
@@ -65,13 +65,13 @@ class PatternRenderer:
         return min(1.5 + blur, self._limit / 3)
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
-        """Return a patch of six standard deviations about the image of ``source_um``."""
+        """Return a patch that extends six standard deviations about the image of ``source_um``."""
         step = self._camera.step_um(source_um[2])
         row = self._centre[0] + source_um[1] / step
         column = self._centre[1] + source_um[0] / step
         sigma = self._sigma(source_um[2])
         peak = np.float32(self._rate * exposure_s / sigma**2)
-        # rounded, so that the cache also serves the same place reached over another path
+        # rounded, so that the cache also works for the same place reached along another path
         top, down = _profile(round(row, 6), sigma, self._plan.period[0])
         left, along = _profile(round(column, 6), sigma, self._plan.period[1])
         return LightPatch(top, left, np.multiply.outer(peak * down, along))
@@ -83,35 +83,35 @@ def _profile(middle: float, sigma: float, period: int) -> tuple[int, NDArray[np.
     half = math.ceil(3 * sigma)
     first = math.floor(middle + 0.5) - half
     pixels = np.arange(first, first + 2 * half + 1)
-    # depends on the pixel, not on the source: the lenslets stand still
+    # depends on the pixel, not on the source, because the lenslets do not move
     mask = 0.75 + 0.25 * np.cos((2 * math.pi / period) * (pixels % period))
     return first, (mask * np.exp(-((pixels - middle) ** 2) / (2 * sigma**2))).astype(np.float32)
 
 
 @runtime_checkable
 class LitFrames(Protocol):
-    """Frames of which the light is known before the sensor disturbs it, as of `lfcal.simulate.SimulatedCamera`."""
+    """Frames whose light is known before sensor noise, such as `lfcal.simulate.SimulatedCamera`."""
 
     def patch(self, index: int) -> tuple[int, int, NDArray[Any]]:
         """Return first row and column of the lit part of a frame, and its photoelectrons ``(rows, columns)``."""
         ...
 
     def patch_of(self, source_um: Point) -> tuple[int, int, NDArray[Any]]:
-        """Return the same of a source anywhere (µm)."""
+        """Return the same as `electrons` for a source at any position (µm)."""
         ...
 
 
 class FramesRenderer:
-    """Frames of a `FrameSource` (a simulated camera, a recorded session) as what the optics make.
+    """Use frames of a `FrameSource` (a simulated camera, a recorded session) as the light of the optics.
 
-    The frame of the plan's position nearest to the source is taken, whole periods away moved by them, and
-    scaled by the exposure. The camera adds black level and noise. Of `LitFrames` the electrons before the sensor
-    disturbs them are taken, between and beyond the planes those of the place itself; others should be free of noise.
+    The frame of the nearest position of the plan is used, shifted by whole periods where necessary, and scaled by the
+    exposure. The camera adds black level and noise. `LitFrames` provide noise-free electrons, between and beyond the
+    planes those of the actual position; other frames should be free of noise.
 
     Parameters
     ----------
     plan
-        The plan the frames belong to.
+        The plan of the frames.
     frames
         One full sensor frame per position, in sample values with the sensor's black level.
     """
@@ -122,17 +122,17 @@ class FramesRenderer:
                 "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "match them"
             )
         self._plan, self._frames = plan, frames
-        # a live view shows one place again and again
+        # a live view shows the same place repeatedly
         self._patch_of = functools.lru_cache(maxsize=2)(frames.patch_of) if isinstance(frames, LitFrames) else None
         self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
 
     @property
     def optics(self) -> str:
-        """The level of the simulator; ``"frames"`` where the source of frames names none."""
+        """Level of the simulator; ``"frames"`` if the source of frames states none."""
         return str((self._frames.metadata.simulated or {}).get("level", "frames"))
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
-        """Return the frame of the nearest position, or of the place itself off the planes; ``roi`` is ignored."""
+        """Return the frame of the nearest position, or of the actual place between planes; ``roi`` is ignored."""
         plan = self._plan
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
         if self._patch_of is not None and self._off_plane(source_um[2], z):
@@ -142,12 +142,12 @@ class FramesRenderer:
         step = plan.camera.step_um(plan.depths_um[z])
         centre, factors = plan.camera.sensor.centre_px, plan.resample_factors
         steps = [round((centre[k] + source_um[1 - k] / step - plan.anchor[k]) * factors[k]) for k in range(2)]
-        # whole periods away the pattern is the same, moved
+        # whole periods away, the pattern is the same but displaced
         (ky, y), (kx, x) = (divmod(n, period) for n, period in zip(steps, plan.period, strict=True))
         index = self._index.get((z, y, x))
         if index is None:
             raise InputError.expected(
-                "simulated frames", f"one of position (z, y, x) = {(z, y, x)}", "none", "simulate it too"
+                "simulated frames", f"a frame of position (z, y, x) = {(z, y, x)}", "none", "simulate this position too"
             )
         top, left, light = self._light(index)
         shift = round(ky * plan.period[0] / factors[0]), round(kx * plan.period[1] / factors[1])
@@ -178,7 +178,7 @@ def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRen
     each micro-image, which cannot be distinguished from a hot pixel. Raises `InputError` if the level does not suit
     the plan's camera, or the file has no effects.
     """
-    # here, so that the quick pattern does not load the simulator
+    # imported here, so that the quick pattern does not load the simulator
     from lfcal.simulate import SimulatedCamera
 
     if not effects:

@@ -1,4 +1,4 @@
-"""The simulated stage: velocity, ringing, backlash, drift and injected faults."""
+"""Simulate a stage: velocity, ringing, backlash, drift and injected faults."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["SimStage", "StageModel", "VirtualTime"]
 
 
 class VirtualTime:
-    """Time that passes only when someone sleeps: a session of hours runs in seconds.
+    """Clock that advances only when the program waits: a session of hours runs in seconds.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class VirtualTime:
         return self._wall + self._now
 
     def jump(self, seconds: float) -> None:
-        """Set the wall clock forward or back, as an operator or a time server does."""
+        """Set the computer's clock forward or back, as an operator or a time server may do."""
         self._wall += seconds
 
 
@@ -53,12 +53,12 @@ class StageModel:
     velocity_um_s
         Speed of each axis (µm/s).
     ringing_um, ringing_s
-        Amplitude after a stop (µm) and the time constant with which it dies out (s).
+        Amplitude of the ringing after a stop (µm), and time constant of its decay (s).
     backlash_um
-        Backlash of each axis: after moving in the negative direction, the source is displaced this far towards +; the
-        encoder is on the motor and does not detect it (µm).
+        Backlash of each axis (µm): after a move in the negative direction, the source is displaced this far in the
+        positive direction. The encoder is on the motor and does not detect it.
     drift_um_s
-        Speed at which each axis creeps after arrival (µm/s).
+        Speed at which each axis drifts after arrival (µm/s).
     limits
         Travel of x, y and z (µm).
     """
@@ -111,13 +111,13 @@ class SimStage:
         self._lost = False
         self._off: Point = (0.0, 0.0, 0.0)
         self._slip_um = slip_um
-        # after this the ringing is below 0.1 nm and is taken to be nothing, so that places repeat exactly
+        # after this time, the ringing is below 0.1 nm and ignored, so that places repeat exactly
         self._quiet_s = self.model.ringing_s * math.log(max(self.model.ringing_um, 1e-4) / 1e-4)
         self.moves = 0
 
     @property
     def waits(self) -> bool:
-        """Whether its moves take real time."""
+        """Whether moves take real time."""
         return not isinstance(self._time, VirtualTime)
 
     @property
@@ -126,7 +126,7 @@ class SimStage:
         return self.model.limits
 
     def move(self, target: Point) -> None:
-        """Begin to move; a target beyond the limits is refused as a controller does."""
+        """Begin to move; raises an error for a target beyond the limits, as a controller does."""
         active = self.faults.next_call()
         self._check_connected("stage vanishes" in active)
         if any(not lo <= t <= hi for t, (lo, hi) in zip(target, self.limits, strict=True)):
@@ -134,9 +134,9 @@ class SimStage:
         if "move fails" in active:
             raise StageError("simulated stage: the controller refused the move; try again")
         here = self.position()
-        # ringing stays within the backlash and drags nothing along
+        # ringing stays within the backlash and does not move the source
         self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
-        # neither shows in the read-back: a wrong count lasts for a move, lost steps for ever
+        # the read-back shows neither: a wrong count lasts for one move, lost steps remain
         lost = self._off[1] + 2 * self._slip_um * ("loses steps" in active and not self._off[1])
         self._off = self._slip_um * ("encoder off" in active), lost, 0.0
         # the read-back shows it: the encoder sees where the motor stopped
@@ -150,12 +150,12 @@ class SimStage:
         self.moves += 1
 
     def moving(self) -> bool:
-        """Return whether the move is still under way."""
+        """Return whether the move is in progress."""
         self._check_connected(False)
         return self._time.monotonic() < self._ends
 
     def position(self) -> Point:
-        """Return what the encoders on the motors say (µm)."""
+        """Return the positions of the encoders on the motors (µm)."""
         self._check_connected(False)
         now = self._time.monotonic()
         if now < self._ends:
@@ -168,12 +168,12 @@ class SimStage:
         return x, y, z
 
     def true_position(self) -> Point:
-        """Return where the source really is: the read-back with backlash and slips taken into account (µm)."""
+        """Return the true position of the source: the read-back with backlash and slips (µm)."""
         x, y, z = (p + off for p, off in zip(self._follow(self.position()), self._off, strict=True))
         return x, y, z
 
     def stop(self) -> None:
-        """Stop where the stage is."""
+        """Stop at the present position."""
         self._check_connected(False)
         now = self._time.monotonic()
         if now < self._ends:
@@ -182,7 +182,7 @@ class SimStage:
             self._ends = now
 
     def bump(self, by_um: Point) -> None:
-        """Displace the resting stage (µm), as a knock against the table does; its encoders see it."""
+        """Displace the resting stage (µm), like a knock against the table; its encoders detect it."""
         x, y, z = (t + d for t, d in zip(self._target, by_um, strict=True))
         self._target = x, y, z
 
@@ -191,7 +191,7 @@ class SimStage:
         self.move((0.0, 0.0, 0.0))
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing."""
 
     def _on_the_way(self, now: float) -> Point:
         way = self.model.velocity_um_s * (now - self._began)
@@ -202,7 +202,7 @@ class SimStage:
 
     def _settled(self) -> Point:
         """Return where the motors stand after arrival, ringing left out."""
-        # exactly the target, so that places repeat bit by bit
+        # exactly the target, so that places are reproduced bit by bit
         if self._drift == (0.0, 0.0, 0.0):
             return self._target
         rest = self._time.monotonic() - self._ends

@@ -1,4 +1,4 @@
-"""A target of many points before the simulated camera: a quick pattern at every hole, or simulated optics."""
+"""Place a target of many points in front of the simulated camera: with a quick pattern at every hole, or optics."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ __all__ = ["SwitchedRenderer", "TargetPattern", "TargetRenderer", "simulated_tar
 
 
 TOLERANCE = 0.05
-"""Relative L1 error of the optics of a hole: a frame has tens or hundreds of them."""
+"""Relative L1 error of the optics of a hole; a frame shows tens or hundreds of holes."""
 
 SAME_PX = 0.01
-"""How far a stage stands from where it was sent at most (pixels in the image)."""
+"""Largest distance of the stage from its target (pixels in the image)."""
 
 
 class TargetPattern:
@@ -33,7 +33,7 @@ class TargetPattern:
     plan
         Camera and exposures.
     target
-        What stands there; the stage moves its middle.
+        The target; the stage position is that of its middle.
     brightness
         Light of each hole ``(n,)``, in the order of `Target.holes`.
     """
@@ -46,7 +46,7 @@ class TargetPattern:
         self._light = brightness.astype(np.float32).tolist()
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
-        """Return the light of all holes on ``roi``, with the target's middle at ``source_um``."""
+        """Return the light of all holes on ``roi`` with the target's middle at ``source_um``."""
         x, y, z = source_um
         out = np.zeros(roi.shape, np.float32)
         for (right, down, away), light in zip(self._places, self._light, strict=True):
@@ -61,7 +61,7 @@ class TargetPattern:
 
 
 class TargetRenderer:
-    """Simulated optics of a target: every hole at its depth and place in the field.
+    """Simulated optics of a target, with every hole at its depth and place in the field.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ class TargetRenderer:
 
     def __init__(self, frames: TargetCamera) -> None:
         self._frames = frames
-        # a live view, and repeated exposures, show one place again and again
+        # a live view and repeated exposures show the same place repeatedly
         self._light = functools.lru_cache(maxsize=2)(frames.light_at)
 
     @property
     def optics(self) -> str:
-        """The level of the simulator."""
+        """Level of the simulator."""
         return self._frames.single.level
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
@@ -85,26 +85,26 @@ class TargetRenderer:
         Raises
         ------
         InputError
-            If the stage is in no plane of the plan.
+            If the stage is not in a plane of the plan.
         """
         scan = self._frames.plan.scan
         z = int(np.argmin(np.abs(np.array(scan.depths_um) - source_um[2])))
         step = scan.camera.step_um(scan.depths_um[z])
         if abs(source_um[2] - scan.depths_um[z]) > step:
             depth = f"{source_um[2]:.0f} µm"
-            raise InputError.expected("depth of the simulated target", "a plane of the plan", depth, "move it there")
+            raise InputError.expected("depth of the simulated target", "a plane of the plan", depth, "move to one")
         offset = round(source_um[1] / step, 6), round(source_um[0] / step, 6)
         factor = exposure_s / scan.exposures[z] / scan.camera.sensor.electrons_per_count
         return LightPatch(0, 0, self._light(z, offset) * np.float32(factor))
 
 
 class SwitchedRenderer:
-    """A display in front of the camera: at the stage position of an offset, all points lit in it are shown.
+    """Display in front of the camera; at the stage position of an offset, it shows all points lit at this offset.
 
     Parameters
     ----------
     target
-        Optics of the target at one place.
+        Optics of the target at one position.
     plan
         Plan of a target with switched points, which states the offsets in each frame.
     """
@@ -115,11 +115,11 @@ class SwitchedRenderer:
 
     @property
     def optics(self) -> str:
-        """Those of the target."""
+        """Optics of the target."""
         return self._target.optics if isinstance(self._target, Rendered) else ""
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
-        """Return the light of the frame whose offset the stage stands at; elsewhere that of the target alone."""
+        """Return the light of the frame whose offset is at the stage position; elsewhere that of the target alone."""
         z = int(np.argmin(np.abs(np.array(self._plan.scan.depths_um) - source_um[2])))
         away = np.abs(self._offsets[z] - np.array(source_um[:2])).max(axis=1)
         step = self._plan.scan.camera.step_um(self._plan.scan.depths_um[z])

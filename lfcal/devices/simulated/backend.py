@@ -1,4 +1,4 @@
-"""The simulator: a plenoptic camera and a stage that need no hardware; the default backend."""
+"""The simulator: a plenoptic camera and a stage without hardware; the default backend."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def simulated_rig(
     """
     faults = tuple(faults)
     clock = time or VirtualTime()
-    # slips by the plan's own step: what a frame is off by shows in it as whole pixels
+    # slips by the plan's step, so that a frame is displaced by whole pixels
     stage = SimStage(clock, model, faults, slip_um=min(plan.step_um(0)))
     light = SimLight()
     if optics is None:
@@ -90,12 +90,12 @@ def simulated_rig(
 
 
 def inject(rig: Rig, fault: DeviceFault) -> None:
-    """Let a fault strike a simulated rig at work, ``fault.at`` calls from the next one.
+    """Add a fault to a simulated rig in use, ``fault.at`` calls after the next one.
 
     Raises
     ------
     InputError
-        If the device that it is a fault of is not simulated.
+        If the device of the fault is not simulated.
     """
     for device in (CheckedCamera.of(rig.camera).device, CheckedStage.of(rig.stage).device, *rig.gauges):
         if isinstance(device, SimCamera | SimStage | SimGauge) and fault.kind in device.faults.kinds:
@@ -119,21 +119,21 @@ class SimBackend:
         "velocity": "speed of the stage (µm/s)",
         "backlash": "backlash of each axis (µm)",
         "drift": "creep of each axis after arrival (µm/s)",
-        "limits": "travel x0:x1,y0:y1,z0:z1 (µm)",
-        "axes": "how the stage really moves the image, e.g. -x,+y,+z (right,down,away)",
-        "faults": "kind@call[*times] separated by ';', e.g. 'times out@5*2;stale@9'",
-        "automatic": "settings of the camera that cannot be switched off, of ExposureAuto, GainAuto, Gamma",
-        "seed": "of the camera's noise",
-        "target": "JSON file of a target, or of a target's plan, that stands before the camera instead of a point",
+        "limits": "travel of the stage, x0:x1,y0:y1,z0:z1 (µm)",
+        "axes": "actual stage axes for image right, down and away, e.g. -x,+y,+z",
+        "faults": "faults to inject: kind@call[*times] separated by ';', e.g. 'times out@5*2;stale@9'",
+        "automatic": "settings of the camera that cannot be switched off: any of ExposureAuto, GainAuto, Gamma",
+        "seed": "random seed of the camera's noise",
+        "target": "JSON file of a target, or of a target's plan, in front of the camera instead of a point",
         "brightness": "relative spread of the brightness of the target's holes, e.g. 0.1",
     }
 
     def probe(self) -> str:
-        """Return the version; the simulator is always there."""
+        """Return the version; the simulator is always available."""
         return __version__
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return a simulated rig as ``options`` say."""
+        """Return a simulated rig with these ``options``."""
         options = with_defaults(options)
         clock = options.get("time", "virtual")
         check_choice("option time", clock, CLOCKS)
@@ -154,9 +154,10 @@ class SimBackend:
 def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
     """Return the default options of the simulator and its optics.
 
-    The plan's camera is simulated with the effects that it needs: ideal optics focus a point into single pixels, which
-    no search for light distinguishes from hot pixels. A target has the quick pattern at every hole: to simulate all of
-    them takes seconds a frame.
+    The plan's camera is simulated with the effects that it needs, because ideal optics focus a point into single
+    pixels,
+    which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because simulating all
+    holes takes seconds per frame.
     """
     if "optics" in options:
         return dict(options)
@@ -169,7 +170,7 @@ def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer 
         if "brightness" in options:
             raise InputError.expected("option brightness", "that of a target's holes", "no target", "give target=FILE")
         return None
-    # here, so that a single point does not load the simulator
+    # imported here, so that a single point does not load the simulator
     from lfcal.devices.simulated._targets import simulated_target
 
     spread = number_option(options, "brightness", 0.0, low=0.0, high=1.0)
@@ -206,7 +207,7 @@ def _stage_model(plan: ScanPlan, options: Mapping[str, str]) -> StageModel:
 
 def _around(plan: ScanPlan) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
     """Return a generous travel about the plan's positions."""
-    # a thousand places give the extent; a large plan has millions
+    # a thousand places show the extent; a large plan has millions
     places = plan.stage_um(plan.order_indices()[:: max(1, plan.n_positions // 1000)])
     (x0, y0, z0), (x1, y1, z1) = (places.min(axis=0) - 5e5).tolist(), (places.max(axis=0) + 5e5).tolist()
     return (x0, x1), (y0, y1), (z0, z1)
@@ -222,7 +223,7 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
 
 
 class SimGauge:
-    """A gauge with one reading, and another while its fault lasts."""
+    """Gauge with a constant reading, and another one during a fault."""
 
     def __init__(
         self, name: str, unit: str, values: tuple[float, float], fault: str, faults: Iterable[DeviceFault]
@@ -233,12 +234,12 @@ class SimGauge:
         self.faults = FaultSchedule(faults, (fault,))
 
     def read(self) -> float:
-        """Return the reading."""
+        """Return the present reading."""
         return self._off if self._fault in self.faults.next_call() else self._usual
 
 
 def simulated_gauges(faults: Iterable[DeviceFault] = ()) -> tuple[SimGauge, SimGauge]:
-    """Return thermometer (21 °C, 27 when too warm) and photodiode (100 %, 60 when the lamp is low)."""
+    """Return a thermometer (21 °C; 27 °C with a fault) and a photodiode (100 %; 60 % with a fault of the lamp)."""
     faults = tuple(faults)
     return (
         SimGauge("temperature", "°C", (21.0, 27.0), "too warm", faults),

@@ -1,4 +1,4 @@
-"""Faults of the simulated rig, each at a chosen call."""
+"""Inject faults into the simulated rig, each at a chosen call."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ STAGE_FAULTS = (
     "encoder off",
     "loses steps",
 )
-# "bumped" happens to the stage, but while a frame is exposed: it is counted in frames
+# "bumped" displaces the stage during an exposure, so it is counted in frames
 CONTENT_FAULTS = ("blank", "repeats", "frozen", "torn", "region slips", "dark level", "clamps exposure", "lamp dims")
-"""Faulty frames that are complete, in time and have valid numbers."""
+"""Faults of frames that arrive complete, in time and with valid numbers."""
 CAMERA_FAULTS = (
     "times out",
     "incomplete",
@@ -41,13 +41,13 @@ CAMERA_FAULTS = (
     *CONTENT_FAULTS,
 )
 GAUGE_FAULTS = ("too warm", "lamp low")
-"""Readings of the simulated thermometer and photodiode that are off; frames are not."""
+"""Faults of the readings of the simulated thermometer and photodiode; frames are not affected."""
 FAULTS = STAGE_FAULTS + CAMERA_FAULTS + GAUGE_FAULTS
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceFault:
-    """One fault.
+    """A fault of a simulated device, and the calls that it affects.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class DeviceFault:
     at
         Number of the call to ``move`` (stage faults), ``grab`` (camera faults) or ``read`` (faults of gauges), from 0.
     times
-        Number of consecutive affected calls; a vanished device does not return, nor do lost steps.
+        Number of consecutive affected calls; a vanished device and lost steps never recover.
     """
 
     kind: str
@@ -70,12 +70,12 @@ class DeviceFault:
         check_number("times", self.times, at_least=1, integer=True)
 
     def text(self) -> str:
-        """Return the fault as `parse_faults` reads it."""
+        """Return the fault in the form that `parse_faults` reads."""
         return f"{self.kind}@{self.at}" + (f"*{self.times}" if self.times > 1 else "")
 
 
 def parse_faults(text: str) -> list[DeviceFault]:
-    """Return the faults that ``kind@call[*times]``, separated by ``;``, say; raises `InputError`."""
+    """Parse faults ``kind@call[*times]``, separated by ``;``; raises `InputError` if the text is invalid."""
     faults = []
     for part in filter(None, (p.strip() for p in text.split(";"))):
         kind, _, call = part.partition("@")
@@ -98,18 +98,18 @@ class FaultSchedule:
         self.calls = 0
 
     def next_call(self) -> frozenset[str]:
-        """Return the kinds of fault that strike this call."""
+        """Count a call and return the kinds of fault that affect it."""
         active = self.pending()
         self.calls += 1
         return active
 
     def inject(self, fault: DeviceFault) -> None:
-        """Let a further fault strike; it begins ``fault.at`` calls from the next one."""
+        """Add a fault that begins ``fault.at`` calls after the next one."""
         # one assignment: another thread may be counting
         self._faults = [*self._faults, replace(fault, at=self.calls + fault.at)]
 
     def pending(self) -> frozenset[str]:
-        """Return the kinds of fault that will strike the next call."""
+        """Return the kinds of fault that will affect the next call."""
         if not self._faults:
             return frozenset()
         return frozenset(f.kind for f in self._faults if f.at <= self.calls < f.at + f.times)

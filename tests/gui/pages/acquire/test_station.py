@@ -37,7 +37,7 @@ def test_the_simulator_shows_a_plenoptic_image_unless_the_quick_pattern_is_asked
 
 
 def test_light_that_ideal_optics_focus_into_single_pixels_is_not_found(plan: ScanPlan) -> None:
-    with pytest.raises(InputError, match="none that stands out"):
+    with pytest.raises(InputError, match="no significant light"):
         find_spot(seen(plan, optics="auto"))
 
 
