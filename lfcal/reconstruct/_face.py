@@ -1,4 +1,4 @@
-"""The public names of `lfcal.reconstruct`: each is loaded when it is asked for."""
+"""The public names of `lfcal.reconstruct`: each is loaded on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Volumes of a series in units of a frame each: many at a time, and whole after a kill."""
+"""Reconstruct a series in units of one frame: several at a time, and restartable after a crash."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def frame_units(
     *,
     warm: bool,
 ) -> list[Unit]:
-    """Return a unit for each frame; with ``warm``, each starts from the volume of the one before it.
+    """Return a unit for each frame; with ``warm``, each starts from the volume of the previous frame.
 
-    ``hints`` are the memory that projections may use, and `device_hints`; ``recipe`` is the fastest method here.
+    ``hints`` contain the memory that projections may use, and `device_hints`; ``recipe`` is the fastest method here.
     """
     hints = {**hints, "alone": len(frames) == 1}
     shared = {"optics": optics.plain(), "choice": asdict(choice)}
@@ -59,7 +59,7 @@ def frame_units(
         )
         units.append(unit)
         if warm:
-            # its name holds the fingerprint of what it began with, and so on to the first frame
+            # its name contains the fingerprint of its start, and thus of all frames before it
             before = os.path.abspath(parts_folder(out) / file_name(unit, unit.fingerprint()))
     return units
 
@@ -137,21 +137,21 @@ _HELD: ProcessCache[_Tool] = ProcessCache(lambda tool: tool.files.close())
 
 
 How = tuple[str, int, int, int, ArrayDevice | None]
-"""Method of projection, memory, threads, margin and device."""
+"""Settings that affect only how a volume is computed: method of projection, memory, threads, margin, device."""
 
 
 def device_hints(device: ArrayDevice | None, asked: str, processes: int) -> dict[str, Any]:
-    """Return the device of a run's frames, which ``asked`` named, and the memory that each process may take there."""
+    """Return the requested device ``asked`` for a run, and the memory that each process may use on it."""
     if device is None:
         return {}
-    one = ":" in asked  # else each worker takes one of them, by its number
+    one = ":" in asked  # otherwise each worker uses one of them, chosen by its number
     share = processes if one else -(-processes // max(1, device_count(device.library)))
     room = None if share == 1 else device.free_bytes() // share
     return {"device": asked if one else "cuda", "device_room": room}
 
 
 def device_for(text: str, room: int | None) -> ArrayDevice | None:
-    """Return the device of this worker, with the memory that it may take there."""
+    """Return the device of this worker, with the memory that it may use there."""
     found = find_device(text, worker=worker_number())
     return None if found is None else replace(found, room=room)
 
@@ -183,9 +183,9 @@ def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
 
 
 def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:
-    """Save the volume of each frame with what is known of it; note in ``results`` how each went.
+    """Save the volume of each frame with its details, and add the outcome of each to ``results``.
 
-    Where no frame has a volume nothing is saved.
+    If no frame has a volume, nothing is saved.
     """
     told = [_details(part) for part in parts]
     for name, known in zip(names, told, strict=True):
@@ -201,7 +201,7 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
     clock = Clock("write volumes", len(parts))
     with saved() as save:
         for k, (part, result, known) in enumerate(zip(parts, results, told, strict=True)):
-            # a continued run uses the method that it was begun with
+            # a continued run uses the method with which it began
             said: dict[str, Any] = {
                 key: known[key]
                 for key in ("residual", "stopped", "method", "notes", "chi2")

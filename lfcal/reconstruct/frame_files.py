@@ -1,4 +1,4 @@
-"""The frames of a reconstruction, what is done to each before it is reconstructed, and where volumes go."""
+"""Find the frames of a reconstruction, prepare them, and name the files of their volumes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
-"""What is done to a frame before it is reconstructed."""
+"""Function that prepares a frame for its reconstruction."""
 
 
 @dataclass(frozen=True)
@@ -64,17 +64,17 @@ class FrameFile:
     time_s: float | None = None
 
     def read(self) -> NDArray[Any]:
-        """Return its samples ``(rows, columns)``."""
+        """Read the samples ``(rows, columns)``."""
         return read_frame(self.file, self.page)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The files that it is read from."""
+        """Files of the frame."""
         return tuple(os.path.abspath(path) for path in sorted(files_of(self.file)))
 
 
 def read_frame(file: Path, page: int) -> NDArray[Any]:
-    """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
+    """Read the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
     if not file.is_dir():
         return read_image(file, page)
     source, order = _session(file)
@@ -82,12 +82,12 @@ def read_frame(file: Path, page: int) -> NDArray[Any]:
 
 
 def frames_of(path: Path) -> list[FrameFile]:
-    """Return every page of an image file or of the images of a folder, in natural order; or a session's, as recorded.
+    """List the pages of an image file or of a folder of images in natural order, or the frames of a session in order.
 
     Raises
     ------
     InputError
-        If there is none, or two have the same name; of a session if its frames are not of one place of the sensor.
+        If there is none, two have the same name, or the frames of a session show different places of the sensor.
     """
     if is_session(path):
         return _frames_of_session(path)
@@ -99,7 +99,7 @@ def frames_of(path: Path) -> list[FrameFile]:
         raise InputError.expected(f"frames in {path}", "at least one image", "none", "check the folder")
     found = []
     for file in files:
-        # opened for the number of pages alone; each page is read when its turn comes.
+        # opened only for the number of pages; each page is read when it is needed
         image = open_image(file)
         image.close()
         for page in range(image.pages):
@@ -107,17 +107,17 @@ def frames_of(path: Path) -> list[FrameFile]:
     names = [frame.name for frame in found]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError.expected("names of the frames", "each once", f"{twice} twice", "rename one of them")
+        raise InputError.expected("names of the frames", "unique names", f"{twice} twice", "rename one of them")
     return found
 
 
 def is_session(path: Path) -> bool:
-    """Return whether a folder is that of a session `lfcal acquire` recorded."""
+    """Return whether a folder is that of a session recorded by `lfcal acquire`."""
     return (path / NAME).is_file()
 
 
 def is_series(path: Path) -> bool:
-    """Return whether frames are several: a folder or session of them, or an image file of several pages."""
+    """Return whether ``path`` has several frames: a folder, a session, or an image file of several pages."""
     if path.is_dir():
         return True
     if not path.is_file():
@@ -134,7 +134,7 @@ def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
 
 @lru_cache(maxsize=1)
 def _opened(folder: str, _: str) -> tuple[RecordingSource, tuple[int, ...]]:
-    # once for all frames of a series: opening looks through the whole recording
+    # once for all frames of a series, because opening reads the whole recording
     source = RecordingSource(Path(folder))
     return source, tuple(sorted(range(len(source)), key=lambda k: float(source.record(k)["elapsed_s"])))
 
@@ -143,16 +143,16 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
     source, order = _session(path)
     places = {source.info(k).origin for k in order}
     if len(places) > 1:
-        got = f"{len(places)} places, as of a scan that follows its spots"
+        got = f"{len(places)} places, as in a scan of cutouts"
         raise InputError.expected(f"frames of {path}", "one place of the sensor", got, "record whole frames")
     times = [float(source.record(k)["elapsed_s"]) for k in order]
     return [FrameFile(f"{path.name}_{n:04d}", path, n, t) for n, t in enumerate(times)]
 
 
 def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
-    """Return the anchor of H in frames that are a part of the sensor; None: that of H.
+    """Return the anchor of H in frames of a part of the sensor; None: the anchor stored in H.
 
-    ``resample``: whether they are resampled in any case.
+    ``resample``: whether frames are always resampled.
     """
     if not is_session(path):
         return None
@@ -161,13 +161,13 @@ def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[floa
         return None
     if resample:
         raise InputError.expected(
-            "--resample", "whole frames", f"a part from {(row, column)} on", "record whole frames"
+            "--resample", "whole frames", f"a part that starts at (row, column) {(row, column)}", "record whole frames"
         )
     return H.anchor[0] - row, H.anchor[1] - column
 
 
 def cleaner(light_field: LightFieldSettings, view: Resampling | None) -> Cleaner:
-    """Return what is done to each frame: dark, white, mask (masked pixels become NaN), resampling."""
+    """Return the function that prepares each frame: dark, white, mask (masked pixels become NaN), resampling."""
     dark, white, mask = light_field.dark, light_field.white, light_field.mask
     level = read_average(dark) if dark else None
     steps: list[Any] = [] if level is None else [Dark(level)]
@@ -186,16 +186,16 @@ def cleaner(light_field: LightFieldSettings, view: Resampling | None) -> Cleaner
 
 
 Save = Callable[[str, "NDArray[Any] | None", Mapping[str, Any]], None]
-"""Takes the name of a frame, the volume behind it, and what is known of it; None: there is no volume."""
+"""Function of the name of a frame, its volume (None: there is none), and its details."""
 
 Saved = Callable[[], AbstractContextManager[Save]]
-"""Gives what saves volumes; files that hold several are there when its block has ended."""
+"""Context that provides a `Save` function; files of several volumes are complete at its end."""
 
 
 def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> dict[str, Path]:
-    """Return the file of each frame's volume: ``out`` for all, or one each in the folder ``out`` with ``suffix``.
+    """Return the file of each frame's volume: ``out`` for all, or one per frame in folder ``out`` with ``suffix``.
 
-    With a ``suffix``, too, all go to ``out`` where that is the name of a volume file.
+    If ``out`` has the name of a volume file, it is used for all volumes, also with a ``suffix``.
 
     Raises
     ------
@@ -220,14 +220,14 @@ def saving(
     grid: MetricGrid | None,
     times_s: Sequence[float | None],
 ) -> Iterator[Save]:
-    """Yield a function that saves the volume of a frame: into a separate file, or into one file for all.
+    """Yield a function that saves the volume of a frame, to a separate file or to one file for all.
 
-    A frame without a volume gets no file; in a file for all, NaN fills its place in time.
+    A frame without a volume gets no file, or NaN in a file for all.
 
     Parameters
     ----------
     P
-        Projector, which states the depths.
+        Projector, which provides the depths.
     voxel
         Sides (y, x) of a voxel (µm), if known.
     targets

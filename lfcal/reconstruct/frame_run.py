@@ -1,4 +1,4 @@
-"""Light-field frames in files to volumes in files: one frame or a series, in this process or in units."""
+"""Reconstruct light-field frames from files to volume files: one frame or a series, in this process or in units."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from lfcal.work import RunChoice, iter_made
 __all__ = ["FrameRun"]
 
 USUAL = 20
-"""Iterations of a run that stops automatically, for a forecast; it may take half or twice as many."""
+"""Number of iterations assumed in a forecast of a run that stops automatically; half or twice as many are possible."""
 
 
 @dataclass(frozen=True)
 class FrameRun:
-    """Frames, with everything needed to reconstruct them.
+    """Frames with all settings and data for their reconstruction.
 
     Attributes
     ----------
@@ -43,11 +43,11 @@ class FrameRun:
     view
         Resampling of frames to the period of H; None: frames are used unchanged.
     optics, choice, voxels
-        Requested settings, completed by place of the frames, margin and noise.
+        Requested settings; place of the frames, margin and noise are filled in.
     warm
-        Whether each frame starts from the volume of the one before it.
+        Whether each frame starts from the volume of the previous frame.
     projector
-        Projector of the wider frame, if there is a margin.
+        Projector; with a margin, that of the wider frame.
     """
 
     frames: list[FrameFile]
@@ -71,7 +71,7 @@ class FrameRun:
         warm: bool = False,
         workers: int | None = None,
     ) -> FrameRun:
-        """Look at the first frame and choose how to project; ``matrices`` are those that ``optics`` opened."""
+        """Prepare a run from its first frame and choose the projection method; ``optics`` opened ``matrices``."""
         if warm:
             check_warm(choice)
         found, H, asked = frames_of(frames), matrices[0], optics.light_field.asked
@@ -101,18 +101,18 @@ class FrameRun:
 
     @property
     def iterations(self) -> int:
-        """Those of a frame, as far as they are known beforehand."""
+        """Iterations per frame, estimated if the run stops automatically."""
         return min(self.choice.iterations, USUAL) if self.choice.auto else self.choice.iterations
 
     @property
     def seconds(self) -> float:
-        """Time of all frames, set-up included."""
+        """Estimated time for all frames, including set-up (s)."""
         found = self.projector.forecast().chosen
         return found.prepare_s + len(self.frames) * self.iterations * found.pair_s
 
     @property
     def memory(self) -> RunMemory:
-        """Largest memory."""
+        """Peak memory of the run."""
         return run_memory(self.projector, self.choice, warm=self.warm)
 
     @property
@@ -146,18 +146,18 @@ class FrameRun:
     def iter_volumes(
         self, targets: Mapping[str, Path], out: Path, details: Mapping[str, Any], run: RunChoice | None = None
     ) -> Work[tuple[FrameResult, ...]]:
-        """Reconstruct and save frame by frame; one volume is in memory at a time.
+        """Reconstruct and save one frame after another; only one volume is in memory.
 
         Parameters
         ----------
         targets
             File of each frame's volume, by the frame's name.
         out
-            Path next to which finished units are kept.
+            Path of the result; finished units are kept next to it.
         details
             Additional entries of all files.
         run
-            Executor of the units, one for each frame; None: this thread does all.
+            Executor of the units, one per frame; None: run in this thread.
         """
         grid = self._grid
         sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)
@@ -197,9 +197,7 @@ class FrameRun:
     def _iter_units(self, out: Path, run: RunChoice, saved: Saved) -> Work[tuple[FrameResult, ...]]:
         """Reconstruct frame by frame, each volume in a file that stays until all are there and ``saved``."""
         if self.warm and run.executor != "threads":
-            raise InputError.expected(
-                "--warm", "--executor threads", run.executor, "each frame needs the one before it"
-            )
+            raise InputError.expected("--warm", "--executor threads", run.executor, "each frame needs the previous one")
         # each process has its own H
         share = 1 if run.executor == "threads" else worker_count(run.workers)
         P, optics = self.projector, self.optics

@@ -1,8 +1,8 @@
-"""A margin around the frame: sources outside it also illuminate the frame.
+"""Add a margin around the frame, because sources outside it also illuminate the frame.
 
-A volume that ends at the border of the frame must explain all light with sources inside the frame, and its edges
-become too bright. With a margin, the volume extends further, as far as patterns reach or memory allows. No pixel is
-recorded there (weight 0), and the margin is cropped from the result.
+A volume that ends at the border of the frame must explain all light with sources inside the frame. Its edges then
+become too bright. With a margin, the volume extends as far as patterns reach or memory allows. The added pixels have
+weight 0, and the margin is cropped from the result.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ __all__ = ["cropped", "usual_margin", "widened", "widened_start"]
 
 
 def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[int, int]) -> int:
-    """Return the margin (pixels) for H of this period and cutout ``(nt, ns)`` and frames ``shape``.
+    """Return the margin (pixels) for an H of this period and cutout ``(nt, ns)``, and for frames of ``shape``.
 
-    Two periods catch most of the light that falls in: edges are 1.0 times as bright as the rest where without margin
-    they are 1.3 times. No more than patterns reach, and no more than an eighth of the frame, which takes half as much
-    time again.
+    Two periods include most of the light from outside: edges then have the right brightness, instead of 1.3 times as
+    much. The margin is at most the reach of patterns, and at most an eighth of the frame, which increases the time by
+    half.
     """
     return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))
 
@@ -33,7 +33,7 @@ def widened(array: ArrayLike, margin: int, fill: float = 0.0) -> NDArray[Any]:
 
 
 def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) -> NDArray[Any]:
-    """Return a start ``(nz, Y, X)`` for volumes of shape ``wanted``: one without margin is continued by its border."""
+    """Return a start ``(nz, Y, X)`` of shape ``wanted``; a start without margin is extended by its border values."""
     start = np.asarray(volume)
     if start.shape == wanted:
         return start
@@ -44,6 +44,6 @@ def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) 
 
 
 def cropped(volume: NDArray[Any], margin: int) -> NDArray[Any]:
-    """Return what lies under the frame of a volume ``(nz, Y, X)``."""
+    """Return the part of a volume ``(nz, Y, X)`` inside the frame."""
     rows, columns = volume.shape[1:]
     return volume[:, margin : rows - margin, margin : columns - margin].copy()

@@ -1,4 +1,4 @@
-"""How much memory a reconstruction takes, arrays of its solver included, before it begins."""
+"""Predict the memory of a reconstruction, including the arrays of its solver."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FREE_SHARE = 0.8
 """Default share of the free memory that a reconstruction uses."""
 
 PROJECTING, FITTING = 2, 9
-"""Number of images in addition to a volume's arrays, for projecting it and comparing it with the frame."""
+"""Number of images in memory besides the volume's arrays, for its projection and the comparison with the frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class RunMemory:
     Attributes
     ----------
     matrix
-        Planes of H that are prepared and kept.
+        Prepared planes of H that are kept.
     solver
         Volumes and images of the solver.
     projection
@@ -40,7 +40,7 @@ class RunMemory:
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """Sum of all uses."""
         return self.matrix + self.solver + self.projection + self.program
 
     def __str__(self) -> str:
@@ -50,14 +50,14 @@ class RunMemory:
 
 
 def run_memory(P: Projector, choice: SolverChoice, *, warm: bool = False) -> RunMemory:
-    """Return the memory of reconstructing with a projector and a solver.
+    """Predict the memory of a reconstruction with a projector and a solver.
 
-    ``warm``: the last volume is kept, for the next frame to begin with.
+    ``warm``: the last volume is kept as the start for the next frame.
     """
     cost = P.forecast().chosen
     projecting, between = _solver_bytes(P.volume_shape, choice, P.dtype.itemsize, warm)
     matrix, scratch = cost.operand_bytes, cost.scratch_bytes
-    if not cost.resident:  # planes are prepared while they are projected
+    if not cost.resident:  # planes are prepared during projections
         matrix, scratch = 0, cost.memory_bytes
     if between >= projecting + scratch:
         return RunMemory(matrix, between, 0, memory_in_use())
@@ -73,7 +73,7 @@ def room_for_projections(
     warm: bool = False,
     share: int = 1,
 ) -> int:
-    """Return the memory left for H and projections besides that of a solver: a projector's ``memory_limit`` (bytes).
+    """Return the memory left for H and projections next to a solver: the projector's ``memory_limit`` (bytes).
 
     Parameters
     ----------
@@ -86,14 +86,14 @@ def room_for_projections(
     memory
         Memory that the reconstruction may use (bytes); by default most of the free memory.
     warm
-        Whether the last volume is kept, for the next frame to begin with.
+        Whether the last volume is kept as the start for the next frame.
     share
         Number of processes that share the memory, each with a separate H.
 
     Raises
     ------
     InputError
-        If nothing is left.
+        If no memory is left.
     """
     most = (int(FREE_SHARE * free_memory()) if memory is None else memory) // share
     needed = max(_solver_bytes(shape, choice, itemsize, warm))
@@ -104,7 +104,7 @@ def room_for_projections(
         remedies.append(f"fewer than {share} --workers")
     leanest = min(SOLVERS, key=lambda solver: (max(_held(SolverChoice(solver.name), warm)), solver.rank))
     if (least := max(_held(SolverChoice(leanest.name), warm))) < (own := max(_held(choice, warm))):
-        remedies.append(f"choose {leanest.name}, which holds {least} volumes instead of {own}")
+        remedies.append(f"choose {leanest.name}, which needs {least} volumes in memory instead of {own}")
     raise InputError.expected(
         "memory of the reconstruction",
         f"more than {format_bytes(needed)} for the arrays of {choice.name} alone",
@@ -117,7 +117,7 @@ def _solver_bytes(shape: tuple[int, int, int], choice: SolverChoice, itemsize: i
     """Return the most bytes of a solver's arrays during a projection, and between projections."""
     nz, rows, columns = shape
     held, most = _held(choice, warm)
-    # no result of a projection is held while model and frame are compared
+    # no projection result is in memory while model and frame are compared
     updating = UPDATING * plane_threads(nz, rows * columns * itemsize)
     images = held * nz + PROJECTING, max(most * nz + updating, (held - 1) * nz + FITTING)
     return images[0] * rows * columns * itemsize, images[1] * rows * columns * itemsize

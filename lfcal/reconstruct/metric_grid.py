@@ -1,4 +1,4 @@
-"""Volumes on a grid of one voxel size: behind a main lens, the voxel size differs between planes.
+"""Resample volumes to one voxel size, because behind a main lens the voxel size differs between planes.
 
 A voxel of plane z is as wide as the step of the source that moves its image by one pixel. These steps grow with the
 distance: 3-7 % over the depths of an R29, 12 % on a bench. Stacking the planes pixel by pixel would turn a cone into a
@@ -23,10 +23,10 @@ __all__ = ["MetricGrid"]
 Pair = tuple[float, float]
 
 MOST_VOXELS = 1 << 31
-"""Voxels of a volume; more are a mistake in the size asked for."""
+"""Largest number of voxels of a volume; more are probably a mistake in the requested size."""
 
 SMALLEST_UM = 1e-6
-"""Side of a voxel (µm); the number of smaller ones cannot even be counted."""
+"""Smallest side of a voxel (µm); the number of smaller ones might overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,16 +38,16 @@ class MetricGrid:
     voxel_um
         Side of a voxel, the same for rows and columns (µm).
     origin_um
-        Middle of the first voxel, rows and columns from the axis (µm).
+        Position of the first voxel's middle, rows and columns from the axis (µm).
     shape
         ``(Y, X)`` voxels, the field of the widest plane.
     rows, columns
-        For each plane the share of each of its rows that falls into each row of the grid ``(Y, y)``, and the same for
+        For each plane, the share of each of its rows that falls into each row of the grid, ``(Y, y)``; likewise for
         columns.
 
     Examples
     --------
-    Voxels of the second plane are 10 % wider, and so is what it shows.
+    Voxels of the second plane are 10 % wider, and so is its field.
 
     >>> from lfcal.reconstruct import MetricGrid
     >>> grid = MetricGrid.of([(10.0, 10.0), (11.0, 11.0)], shape=(60, 80), axis=(29.5, 39.5))
@@ -88,7 +88,7 @@ class MetricGrid:
             low = min((-axis[k] - 0.5) * pair[k] for pair in sides_um)
             high = max((shape[k] - axis[k] - 0.5) * pair[k] for pair in sides_um)
             lows.append(low)
-            # a hair less: a field of whole voxels has no empty one at its end
+            # slightly less, so that a field of whole voxels has no empty voxel at its end
             counts.append(max(1, math.ceil((high - low) / side - 1e-6)))
         if math.prod(counts) * len(sides_um) > MOST_VOXELS:
             got = f"{len(sides_um)} x {counts[0]} x {counts[1]}"
@@ -116,8 +116,9 @@ class MetricGrid:
         shape
             ``(Y, X)`` pixels of the image, and of each plane of the volume.
         anchor
-            Pixel of the image on which H's position (0, 0) is imaged; None: that of H. A difference is interpreted as
-            the place of the image on the sensor.
+            Pixel of the image on which H's position (0, 0) is imaged; None: that of H. Any other anchor gives the
+            place of
+            the image on the sensor.
         voxel
             Side (µm); None: the smallest of all planes.
 
@@ -142,12 +143,12 @@ class MetricGrid:
         return cls.of([side for side in sides if side is not None], shape, (axis[0], axis[1]), voxel)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[np.float32]:
-        """Return a volume ``(nz, y, x)`` on the grid, ``(nz, Y, X)``: light is shared out by area, none is lost.
+        """Resample a volume ``(nz, y, x)`` to the grid, ``(nz, Y, X)``; light is distributed by area and conserved.
 
         Raises
         ------
         InputError
-            If it has other planes.
+            If its planes are not those of the grid.
         """
         wanted = (len(self.rows), self.rows[0].shape[1], self.columns[0].shape[1])
         if volume.shape != wanted:
@@ -166,12 +167,12 @@ def _shares(count: int, axis: float, width: float, low: float, cells: int, side:
     most = int((last - first).max())
     cell = first[:, None] + np.arange(most)
     left, right = low + cell * side, low + (cell + 1) * side
-    # the grid ends where the widest plane does: what rounding leaves beyond it belongs to its last voxel
+    # the grid ends with the widest plane; light beyond it due to rounding belongs to the last voxel
     left, right = np.where(cell == 0, -np.inf, left), np.where(cell == cells - 1, np.inf, right)
     shared = np.minimum(right, edges[1:, None]) - np.maximum(left, edges[:-1, None])
     inside = (shared > 0) & (cell < cells)
     pixel = np.broadcast_to(np.arange(count)[:, None], cell.shape)
     values = (shared / width)[inside]
-    from scipy import sparse  # the window loads this module when it opens its page
+    from scipy import sparse  # slow to import
 
     return sparse.csr_array((values, (cell[inside], pixel[inside])), shape=(cells, count))

@@ -1,4 +1,4 @@
-"""What all frames of a reconstruction share: H of one or several regions, and how frames are brought onto it."""
+"""Settings shared by all frames of a reconstruction: H of one or several regions, and resampling to its period."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["SharedOptics", "files_of_regions", "wide"]
 Anchor = tuple[float, float]
 
 ALL = "all"
-"""Every region that the H file has."""
+"""All regions in the H file."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ class SharedOptics:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The files among them; of a folder its images."""
+        """The files in these settings; for a folder, its images."""
         own = self.light_field
         others = [str(path) for path in (own.dark, own.white, own.lattice)]
         found = (str(self.psf), *map(str, files_of_regions(self.psf, self.regions)), *others)
         return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
 
     def plain(self) -> dict[str, Any]:
-        """Return what decides the volumes as plain JSON types, with absolute paths."""
+        """Return the settings that determine the volumes as plain JSON types, with absolute paths."""
         light_field = to_dict(self.light_field)
         for name in ("dark", "white", "lattice"):
             light_field[name] = os.path.abspath(light_field[name]) if light_field[name] else ""
@@ -65,7 +65,7 @@ class SharedOptics:
             "regions": [others.get(str(Path(name)), name) for name in self.regions],
             "mat_order": self.mat_order,
             "light_field": light_field,
-            # where it is computed decides how fast it is
+            # the device affects only the speed
             "projection": to_dict(replace(self.projection, device="auto", memory=None)),
             "anchor": self.anchor,
             "resample": self.resample,
@@ -73,7 +73,7 @@ class SharedOptics:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> SharedOptics:
-        """Return what `plain` gave."""
+        """Return the settings from the result of `plain`."""
         return cls(
             Path(values["psf"]),
             tuple(values["regions"]),
@@ -85,7 +85,7 @@ class SharedOptics:
         )
 
     def open(self, stack: ExitStack) -> list[PSFMatrix]:
-        """Return H of the file and of each other region, which ``stack`` closes."""
+        """Open H of the file and of each other region; ``stack`` closes them."""
         places = [(self.psf, ""), *_places(self.psf, self.regions)]
         orders = [self.mat_order if file.suffix.lower() == ".mat" else "" for file, _ in places]
         return [
@@ -94,11 +94,11 @@ class SharedOptics:
         ]
 
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
-        """Return the map of frames of ``shape`` onto H's period as it was found; None: they are used as they are."""
+        """Return the map of frames of ``shape`` to H's period; None: frames are used unchanged."""
         return resampling_for(H, shape, self.light_field) if self.resample else None
 
     def image_anchor(self, view: Resampling | None, H: PSFMatrix) -> Anchor | None:
-        """Return the anchor of the images: as given, where resampling puts it, or None for that of H."""
+        """Return the anchor of the images: the given one, that after resampling, or None for that of H."""
         if self.anchor is not None or view is None:
             return self.anchor
         return view.anchor(lattice_anchor_of(H))
@@ -115,7 +115,7 @@ class SharedOptics:
         device: str | ArrayDevice,
         method: str = "",
     ) -> Projector:
-        """Return the projector of frames with a margin of ``margin`` pixels, with less noise if that of H is known.
+        """Return the projector of frames with a margin of ``margin`` pixels; noise of H is reduced if it is known.
 
         ``method`` replaces the projection method of the settings.
         """
@@ -144,7 +144,7 @@ def wide(shape: tuple[int, int], margin: int) -> tuple[int, int]:
 
 
 def files_of_regions(psf: Path, regions: Sequence[str]) -> list[Path]:
-    """Return the H files that ``regions`` name besides ``psf``, each once."""
+    """Return the H files in ``regions`` other than ``psf``, each once."""
     found = [Path(file) for file, _ in _places(psf, regions) if file != psf]
     return list(dict.fromkeys(found))
 
@@ -169,7 +169,7 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
         elif Path(name).exists():
             found.append((Path(name), ""))
         else:
-            named = ", ".join(filter(None, own)) or "none by name"
+            named = ", ".join(filter(None, own)) or "no names"
             raise InputError.expected("--region", f"a region of {psf.name} ({named}) or an H file", name, "correct it")
     if not found:
         raise InputError.expected("--region", f"other regions than the first of {psf.name}", "none", "leave it out")

@@ -1,4 +1,4 @@
-"""Volumes whose truth is known, and how close a reconstruction is to it."""
+"""Create volumes for tests, and measure the error of their reconstruction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["PHANTOMS", "nrmse", "phantom", "points", "vesicle"]
 
 
 def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
-    """Return the norm of ``estimate - truth`` over that of ``truth`` (0: equal).
+    """Return the norm of ``estimate - truth`` relative to that of ``truth`` (0: equal).
 
     Raises
     ------
@@ -23,14 +23,14 @@ def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
     a, b = _pair(estimate, truth)
     size = float(np.linalg.norm(b))
     if size == 0:
-        raise InputError.expected("truth", "something that is not zero", "zeros", "use another measure")
+        raise InputError.expected("truth", "a volume that is not zero everywhere", "zeros", "use another measure")
     return float(np.linalg.norm(a - b)) / size
 
 
 def _pair(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
     if x.shape != y.shape or x.size == 0:
-        raise InputError.expected("arrays to compare", f"one shape, {y.shape}", x.shape, "crop them alike")
+        raise InputError.expected("arrays to compare", f"one shape, {y.shape}", x.shape, "crop them to one shape")
     return x, y
 
 
@@ -38,11 +38,11 @@ Shape = tuple[int, int, int]
 
 
 PHANTOMS = ("points", "vesicle", "plume")
-"""Names `phantom` knows."""
+"""Names that `phantom` accepts."""
 
 
 def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: float = 1.0) -> NDArray[np.float64]:
-    """Return single bright voxels at ``positions`` (z, y, x)."""
+    """Return a volume with single bright voxels at ``positions`` (z, y, x)."""
     volume = np.zeros(shape)
     for position in positions:
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
@@ -60,7 +60,7 @@ def vesicle(
     z_step: float = 1.0,
     brightness: float = 1.0,
 ) -> NDArray[np.float64]:
-    """Return a spherical shell, like a labelled membrane.
+    """Return a volume with a spherical shell, like a labelled membrane.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def vesicle(
 
 
 def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, seed: int = 0) -> NDArray[np.float64]:
-    """Return a smooth jet that widens along x, with seeded turbulence, brightest in the middle plane."""
+    """Return a volume with a smooth, turbulent jet that widens along x and is brightest in the middle plane."""
     nz, height, length = shape
     start = height / 16 if width is None else width
     rng = np.random.default_rng(seed)
@@ -94,7 +94,7 @@ def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, 
     sway = sum(np.sin(2 * np.pi * (k + 1) * x / length + phases[k]) / (k + 1) for k in range(4)) * start / 3
     y = np.arange(height)[:, None] - (height - 1) / 2 - sway * (x / length)
     z = (np.arange(nz) - (nz - 1) / 2) / max(1.0, nz / 4)
-    from scipy.special import erf  # slow to load
+    from scipy.special import erf  # slow to import
 
     sheet = np.exp(-(y**2) / (2 * spread**2)) * (start / spread) * 0.5 * (1 + erf((length - x) / (length / 6) - 2))
     volume: NDArray[np.float64] = brightness * np.exp(-(z**2) / 2)[:, None, None] * sheet
@@ -102,7 +102,7 @@ def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, 
 
 
 def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
-    """Return the phantom ``points``, ``vesicle`` or ``plume`` at a size that suits ``shape``."""
+    """Return the phantom ``points``, ``vesicle`` or ``plume`` with a size suitable for ``shape``."""
     if name == "points":
         rng = np.random.default_rng(seed)
         # away from the border, where half of a point's pattern would be cut off.

@@ -1,4 +1,4 @@
-"""Light fields whose lenslet period is not a whole number of pixels, turned onto one that is."""
+"""Resample light fields so that the lenslet period becomes a whole number of pixels."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ __all__ = [
 Pair = tuple[float, float]
 
 MOST_DRIFT = 0.5
-"""Drift of a frame's lattice against H's period (px) up to which frames are used as they are."""
+"""Drift of a frame's lattice relative to H's period below which frames are used unchanged (pixels)."""
 
 
 @dataclass(frozen=True)
 class Resampling:
-    """The affine map from a frame to one in which the lattice's period is whole and upright.
+    """Affine map from a frame to one in which the period is whole and parallel to the axes.
 
     Points are ``(row, column)``, whole numbers the centres of pixels.
 
@@ -48,7 +48,7 @@ class Resampling:
     shape
         Rows and columns of the result.
     centre
-        Place of ``origin`` in the result.
+        Place of ``origin`` in the result (pixels).
     distortion
         `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the map removes, or None;
         ``origin`` is then that of the straight lattice.
@@ -93,7 +93,7 @@ class Resampling:
         period: tuple[int, int],
         lattice_anchor: Pair = (0.0, 0.0),
     ) -> Resampling:
-        """Return the map of a frame of ``shape`` to whole periods that keeps as much of it as whole pixels allow.
+        """Return the map of a frame of ``shape`` to whole periods that keeps as much of the frame as possible.
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class Resampling:
             `ScanPlan.lattice_anchor`). The result's pixel `anchor` is that position.
         """
         matrix = _invertible(down, across, period)
-        # the corners of the frame bound it in the result too: the map is affine
+        # the corners of the frame also bound it in the result, because the map is affine
         corners = np.array([(r, c) for r in (0, shape[0] - 1) for c in (0, shape[1] - 1)], float)
         reached = (corners - np.array(origin)) @ np.linalg.inv(matrix).T
         low, high = reached.min(axis=0), reached.max(axis=0)
@@ -121,7 +121,7 @@ class Resampling:
     def of_fit(
         cls, fit: Any, period: tuple[int, int] | None = None, lattice_anchor: Pair = (0.0, 0.0), types: int = 1
     ) -> Resampling:
-        """Return the map for a fitted lattice (`lfcal.frames.LatticeFit`).
+        """Return the map for a measured lattice (`lfcal.frames.LatticeFit`).
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Resampling:
     def of_camera(
         cls, camera: Any, period: tuple[int, int] | None = None, lattice_anchor: Pair = (0.0, 0.0)
     ) -> Resampling:
-        """Return the map for the lattice that a `lfcal.camera.Camera` states; arguments as in `of_fit`."""
+        """Return the map for the lattice of a `lfcal.camera.Camera`; arguments as in `of_fit`."""
         lattice, sensor = camera.lattice, camera.sensor
         x, y = lattice.offset_um
         origin = (sensor.centre_px[0] + y / sensor.pixel_um, sensor.centre_px[1] + x / sensor.pixel_um)
@@ -173,13 +173,13 @@ class Resampling:
     ) -> Resampling:
         a, b = np.asarray(basis, float)
         across = a * (3 if kind == "hexagonal" and types == 3 else 1)
-        # two rows down, half a lenslet back: straight down on a hexagonal lattice
+        # two rows down and half a lenslet back is straight down on a hexagonal lattice
         down = 2 * b - a if kind == "hexagonal" else b
         whole = (max(1, round(float(np.hypot(*down)))), max(1, round(float(np.hypot(*across)))))
         return cls.to_period(
             (int(shape[0]), int(shape[1])),
             (float(origin[0]), float(origin[1])),
-            # basis vectors are (x, y), points here (row, column)
+            # basis vectors are (x, y), but points here are (row, column)
             (float(down[1]), float(down[0])),
             (float(across[1]), float(across[0])),
             period or whole,
@@ -188,17 +188,17 @@ class Resampling:
 
     @property
     def scale(self) -> Pair:
-        """Pixels of the result per pixel of the frame, down and across."""
+        """Scale of the map: pixels of the result per pixel of the frame, down and across."""
         ny, nx = self.period
         return ny / float(np.hypot(*self.down)), nx / float(np.hypot(*self.across))
 
     def anchor(self, lattice_anchor: Pair = (0.0, 0.0)) -> tuple[int, int]:
-        """Return the pixel of the result that is position (0, 0) of an H with that ``lattice_anchor``."""
+        """Return the pixel of the result at position (0, 0) of an H with this ``lattice_anchor``."""
         row, column = (c + a for c, a in zip(self.centre, lattice_anchor, strict=True))
         return round(row), round(column)
 
     def places(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the points (row, column) of the frame that pixels of the result show."""
+        """Return the points (row, column) of the frame for pixels of the result."""
         steps = np.stack([rows - self.centre[0], columns - self.centre[1]])
         matrix = self._matrix()
         place = np.tensordot(matrix, steps, axes=1) + np.array(self.origin).reshape(2, *([1] * (steps.ndim - 1)))
@@ -208,19 +208,19 @@ class Resampling:
         return seen[..., 1], seen[..., 0]
 
     def drift(self, shape: tuple[int, int]) -> float:
-        """Return how far the lattice drifts over a frame of ``shape`` against the period of the result (px).
+        """Return the drift of the lattice over a frame of ``shape``, relative to the period of the result (pixels).
 
-        The larger of rows and columns: the range of how far pixels of the result lie from where the frame has them.
+        It is the range of the displacement between frame and result, along rows or columns, whichever is larger.
         """
-        # corners and edges bound an affine map; a bent lattice may drift most anywhere
+        # corners and edges are enough for an affine map; a distorted lattice may drift most anywhere
         rows, columns = np.meshgrid(*(np.linspace(0, n - 1, 9) for n in shape), indexing="ij")
         row, column = self.places(rows, columns)
         return float(max(np.ptp(row - rows), np.ptp(column - columns)))
 
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
-        """Return ``frame`` resampled by splines of ``order`` (0 to 5); light is conserved, outside is 0.
+        """Resample ``frame`` with splines of ``order`` (0 to 5); light is conserved, and pixels outside are 0.
 
-        Pixels of the result that mix a NaN or infinite pixel are NaN.
+        Pixels of the result that depend on a NaN or infinite pixel are NaN.
         """
         from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 
@@ -234,16 +234,16 @@ class Resampling:
             nearest = distance_transform_edt(lost, return_distances=False, return_indices=True)
             data = data[tuple(nearest)]
         spline: Any = order
-        # filtered once for the whole frame, not again in each thread's part
+        # filter once for the whole frame, instead of in each thread's part
         prepared: Any = spline_filter(data, spline, mode="mirror") if order > 1 else data
-        # pixels of the result cover another area of the frame: light per pixel scales with it
+        # pixels of the result cover a different area of the frame, so light per pixel scales with it
         area = abs(float(np.linalg.det(self._matrix())))
         out = np.empty(self.shape, np.float32)
 
         def work(start: int, stop: int) -> None:
             rows, columns = np.mgrid[start:stop, : self.shape[1]]
             place = np.stack(self.places(rows, columns))
-            # a pixel's own extent beyond the outermost centres belongs to the frame.
+            # the frame extends half a pixel beyond the outermost centres.
             place = np.where(np.abs(place - np.round(place)) < 1e-9, np.round(place), place)
             out[start:stop] = area * map_coordinates(prepared, place, order=spline, mode="constant", prefilter=False)
 
@@ -253,14 +253,14 @@ class Resampling:
         return out
 
     def inside(self, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return weights of the result: 1 where it shows a frame of ``shape`` (and all of ``mask`` is true), else 0."""
+        """Return weights of the result: 1 inside a frame of ``shape`` (where ``mask`` is true), else 0."""
         rows, columns = np.mgrid[: self.shape[0], : self.shape[1]]
         row, column = self.places(rows, columns)
         good = (row > -0.5) & (row < shape[0] - 0.5) & (column > -0.5) & (column < shape[1] - 0.5)
         if mask is not None:
             low = [np.clip(np.floor(v).astype(int), 0, n - 1) for v, n in ((row, shape[0]), (column, shape[1]))]
             high = [np.clip(v + 1, 0, n - 1) for v, n in zip(low, shape, strict=True)]
-            # a resampled value mixes four pixels at least: all of them must be good
+            # a resampled value depends on at least four pixels, which must all be good
             for r in (low[0], high[0]):
                 for c in (low[1], high[1]):
                     good &= mask[r, c]
@@ -301,9 +301,9 @@ def resampling_for(
         Settings with a white image or a measured lattice; without them, the lattice is that of H's camera, for frames
         of its whole sensor.
     placed
-        Source of the place of the frames in H, if it is fixed.
+        Name of the setting that gives the place of the frames in H, if any.
     quiet
-        Whether to report nothing.
+        Whether to omit notes and warnings.
 
     Examples
     --------
@@ -325,11 +325,11 @@ def resampling_for(
         return None
     as_they_are = given.asked is False or bool(placed)
     if not quiet and not as_they_are:
-        note(f"{drift_words(view, shape)}; frames are resampled to it (--resample never uses them as they are)")
+        note(f"{drift_words(view, shape)}; frames are resampled to it (--resample never: use them unchanged)")
     elif not quiet:
-        remedy = f"frames whose place is given by {placed} are not resampled" if placed else ""
+        remedy = f"frames with a place from {placed} are not resampled" if placed else ""
         remedy = remedy or "leave --resample never out to resample frames"
-        warn(f"{drift_words(view, shape)}, and volumes show ghosts; {remedy}")
+        warn(f"{drift_words(view, shape)}, so volumes show ghosts; {remedy}")
     return None if as_they_are else view
 
 
@@ -347,7 +347,7 @@ def _known_resampling(
 
 
 def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
-    """Return the map of frames onto H's period, by a measured lattice, the white image's or that of H's camera."""
+    """Return the map of frames to H's period, from a measured lattice, the white image, or H's camera."""
     from lfcal.frames.corrections import read_average
     from lfcal.lattice import fit_lattice, load_lattice
 
@@ -388,7 +388,7 @@ def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None
 
 
 def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> str:
-    """Return that frames of ``shape`` need to be resampled to ``period``; empty where they do not."""
+    """Return a message if frames of ``shape`` must be resampled to ``period``; else an empty string."""
     if not _is_whole(camera, shape):
         return ""
     view = Resampling.of_camera(camera, period)
@@ -403,15 +403,15 @@ def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
 
 
 def drift_words(view: Resampling, shape: tuple[int, int]) -> str:
-    """Return how far the lattice of frames of ``shape`` drifts against the period of ``view``."""
+    """Describe the drift of the lattice of frames of ``shape`` relative to the period of ``view``."""
     ny, nx = view.period
-    return f"the lattice drifts by {view.drift(shape):.3g} px over the frame against H's period of {ny} x {nx} px"
+    return f"the lattice drifts by {view.drift(shape):.3g} px over the frame relative to H's period of {ny} x {nx} px"
 
 
 def lattice_anchor_of(H: Any) -> Pair:
-    """Return where position (0, 0) of ``H`` lies from the nearest micro-image centre (pixels of H's period).
+    """Return the offset of position (0, 0) of ``H`` from the nearest micro-image centre (pixels).
 
-    From camera and anchor of a `PSFMatrix`; without a camera, position (0, 0) is half a period before the centre.
+    It is computed from camera and anchor of a `PSFMatrix`. Without a camera, it is half a period before the centre.
     """
     ny, nx = H.shape[1:3]
     camera = H.camera
@@ -420,7 +420,7 @@ def lattice_anchor_of(H: Any) -> Pair:
     camera = camera.local(H.anchor)
     x, y = np.asarray(camera.sensor_um(H.anchor), float) - np.array(camera.lattice.offset_um)
     basis = np.asarray(camera.lattice.basis_um(), float)
-    if len(camera.lattice.types) == 3:  # lenslets of type 0 alone
+    if len(camera.lattice.types) == 3:  # only lenslets of type 0
         basis = np.array([basis[0] + basis[1], 2 * basis[1] - basis[0]])
     inverse = np.linalg.inv(basis)
     residual = np.array([x, y]) - np.round(np.array([x, y]) @ inverse) @ basis

@@ -1,4 +1,4 @@
-"""How close two points may come in each plane and still be seen apart."""
+"""Measure the two-point resolution in each plane, and the width of reconstructed beads."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lfcal.reconstruct.solvers import richardson_lucy
 __all__ = ["TwoPoint", "bead_widths", "dip", "fwhm", "iter_two_point", "two_point"]
 
 RAYLEIGH_DIP = 0.735
-"""Value between two Airy patterns at the Rayleigh distance, over their peaks."""
+"""Ratio of the value between two Airy patterns at the Rayleigh distance to their peaks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class TwoPoint:
     depth_um
         Depth of the plane, if H has depths (otherwise the index).
     distance
-        Smallest tested distance at which the points are resolved (voxels); infinity: none.
+        Smallest tested distance at which the points are resolved (voxels); infinity if there is none.
     dips
         Ratio of the value between the points to the smaller peak, for each tested distance.
     """
@@ -41,11 +41,11 @@ class TwoPoint:
 
 
 def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
-    """Return the least value between two peaks over the smaller of them (1: one blob; 0: fully apart).
+    """Return the ratio of the minimum between two peaks to the smaller peak (1: not resolved; 0: fully separated).
 
     The peaks are the largest values within a quarter of the distance of ``first`` and ``second``.
     """
-    # noise and ripple move a peak by a pixel or so, hence the largest value nearby
+    # use the largest value nearby, because noise moves a peak by about a pixel
     reach = max(1, abs(second - first) // 4)
     a, b = sorted((first, second))
     tops = []
@@ -53,16 +53,16 @@ def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
         low, high = max(0, at - reach), min(len(profile), at + reach + 1)
         tops.append(low + int(np.argmax(profile[low:high])))
     smaller = min(float(profile[t]) for t in tops)
-    # neighbouring peaks have no value between them
+    # adjacent peaks have no value between them
     if smaller <= 0 or tops[1] - tops[0] < 2:
         return 1.0
     return min(1.0, float(profile[tops[0] : tops[1] + 1].min()) / smaller)
 
 
 def fwhm(profile: NDArray[np.floating]) -> float:
-    """Return the full width at half maximum of the highest peak, linear between samples; NaN if there is no peak.
+    """Return the full width at half maximum of the highest peak (samples, interpolated linearly); NaN without a peak.
 
-    A side that does not fall to half counts as far as the profile goes.
+    A side that does not fall to half extends to the end of the profile.
     """
     top = int(np.argmax(profile))
     half = float(profile[top]) / 2
@@ -80,7 +80,7 @@ def fwhm(profile: NDArray[np.floating]) -> float:
 
 
 def bead_widths(volume: NDArray[np.floating], places: NDArray[np.floating], reach: int = 9) -> float:
-    """Return the median width of beads (voxels), down and across, each in its nearest plane.
+    """Return the median full width at half maximum of beads (voxels), down and across, each in its nearest plane.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def iter_two_point(
     seed: int | None = 0,
     limit: float = RAYLEIGH_DIP,
 ) -> Work[tuple[TwoPoint, ...]]:
-    """Find the resolution in each plane by reconstructing pairs of points along x.
+    """Measure the resolution in each plane by reconstructing pairs of points along x.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def iter_two_point(
     iterations
         Number of Richardson-Lucy iterations.
     photons
-        Light of each pair; Poisson noise is drawn with ``seed`` (None: no noise).
+        Photons of each pair; Poisson noise is generated with ``seed`` (None: no noise).
     limit
         Points are resolved if the dip is below this value.
 
@@ -150,13 +150,13 @@ def iter_two_point(
             image = P.forward(truth)
             image *= photons / max(float(image.sum()), float(np.finfo(P.dtype).tiny))
             if seed is not None:
-                # other noise for each distance, the same for each plane: planes are compared under equal noise.
+                # different noise for each distance, but equal for all planes, so that planes can be compared.
                 image = np.random.default_rng(seed + k).poisson(np.maximum(image, 0)).astype(P.dtype)
             volume = richardson_lucy(P, image, iterations).volume
             dips.append(dip(volume[z, row].astype(np.float64), left, left + distance))
             yield clock.at(z * len(distances) + k + 1)
         apart = [d for d, value in zip(distances, dips, strict=True) if value < limit]
-        # the smallest distance above which all are resolved
+        # the smallest distance from which on all are resolved
         best = next((d for k, d in enumerate(distances) if all(v < limit for v in dips[k:])), float("inf"))
         results.append(TwoPoint(z, float(P.depths[z]), float(best) if apart else float("inf"), tuple(dips)))
     return tuple(results)

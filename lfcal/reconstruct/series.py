@@ -1,4 +1,4 @@
-"""A series of frames, one volume each."""
+"""Reconstruct a series of frames, one volume for each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FrameResult:
     seconds
         Duration, including reading and writing.
     notes
-        Changes made to the frame.
+        Notes on changes made to the frame.
     stopped
         Why the solver stopped early; empty if all iterations were done.
     failed
@@ -56,9 +56,9 @@ class FrameResult:
 
 
 def check_any(results: Sequence[FrameResult]) -> None:
-    """Raise `InputError` where a series has frames and no volume at all: it may be what all of them are seen with."""
+    """Raise `InputError` if no frame of a series has a volume, because the cause may be common to all."""
     if results and all(result.failed for result in results):
-        raise InputError(f"{results[0].failed}; and none of the {len(results)} frames has a volume")
+        raise InputError(f"{results[0].failed}; none of the {len(results)} frames has a volume")
 
 
 def check_warm(choice: SolverChoice) -> None:
@@ -76,7 +76,7 @@ def iter_frame(
     weights: ArrayLike | None = None,
     initial: ArrayLike | None = None,
 ) -> Generator[SolverProgress, None, Reconstruction | InputError]:
-    """Reconstruct one frame; return the problem if it is damaged or has no light.
+    """Reconstruct one frame; return the error if it is damaged or has no light.
 
     Other errors would also occur with the next frame, and are raised.
     """
@@ -112,13 +112,13 @@ def iter_series(
     frames
         Name and reader of each frame, ``(Y, X)``.
     count
-        Number of frames.
+        Number of frames, for the progress.
     choice
         Solver.
     save
-        Function called with name and result.
+        Function called with the name and the result of each frame.
     weights
-        Weight of each pixel.
+        Weight of each pixel ``(Y, X)``.
     warm
         Start each frame from the volume of the previous one, which needs fewer iterations if little moves between
         frames. Voxels that became zero stay zero with multiplicative solvers.
@@ -128,8 +128,7 @@ def iter_series(
     Raises
     ------
     InputError
-        If frames, weights and choice do not fit, ``warm`` is used with a solver that has no start, or no frame has a
-        volume.
+        If frames, weights and choice do not fit together, the solver cannot use ``warm``, or no frame has a volume.
 
     Examples
     --------
@@ -173,7 +172,7 @@ def iter_series(
             results.append(FrameResult.without_volume(name, str(result), time.perf_counter() - start))
             continue
         save(name, result)
-        # only the volume: the solver's memory belongs to the frame before.
+        # only the volume: the other solver state belongs to the previous frame.
         previous = result.volume if warm else None
         last = result.history[-1]
         seconds = time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""Reconstructed volumes as files, written atomically: TIFF stacks, HDF5, OME-Zarr.
+"""Write reconstructed volumes to files, atomically: TIFF stacks, HDF5, OME-Zarr.
 
 OME-Zarr is written in version 0.4 of the layout (https://ngff.openmicroscopy.org/0.4/) on zarr format 2, which napari,
 Fiji (n5-ij, MoBIE, BigDataViewer) and the web viewers open. Fewer programs read version 0.5 (zarr format 3): napari's
@@ -59,7 +59,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class VolumeFacts:
-    """Facts that a file states about its volumes.
+    """Metadata of the volumes in a file.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class VolumeFacts:
     details
         Further entries, as plain JSON types.
     origin_um
-        Middle of the first voxel (y, x) (µm from the axis), if known.
+        Position (y, x) of the middle of the first voxel (µm from the axis), if known.
     times_s
         Time of the frame of each volume in a series (s), if known.
     """
@@ -83,22 +83,22 @@ class VolumeFacts:
 
 
 VERSION = "0.4"
-"""Of the layout."""
+"""Version of the OME-Zarr layout."""
 
 LFCAL_KEY = "lfcal"
-"""Attribute of the folder for what the layout does not define: the depth of every plane, and how it was made."""
+"""Attribute of the folder for metadata outside the layout: depth of every plane, and details."""
 
 LEVEL = "0"
-"""Name of the array, the only resolution there is."""
+"""Name of the array; there is only one resolution."""
 
 PIECE = 1024
-"""Most rows and columns of a piece; a piece is of one plane, as volumes are looked at."""
+"""Largest number of rows and columns of a chunk; a chunk has one plane, the unit of display."""
 
 AXES = (("t", "time"), ("z", "space"), ("y", "space"), ("x", "space"))
 
 
 def check_zarr() -> ModuleType:
-    """Return the library; raises `InputError` if it is not installed."""
+    """Import the library zarr; raises `InputError` if it is not installed."""
     try:
         import zarr
     except ImportError:
@@ -131,7 +131,7 @@ def write_ome_zarr(
             compressors=numcodecs.Zlib(1),
             fill_value=0.0,
             chunk_key_encoding={"name": "v2", "separator": "/"},
-            # a piece that is not there is lost, not dark
+            # a missing chunk is lost, not dark
             config={"write_empty_chunks": True},
         )
         group.attrs.update(_attributes(target, facts))
@@ -149,11 +149,11 @@ def _attributes(target: Path, facts: VolumeFacts) -> dict[str, Any]:
     known: set[str] = set()
     depths = None if facts.depths_um is None else np.asarray(facts.depths_um, np.float64)
     if depths is not None and len(depths) > 1:
-        # one size for all: the mean if planes are uneven, whose places are in lfcal's attributes
+        # one spacing for all: the mean if planes are uneven; lfcal's attributes contain the depths
         scale[1] = float(np.abs(np.diff(depths)).mean()) or 1.0
     if depths is not None and len(depths):
         known.add("z")
-        # readers count upwards: planes from far to near have no start that would be true of them
+        # readers assume increasing depths, so planes from far to near have no correct start
         start[1] = float(depths[0]) if (np.diff(depths) > 0).all() else 0.0
     if facts.voxel_um is not None:
         known |= {"y", "x"}
@@ -187,7 +187,7 @@ def _understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
     """Convert errors of the disk to `StorageError`, and all others to `FileFormatError`."""
     try:
         yield
-    except Exception as error:  # zarr and its codecs raise many kinds on folders that are something else
+    except Exception as error:  # zarr and its codecs raise various errors for other folders
         if isinstance(error, OSError) and error.errno is not None:
             raise StorageError(storage_words(error, source)) from error
         reason = " ".join(str(error).split())[:120] or type(error).__name__
@@ -200,7 +200,7 @@ def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
     Raises
     ------
     FileFormatError, StorageError, InputError
-        If it is no OME-Zarr, cannot be read, or the library is not installed.
+        If it is not an OME-Zarr, cannot be read, or the library is not installed.
     """
     zarr = check_zarr()
     with storage_errors(source):
@@ -220,12 +220,12 @@ def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
 
 
 def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the same as `zarr_contents`, after a check that the pieces may hold what the array declares.
+    """Return the same as `zarr_contents`, after checking that the chunks can contain the declared array.
 
     Raises
     ------
     FileFormatError
-        If the array is larger than its pieces can be: it would be empty room.
+        If the declared array is larger than the chunks can contain.
     """
     array, image, own = zarr_contents(source)
     nbytes = math.prod(array.shape) * np.dtype(array.dtype).itemsize
@@ -233,23 +233,23 @@ def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
         held = sum(path.stat().st_size for path in source.rglob("*") if path.is_file())
     if nbytes > MAX_EXPANSION * held:
         raise FileFormatError.expected(
-            str(source), f"pieces of {nbytes} bytes", f"{held} bytes on disk", "copy it again"
+            str(source), f"chunks of {nbytes} bytes", f"{held} bytes on disk", "copy it again"
         )
     return array, image, own
 
 
 def read_ome_zarr(source: Path) -> NDArray[np.float32]:
-    """Return the volume of an OME-Zarr; leading axes of one (time, channel) are left out.
+    """Read the volume of an OME-Zarr; leading axes of size one (time, channel) are removed.
 
     Raises
     ------
     FileFormatError, StorageError, InputError
-        As `open_ome_zarr`, and if a piece is damaged or there are several times.
+        As `open_ome_zarr`; also if a chunk is damaged or there are several times.
     """
     array = open_ome_zarr(source)[0]
     if math.prod(array.shape[:-3]) != 1:
         raise InputError.expected(str(source), "a volume (z, y, x)", array.shape, "choose another file")
-    with _understood(source, "intact pieces", "copy it again"):
+    with _understood(source, "intact chunks", "copy it again"):
         data = np.asarray(array[...], np.float32)
     return data.reshape(data.shape[-3:])
 
@@ -261,11 +261,11 @@ DATASET = "volume"
 """Name of the volumes in an HDF5 file."""
 
 VOLUME_FORMAT = "lfcal-volume"
-"""What such a file says it is."""
+"""Value of the file's format attribute."""
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:
-    """Return ``path`` or raise `InputError` if no volume can have such a name."""
+    """Return ``path``, or raise `InputError` if its suffix is not that of a volume."""
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise InputError.expected("volume file", " or ".join(SUFFIXES), target.name, "give it one of these endings")
@@ -369,17 +369,17 @@ def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[
     import tifffile
 
     axes = "TZYX"[-len(shape) :]
-    # ImageJ supports one spacing: the places of planes are stated separately
+    # ImageJ supports one spacing, so the depths of planes are stated separately
     depths = {} if facts.depths_um is None else {"depths_um": [float(z) for z in facts.depths_um]}
     metadata: dict[str, Any] = {"axes": axes, "unit": "um", "lfcal": json.dumps({**facts.details, **depths})}
     if facts.depths_um is not None and len(facts.depths_um) > 1:
         # ImageJ uses one spacing for the whole stack: the mean if planes are uneven
         metadata["spacing"] = float(np.abs(np.diff(facts.depths_um)).mean())
-    # TIFF says x first
+    # TIFF has x first
     resolution = None if facts.voxel_um is None else (1 / facts.voxel_um[1], 1 / facts.voxel_um[0])
-    big = 4 * math.prod(shape) > 3 << 30  # the ImageJ form holds 4 GB at most
+    big = 4 * math.prod(shape) > 3 << 30  # the ImageJ format is limited to 4 GB
     with replace_whole(target) as part, part.open("r+b") as file:
-        # laid out first and filled in order: a time series is never in memory as a whole
+        # allocated first and filled in order, so that a time series is never in memory as a whole
         place = tifffile.imwrite(
             file,
             shape=shape,
@@ -392,7 +392,7 @@ def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[
             photometric="minisblack",
             returnoffset=True,
         )
-        assert place is not None  # as the samples lie in one piece
+        assert place is not None  # because the samples are contiguous
         file.seek(place[0])
         yield lambda volume: _append(file, volume)
 
@@ -419,7 +419,7 @@ def _ome_tiff(
         metadata["Plane"] = {"PositionZ": depths * frames, "PositionZUnit": ["µm"] * (len(depths) * frames)}
         steps = np.diff(depths)
         if len(steps):
-            # one size for all: the mean if planes are uneven, whose places are stated separately
+            # one spacing for all: the mean if planes are uneven; the depths are stated separately
             metadata |= {"PhysicalSizeZ": float(np.abs(steps).mean()), "PhysicalSizeZUnit": "µm"}
     big = 4 * math.prod(shape) > 3 << 30
     with replace_whole(target) as part, part.open("r+b") as file:
@@ -434,7 +434,7 @@ def _ome_tiff(
             photometric="minisblack",
             returnoffset=True,
         )
-        assert place is not None  # as the samples lie in one piece
+        assert place is not None  # because the samples are contiguous
         file.seek(place[0])
         yield lambda volume: _append(file, volume)
 
@@ -446,7 +446,7 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
             DATASET,
             shape,
             "f4",
-            # one plane per chunk, as volumes are looked at
+            # one plane per chunk, the unit of display
             chunks=(1,) * (len(shape) - 2) + shape[-2:],
             compression="gzip",
             compression_opts=1,
@@ -470,7 +470,7 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Return the volume ``(nz, Y, X)`` of a file that `save_volume` wrote, or of any stack of that form.
+    """Read the volume ``(nz, Y, X)`` of a file that `save_volume` wrote, or of any stack of this form.
 
     Raises
     ------
@@ -502,7 +502,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
                 data = tifffile.imread(source)
         except StorageError:
             raise
-        except Exception as error:  # tifffile raises many kinds on damaged data
+        except Exception as error:  # tifffile raises various errors for damaged data
             said = " ".join(str(error).split())[:120]
             raise FileFormatError.expected(str(source), "an intact TIFF file", said, "copy it again") from error
     volume = np.asarray(data, np.float32)
@@ -514,7 +514,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 
 
 def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
-    """Return depths and voxel size in a file that `load_volume` reads; what it does not state is None.
+    """Read depths and voxel size from a file that `load_volume` can read; None for values that are not stated.
 
     Raises
     ------
@@ -567,7 +567,7 @@ def _ome_facts(words: str) -> VolumeFacts:
 def _imagej_facts(said: Mapping[str, Any], resolution: Sequence[tuple[int, int]]) -> VolumeFacts:
     own = json.loads(said.get("lfcal", "{}"))
     depths = own.get("depths_um")
-    # a file without a voxel size has a resolution of 1, too
+    # a file without a voxel size also has a resolution of 1
     known = said.get("unit") == "um" and all(n and n != d for n, d in resolution)
     sides = tuple(d / n for n, d in resolution) if known else ()
     return VolumeFacts(

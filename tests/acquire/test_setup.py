@@ -152,7 +152,7 @@ def test_stage_fit_returns_scale_rotation_and_residual() -> None:
         check_stage(fit, PLAN)
     with pytest.raises(InputError, match="turn the camera"):
         check_stage(replace(fit, matrix=((1.0, -angle), (angle, 1.0))), PLAN, cell_px=0.01 * max(PLAN.period))
-    with pytest.raises(InputError, match="straight"):
+    with pytest.raises(InputError, match="linear within"):
         check_stage(fit, PLAN, cell_px=0.1 * max(PLAN.period), residual_px=0.01)
 
 

@@ -160,4 +160,4 @@ def test_a_frame_of_another_grid_is_resampled(lfcal: Lfcal, tmp_path: Path) -> N
     succeeded(lfcal("simulate", plan, "-o", tmp_path / "H.h5"))
     tifffile.imwrite(tmp_path / "frame.tif", np.ones((90, 90), np.uint16))
     run = lfcal("reconstruct", tmp_path / "H.h5", tmp_path / "frame.tif", "-n", "1", "-o", tmp_path / "v.npy")
-    assert run.code == 0 and "px over the frame against H's period" in run.err and "are resampled" in run.err
+    assert run.code == 0 and "px over the frame relative to H's period" in run.err and "are resampled" in run.err

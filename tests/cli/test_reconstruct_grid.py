@@ -97,7 +97,7 @@ def test_frames_are_resampled_where_the_lattice_drifts(
     view = resampling_for(drifting, SHAPE)
     assert view is not None and usual.shape == (1, *view.shape) != (1, *SHAPE)
     drift = 135 * (15.384615 / 15 - 1)
-    assert f"drifts by {drift:.3g} px over the frame against H's period of 15 x 15 px; frames are resampled" in said
+    assert f"drifts by {drift:.3g} px over the frame relative to H's period of 15 x 15 px; frames are resampled" in said
     flat, said = solved(lfcal, "frame.tif", "--white", "flat.tif", *run)
     assert (
         flat.shape == usual.shape

@@ -95,7 +95,7 @@ def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> No
     assert lfcal(*words, "one").code == 0
     run = lfcal(*words, "two", "--executor", executor)
     if warm and executor == "processes":
-        assert run.code == 2 and "each frame needs the one before it" in run.err
+        assert run.code == 2 and "each frame needs the previous one" in run.err
         return
     assert run.code == 0 and run.out.count("3 iterations") == 3
     for name in ("frames_0000.tif", "frames_0001.tif", "frames_0002.tif"):

@@ -245,7 +245,7 @@ def test_regions_that_do_not_belong_together_are_refused(change: dict[str, Any],
         FieldProjector([*regions(1), other], SHAPE)
     with pytest.raises(InputError, match="one H or more"):
         FieldProjector([], SHAPE)
-    with pytest.raises(InputError, match="which says where it lies"):
+    with pytest.raises(InputError, match="which states its place in the field"):
         FieldProjector([np.ones((2, 4, 3, 7, 9))], SHAPE)
 
 

@@ -225,7 +225,7 @@ def test_stops_once_the_frame_is_met_to_within_its_noise(noisy, name, margin):
     wide = P if not margin else Projector(lenslet_psf(), (SHAPE[0] + 16, SHAPE[1] + 16), (1 + 8, 3 + 8))
     choice = SolverChoice(name, 100, 2.0, margin=margin, auto=True, stop="discrepancy")
     found = reconstruct(wide, image, choice)
-    assert "no farther from the frame than its noise" in found.stopped and len(found.history) < 60
+    assert "the residual is down to the noise" in found.stopped and len(found.history) < 60
     # the first that does: by one projection with the frame's own projector
     records = list(iter_reconstruct(wide, image, choice))
     assert len(records) == len(found.history)

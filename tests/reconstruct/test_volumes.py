@@ -176,7 +176,7 @@ def test_what_is_no_image_or_damaged_is_refused(tmp_path: Path) -> None:
     save_volume(path, VOLUME)
     piece = path / "0" / "0" / "1" / "0" / "0"
     piece.write_bytes(piece.read_bytes()[:20])
-    with pytest.raises(FileFormatError, match="intact pieces"):
+    with pytest.raises(FileFormatError, match="intact chunks"):
         load_volume(path)
     said = json.loads((path / "0" / ".zarray").read_text())
     (path / "0" / ".zarray").write_text(json.dumps(said | {"shape": [1, 10**6, 10**6, 10**6]}))

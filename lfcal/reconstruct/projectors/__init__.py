@@ -1,7 +1,8 @@
 """The projector pair and its methods.
 
 - ``projector``: `Projector`; ``_polyphase``, ``_direct``, ``_sparse``, ``_position_fft`` are its methods
-- ``grid``, ``_tiles``, ``_planes``, ``_engine``: the lattice of whole periods, overlap-save tiles, H plane by plane
+- ``grid``, ``_tiles``, ``_planes``, ``_engine``: the lattice of whole periods, overlap-save tiles, planes of H, and
+  what all methods share
 - ``forecast``, ``_rates``: cost of each method on this machine
 """
 

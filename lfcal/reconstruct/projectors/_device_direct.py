@@ -1,7 +1,7 @@
-"""Direct projection on a device: one matrix product for a few rows of sources, windows folded onto the image.
+"""Direct projection on a device: one matrix product for a few rows of sources, and addition of windows to the image.
 
-The arithmetic is that of `projectors._direct`. Windows are added up by shifted slices of whole lattice
-rows, a few for each, instead of one by one.
+The arithmetic is that of `projectors._direct`. Windows are added up in a few shifted slices of whole lattice rows,
+instead of one by one.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from lfcal.reconstruct.projectors.grid import Grid
 __all__ = ["DeviceDirect", "direct_bytes"]
 
 SOURCES = 128
-"""Inner length of a product: that many sources share their windows, whose additions are bound by memory."""
+"""Inner length of a product: number of sources that share windows, because adding windows is limited by memory."""
 
 
 def direct_bytes(grid: Grid, sources: tuple[int, int], itemsize: int) -> int:
-    """Return the least working memory: one row of the lattice, and patterns at ``sources`` (rows, columns) laid out."""
+    """Return the smallest working memory: a lattice row, and placed patterns of ``sources`` (rows, columns)."""
     (ny, nx), (nt, ns) = grid.period, grid.cutout
     together = min(sources[0], math.ceil(SOURCES / sources[1]))
     height, width = nt + math.ceil(together * ny / sources[0]), nx + ns - 1
@@ -46,7 +46,7 @@ class _Run:
 
 
 class DeviceDirect(DeviceEngine):
-    """See `lfcal.reconstruct.projectors._direct.Direct`, which takes ``phases`` and ``nodes`` alike."""
+    """Direct projection on a device; ``phases`` and ``nodes`` are those of `projectors._direct.Direct`."""
 
     name = "direct"
     any_phases = True
@@ -63,13 +63,13 @@ class DeviceDirect(DeviceEngine):
         self.regular = nodes is None
         self.at_y, self.at_x = (at.tolist() for at in source_places(grid.period, nodes))
         self.phases = phases
-        # sums of a product are in another order on each device
+        # the order of sums in a product depends on the device
         self.rounding = 20 * float(np.finfo(dtype).eps)
         with self.device.active():
             self.masked = self.mask(phases)
 
     def prepared(self, plane: NDArray[Any]) -> tuple[tuple[NDArray[Any], ...], Any]:
-        """Return the plane, its cutout cut down to where it is not zero."""
+        """Return the plane with its cutout cropped to the non-zero part."""
         return (np.ascontiguousarray(trim(plane)),), None
 
     def add(self, total: Any, operand: DeviceOperand, plane: Any) -> Any:
@@ -108,7 +108,7 @@ class DeviceDirect(DeviceEngine):
         return self.grid.unpack(image, before=centre_of(patterns))
 
     def cells_of(self, patterns: Any, image: Any) -> Any:
-        """Return the patterns' products with ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
+        """Return products of patterns and ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
         xp, (ny, nx), (cells_y, cells_x) = self.device.xp, self.grid.period, self.grid.cells
         height, across = self._padded_shape(patterns)
         before = centre_of(patterns)
@@ -163,7 +163,7 @@ class DeviceDirect(DeviceEngine):
                 laid[:, k, :, left : left + ns] = patterns[:, k, :, :]
             return laid
         laid[:, :, :, :ns] = patterns
-        # one value more for each pattern, and then cut off at the end, moves each by one more than that before it
+        # one padding value per pattern, cut off at the end, shifts each pattern by one more than the previous one
         size = nt * width
         longer = xp.concat(
             [xp.reshape(laid, (rows, columns, size)), self.device.zeros((rows, columns, 1), self.dtype)], axis=2

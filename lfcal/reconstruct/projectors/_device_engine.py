@@ -1,4 +1,4 @@
-"""What the ways to project on a device have in common: planes prepared on the processor, moved, and kept or not."""
+"""Common part of projection on a device: planes are prepared on the processor, moved, and kept if possible."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ class Placement:
     device
         The device.
     kept
-        Whether prepared planes stay there; otherwise they stay in host memory and are moved in every projection.
+        Whether prepared planes stay on the device; otherwise they stay in host memory and are moved in every
+        projection.
     room
         Working memory for which an engine plans its steps (bytes).
     """
@@ -48,7 +49,7 @@ class DeviceOperand:
 class DeviceEngine(ABC):
     """Project on a device: see `lfcal.reconstruct.projectors._engine.Engine`.
 
-    Volume planes and images are moved there for each projection, and results are brought back.
+    Volume planes and images are moved to the device for each projection, and results back.
     """
 
     name: str
@@ -62,11 +63,11 @@ class DeviceEngine(ABC):
     # -- the parts that engines differ in -----------------------------------------------------------------
     @abstractmethod
     def prepared(self, plane: NDArray[Any]) -> tuple[tuple[NDArray[Any], ...], Any]:
-        """Return the arrays of one plane of H, on the processor, with facts about them."""
+        """Return the arrays of one plane of H on the processor, with facts about them."""
 
     @abstractmethod
     def add(self, total: Any, operand: DeviceOperand, plane: Any) -> Any:
-        """Return ``total``, None at first, with what a volume plane on the device adds to it."""
+        """Add the contribution of a volume plane on the device to ``total`` (None at first), and return it."""
 
     @abstractmethod
     def image(self, total: Any) -> Any:
@@ -74,7 +75,7 @@ class DeviceEngine(ABC):
 
     @abstractmethod
     def seen(self, image: Any) -> Any:
-        """Return what all planes need of an image on the device."""
+        """Prepare an image on the device for the back projection on all planes."""
 
     @abstractmethod
     def back(self, seen: Any, operand: DeviceOperand) -> Any:
@@ -82,15 +83,15 @@ class DeviceEngine(ABC):
 
     # -- the pair --------------------------------------------------------------------------------------
     def prepare(self, plane: NDArray[Any]) -> DeviceOperand:
-        """Return the operand of one plane of H, ``(ny, nx, nt, ns)``, on the device where it is kept there."""
+        """Return the operand of one plane of H, ``(ny, nx, nt, ns)``, on the device if it is kept there."""
         arrays, facts = self.prepared(plane)
         operand = DeviceOperand(arrays, sum(array.nbytes for array in arrays), False, facts)
-        # entries are predicted from a few positions: if there are more, the last planes stay here
+        # the number of entries is predicted from a few positions; if it is larger, the last planes stay on the host
         fits = self.device.free_bytes() - operand.nbytes > self.placement.room
         return self._there(operand) if self.placement.kept and fits else operand
 
     def operand_bytes(self, operand: DeviceOperand) -> int:
-        """Return the bytes of an operand's arrays."""
+        """Return the size of an operand's arrays (bytes)."""
         return operand.nbytes
 
     def forward(self, planes: Iterable[tuple[DeviceOperand, NDArray[Any]]]) -> NDArray[Any]:
@@ -99,15 +100,15 @@ class DeviceEngine(ABC):
         with self.device.active():
             for operand, plane in planes:
                 total = self.add(total, self._there(operand), self.device.moved(plane))
-            if total is None:  # no plane holds anything
+            if total is None:  # all planes are zero
                 return np.zeros(self.grid.image_shape, self.dtype)
             return self.device.fetched(self.image(total))
 
     def adjoint(self, image: NDArray[Any], operands: Iterable[DeviceOperand]) -> Iterator[NDArray[Any]]:
-        """Yield the back projection of ``image`` for each operand; it holds until the next one is asked for."""
+        """Yield the back projection of ``image`` for each operand; each is valid until the next is requested."""
         with self.device.active():
             seen = self.seen(self.device.moved(image))
-            # a new array for each plane takes the processor several times as long as the way from the device
+            # allocating an array for each plane takes several times as long as the transfer
             plane = self.device.buffer(self.grid.image_shape, self.dtype)
         for operand in operands:
             with self.device.active():
@@ -132,5 +133,5 @@ class DeviceEngine(ABC):
         return out
 
     def mask(self, phases: NDArray[np.bool_] | None) -> Any:
-        """Return an image that is 1 at the selected phases and 0 elsewhere; None where all are."""
+        """Return an image that is 1 at the selected phases and 0 elsewhere; None if all are selected."""
         return None if phases is None else self.device.moved(self.grid.tiled(phases).astype(self.dtype))

@@ -1,4 +1,4 @@
-"""What each way to project would cost on a device, and the engine of the one to take there."""
+"""Predict the cost of each projection method on a device, and create the engine of the chosen one."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ from lfcal.reconstruct.projectors.grid import Grid
 __all__ = ["ON_DEVICES", "DeviceRates", "device_rates", "engine_on", "forecast_on"]
 
 ON_DEVICES = ("polyphase", "direct", "sparse", REDUCED)
-"""Ways to project that a device knows."""
+"""Projection methods available on a device."""
 
 MOST_ROOM = 1 << 31
-"""Bytes of working memory beyond which steps get no quicker."""
+"""Working memory above which steps do not become faster (bytes)."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceRates:
-    """What a device does in a second, measured.
+    """Measured speed of a device, per second.
 
     Attributes
     ----------
     products
-        Real operations of matrix products.
+        Real operations in matrix products.
     bytes
-        Bytes read and written by sums of arrays.
+        Bytes read and written in sums of arrays.
     moved
-        Bytes from the processor to the device.
+        Bytes transferred from host memory to the device.
     """
 
     products: float
@@ -56,7 +56,7 @@ class DeviceRates:
 
 @lru_cache(maxsize=16)
 def device_rates(device: ArrayDevice, dtype: str) -> DeviceRates:
-    """Return the rates of a device, measured once in some milliseconds."""
+    """Return the rates of a device; they are measured once, in a few milliseconds."""
     xp, item = device.xp, np.dtype(dtype).itemsize
     with device.active():
 
@@ -72,7 +72,7 @@ def device_rates(device: ArrayDevice, dtype: str) -> DeviceRates:
             one = np.ones((side, side), dtype)
             return lambda: device.moved(one) + 0
 
-        # memory that is shared is not moved, but read and written once
+        # shared memory is read and written once instead of transferred
         return DeviceRates(
             _rate(device, product, lambda side: 2 * side**3),
             _rate(device, summed, lambda side: 3 * item * side**2),
@@ -85,7 +85,7 @@ def _rate(device: ArrayDevice, make: Callable[[int], Callable[[], Any]], amount:
     side = 128
     while True:
         run = make(side)
-        _wait(device, run())  # the first run loads what the library needs for it
+        _wait(device, run())  # the first run loads parts of the library
         start = time.perf_counter()
         _wait(device, run())
         took = max(time.perf_counter() - start, 1e-9)
@@ -123,7 +123,7 @@ def device_forecast(
     Raises
     ------
     InputError
-        If devices do not support the method, or not even one plane and the smallest working memory fit.
+        If devices do not support the method, or the device has no room for one plane and the smallest working memory.
     """
     known = ("auto", *ON_DEVICES)
     if method not in known:
@@ -131,7 +131,7 @@ def device_forecast(
         raise InputError.expected(what, " or ".join(known), repr(method), "choose one, or --device cpu")
     rates, free = device_rates(device, problem.dtype.str), device.free_bytes()
     options = [o for name in ON_DEVICES if method in ("auto", name) for o in _options(problem, name, rates, method)]
-    # two planes are there while one is taken and the next is moved
+    # two planes are on the device while one is used and the next is moved
     fitting = [o for o in options if 2 * o.operand_bytes // problem.planes + o.least_bytes <= free]
     if not fitting:
         least = min((2 * o.operand_bytes // problem.planes + o.least_bytes for o in options), default=0)
@@ -177,7 +177,7 @@ def _placed(
         scratch,
         prepare,
     )
-    if here and cost.memory_bytes > memory_limit:  # they fit nowhere: planes are prepared again each time
+    if here and cost.memory_bytes > memory_limit:  # too large for both memories: planes are prepared again each time
         anew = option.prepare_s
         ahead, back = cost.forward_s + anew, cost.adjoint_s + anew
         cost = replace(
@@ -215,7 +215,7 @@ def _options(problem: ProjectionProblem, name: str, rates: DeviceRates, method: 
         prepare = planes * (problem.read_s + entries * (11e-9 + kept * 70e-9))
         patterns = nodes.shape[0] * nodes.shape[1] / grid.phases * problem.plane_bytes
         operand = int(planes * (patterns + 2 * kept * entries * share * (4 + item)))
-        # a plane may take another spacing than the sample: its entries reach as far as the widest
+        # a plane may use another spacing than the sample; its entries extend as far as with the widest
         least = direct_bytes(wide, nodes.shape, item) + sparse_bytes(beside, item)
         yield _Option(name, prepare, seconds, seconds, operand, least)
 
@@ -229,7 +229,7 @@ def _windows_s(problem: ProjectionProblem, sources: tuple[int, int], rates: Devi
     window = (nt + (together - 1) * ny / sources[0]) * (nx + ns - 1)
     band = together * sources[1] * window
     flops = 2 * cells * band
-    # patterns are laid out in three steps; windows are written, and added along both axes
+    # patterns are placed in three steps; windows are written, and added along both axes
     moved = (6 * band + 9 * cells * window) * item
     return groups * (flops / rates.products + moved / rates.bytes)
 
@@ -274,7 +274,7 @@ def engine_on(
     common: tuple[np.dtype[Any], int, NDArray[np.bool_] | None],
     tolerance: float,
 ) -> DeviceEngine:
-    """Return the engine of a forecast for ``device``; ``common``: type, threads that prepare, image phases in use."""
+    """Return the engine of a forecast for ``device``; ``common``: sample type, threads, image phases in use."""
     assert chosen.device is not None
     placement = Placement(device, chosen.device.kept, chosen.device.room)
     (dtype, workers, phases), name = common, chosen.chosen.method

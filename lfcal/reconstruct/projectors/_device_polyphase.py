@@ -1,6 +1,6 @@
 """Polyphase projection on a device: transforms of overlap-save tiles, and a product per frequency.
 
-The arithmetic is that of `lfcal.reconstruct.projectors._polyphase`, whose spectra of H it takes as they are.
+The arithmetic is that of `lfcal.reconstruct.projectors._polyphase`, whose spectra of H are used unchanged.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def band_bytes(plan: TilePlan, rows: int, itemsize: int) -> int:
 
 
 class DevicePolyphase(DeviceEngine):
-    """See `lfcal.reconstruct.projectors._polyphase.Polyphase`; ``plan`` has the tiles."""
+    """Polyphase projection on a device; see `projectors._polyphase.Polyphase`. ``plan`` contains the tiles."""
 
     name = "polyphase"
     any_phases = False
@@ -50,7 +50,7 @@ class DevicePolyphase(DeviceEngine):
         selected, n = self.host.selected, plan.grid.phases
         self.which: Any = None
         if len(selected) < n:
-            # where each phase is among the selected ones; all others are the zeros behind those
+            # index of each phase among the selected ones; all others use the zeros behind them
             places = np.full(n, len(selected), np.int64)
             places[selected] = np.arange(len(selected))
             with self.device.active():
@@ -88,7 +88,7 @@ class DevicePolyphase(DeviceEngine):
         """Return the back projection of conjugate spectra on one plane."""
         xp, (spectra,) = self.device.xp, operand.arrays
         turned = xp.matrix_transpose(spectra)
-        # conj(conj(f) K^T) is f times the conjugate of K^T, and leaves the operand as it lies
+        # conj(conj(f) K^T) is f times the conjugate of K^T, so the operand needs no rearrangement
         parts = (xp.conj(xp.matmul(spectrum, turned)) for spectrum in seen)
         cells = [self._valid(part, band) for part, band in zip(parts, self.bands, strict=True)]
         return self._plane(xp.concat(cells, axis=1))

@@ -1,6 +1,6 @@
-"""Projection within a tolerance on a device: few patterns, of sources that are weighted sums, and sparse entries.
+"""Projection within a tolerance on a device: few patterns of weighted sums of sources, and sparse entries.
 
-The arithmetic, and what is projected, are those of `lfcal.reconstruct.projectors._reduced`.
+The arithmetic and the projected operator are those of `lfcal.reconstruct.projectors._reduced`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["DeviceReduced", "collected", "spread"]
 
 
 class DeviceReduced(DeviceEngine):
-    """See `lfcal.reconstruct.projectors._reduced.Reduced`, whose operands it takes: ``host`` prepares them."""
+    """Reduced projection on a device, with operands that ``host``, a `projectors._reduced.Reduced`, prepares."""
 
     name = "reduced"
     any_phases = False
@@ -35,7 +35,7 @@ class DeviceReduced(DeviceEngine):
         self._tools: dict[float, tuple[Nodes, DeviceDirect, DeviceSparse]] = {}
 
     def prepared(self, plane: NDArray[Any]) -> tuple[tuple[NDArray[Any], ...], Any]:
-        """Return patterns and, unless the plane is projected whole, entries; and the spacing with their slices."""
+        """Return patterns and, unless the plane is projected completely, entries; also the spacing and the slices."""
         operand = self.host.prepare(plane)
         patterns = np.ascontiguousarray(operand.patterns)
         if operand.rest is None:

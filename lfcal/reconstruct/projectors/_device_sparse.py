@@ -25,7 +25,7 @@ ROWS, EVEN = 64, 0.85
 
 
 def sparse_bytes(grid: Grid, itemsize: int) -> int:
-    """Return the least working memory: a row of the lattice, shifted all ways, and the values of one entry a row."""
+    """Return the smallest working memory: a row of the lattice in all shifts, and the values of one entry per row."""
     (cells_y, cells_x), (ry, rx), n = grid.cells, grid.reach, grid.phases
     padded = (cells_y + 2 * ry) * (cells_x + 2 * rx)
     shifted = (2 * ry + 1) * (2 * rx + 1) * cells_x
@@ -34,13 +34,13 @@ def sparse_bytes(grid: Grid, itemsize: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Slices:
-    """How the entries of one direction lie: of each slice the rows, the entries to a row, and where it begins."""
+    """Layout of the entries of one direction: for each slice, its rows, entries per row, and first entry."""
 
     slices: tuple[tuple[int, int, int], ...]
 
 
 class DeviceSparse(DeviceEngine):
-    """See `lfcal.reconstruct.projectors._sparse.Sparse`."""
+    """Sparse projection on a device; see `lfcal.reconstruct.projectors._sparse.Sparse`."""
 
     name = "sparse"
     any_phases = False
@@ -58,11 +58,11 @@ class DeviceSparse(DeviceEngine):
         self.rounding = 20 * float(np.finfo(dtype).eps)
 
     def prepared(self, plane: NDArray[Any]) -> tuple[tuple[NDArray[Any], ...], Any]:
-        """Return (number of the gathered row, value, place of each phase) forward and back, and their slices."""
+        """Return the gathered rows, values and places of phases for both directions, and their slices."""
         return self.sliced(self.host.prepare(plane))
 
     def sliced(self, operand: SparseOperand) -> tuple[tuple[NDArray[Any], ...], Any]:
-        """Return entries that are prepared for the processor as this engine wants them: see `prepared`."""
+        """Convert entries prepared for the processor to the form of `prepared`."""
         ahead, back = self._sliced(operand.pixels), self._sliced(operand.sources)
         return (*ahead[0], *back[0]), (ahead[1], back[1])
 
@@ -104,7 +104,7 @@ class DeviceSparse(DeviceEngine):
             values.append(np.where(inside, entries.value[at], 0).ravel())
             slices.append((len(own), most, begin))
             begin += inside.size
-        # phases without entries share the last place, of zeros
+        # phases without entries share the last place, which is zero
         places = np.full(len(counts), len(order), np.int32)
         places[order] = np.arange(len(order), dtype=np.int32)
         none = (np.empty(0, np.int32), np.empty(0, self.dtype))

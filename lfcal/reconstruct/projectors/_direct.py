@@ -1,6 +1,6 @@
-"""Direct projection for large periods: matrix products over the period's columns, windows added up.
+"""Direct projection for large periods: matrix products over the period's columns, and addition of windows.
 
-For a few rows of source phases the patterns, each moved to its own place, form a banded matrix. One product with it
+For a few rows of source phases, the patterns at their places form a banded matrix. One product with it
 yields the windows of all lattice cells, which are added to the image where they overlap.
 """
 
@@ -32,10 +32,10 @@ __all__ = [
 ]
 
 WINDOW_BYTES = 1 << 21
-"""Size of the window buffer of a product: about the second-level cache."""
+"""Size of the window buffer of a product (bytes), about that of the second-level cache."""
 
 CELLS, SOURCES = 256, 200
-"""Lattice cells and sources that a product takes at least, where there are as many (measured)."""
+"""Smallest number of lattice cells and of sources in a product, if there are as many (measured)."""
 
 LEAST_RAMP = 4
 """Number of window rows below which a separate product costs more than it saves."""
@@ -45,7 +45,7 @@ PARTS = 16
 
 
 Task = tuple[list[tuple[int, int]], slice]
-"""Runs of lattice rows, and the groups of rows of sources that are added up in each."""
+"""Runs of lattice rows, and the groups of rows of sources that are summed in each."""
 
 
 class _Scratch:
@@ -56,7 +56,7 @@ class _Scratch:
         self.kept: dict[str, NDArray[Any]] = {}
 
     def array(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return the array ``name`` in ``shape``, larger ones before smaller ones."""
+        """Return the buffer ``name`` with ``shape``; request larger shapes before smaller ones."""
         size = math.prod(shape)
         if name not in self.kept or self.kept[name].size < size:
             self.kept[name] = np.zeros(size, self.dtype)
@@ -64,23 +64,23 @@ class _Scratch:
 
 
 def rows_at_once(nt: int, width: int, itemsize: int) -> int:
-    """Return how many window rows a product takes, so that windows of `CELLS` cells fill `WINDOW_BYTES`."""
+    """Return the number of window rows in a product for which the windows of `CELLS` cells fill `WINDOW_BYTES`."""
     return max(1, min(nt, WINDOW_BYTES // (CELLS * width * itemsize)))
 
 
 def cells_at_once(rows: int, width: int, itemsize: int) -> int:
-    """Return how many lattice cells a product takes."""
-    # a product of fewer rows is bound by reading its right factor
+    """Return the number of lattice cells in a product."""
+    # a product of fewer rows is limited by reading its right factor
     return max(16, WINDOW_BYTES // (rows * width * itemsize))
 
 
 def strips_of(cells: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the runs of lattice rows that are worked on at a time, where there are cells enough."""
+    """Return the runs of lattice rows that are processed at a time, if there are enough cells."""
     return chunks(cells[0], min(PARTS, cells[0] * cells[1] // CELLS))
 
 
 def strips_together(grid: Grid, workers: int) -> int:
-    """Return for how many strips a band is laid out once: a worker's share of them, twice the image at most."""
+    """Return the number of strips that share one placed band: a worker's share, at most twice the image."""
     strips, (ny, _), overlap = strips_of(grid.cells), grid.period, grid.cutout[0] - 1
     lines = math.ceil(grid.cells[0] / len(strips))
     room = 2 * (grid.cells[0] * ny + overlap) // (lines * ny + overlap)
@@ -88,7 +88,7 @@ def strips_together(grid: Grid, workers: int) -> int:
 
 
 def rows_together(rows: int, columns: int, strips: int) -> int:
-    """Return how many rows of sources, ``columns`` each, share a window, which saves all its additions but one.
+    """Return how many rows of sources, ``columns`` each, share a window; all its additions but one are saved.
 
     With few strips of the lattice to process together, the number is chosen to give several groups of rows.
     """
@@ -98,7 +98,7 @@ def rows_together(rows: int, columns: int, strips: int) -> int:
 class Direct:
     """Project with dense matrix products; H needs no preparation and may be read plane by plane.
 
-    ``phases`` (ny, nx) selects image phases: rows of the patterns without any of them are left out. With ``nodes``,
+    ``phases`` (ny, nx) selects image phases: pattern rows without a selected phase are skipped. With ``nodes``,
     only positions at nodes have patterns, ``(my, mx, nt, ns)``: see `image_of` and `cells_of`.
     """
 
@@ -123,11 +123,11 @@ class Direct:
         self.mask = None if phases is None else grid.tiled(phases)
 
     def prepare(self, plane: NDArray[Any]) -> NDArray[Any]:
-        """Return the plane, its cutout cut down to where it is not zero."""
+        """Return the plane with its cutout cropped to the non-zero part."""
         return trim(plane)
 
     def operand_bytes(self, operand: NDArray[Any]) -> int:
-        """Return the bytes of the plane."""
+        """Return the size of the plane (bytes)."""
         base = operand if operand.base is None else operand.base
         return int(base.nbytes)
 
@@ -139,7 +139,7 @@ class Direct:
         return total if self.mask is None else total * self.mask
 
     def image_of(self, operand: NDArray[Any], cells: NDArray[Any]) -> NDArray[Any]:
-        """Return the image of sources ``cells`` ``(rows, lattice cells, columns)``, those of nodes where it has any."""
+        """Return the image of sources ``cells`` ``(rows, lattice cells, columns)``; with nodes, only of nodes."""
         groups = self._groups(operand)
         (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, operand.shape[2:]
 
@@ -154,7 +154,7 @@ class Direct:
 
         total = np.zeros((cells_y * ny + nt - 1, cells_x * nx + ns - 1), self.dtype)
         tasks = self._tasks(len(groups))
-        # threads over strips: BLAS's threads on top would only queue
+        # threads work on strips; additional threads of BLAS would only queue
         with one_blas_thread():
             for (strips, _), images in zip(tasks, in_order(work, tasks, self.workers), strict=True):
                 for (top, _), image in zip(strips, images, strict=True):
@@ -171,7 +171,7 @@ class Direct:
             yield np.ascontiguousarray(self.grid.unpack(plane))
 
     def cells_of(self, operand: NDArray[Any], image: NDArray[Any]) -> NDArray[Any]:
-        """Return the patterns' products with ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
+        """Return products of patterns and ``image``, ``(rows, lattice cells, columns)``: transpose of `image_of`."""
         packed = self.grid.pack(image, self.dtype, before=centre_of(operand), after=centre_of(operand))
         cells = np.zeros((len(operand), self.grid.cells[0] * self.grid.cells[1], operand.shape[1]), self.dtype)
         groups = self._groups(operand)
@@ -225,7 +225,7 @@ class Direct:
             for strip, first, stop in self._blocks(by_cell, window):
                 windows = scratch.array("windows", (stop - first, *window))
                 np.matmul(by_cell[strip][first:stop, own], flat, out=windows.reshape(stop - first, -1))
-                # windows of neighbouring cells overlap: a pattern is wider than the period
+                # windows of neighbouring cells overlap, because a pattern is wider than the period
                 overlap_add(windows, images[strip], Tiling(y + rows.start, cells_x, ny, nx), first)
 
     def _collect(
@@ -268,7 +268,7 @@ class Direct:
                 int(np.searchsorted(down, rows.start - nt, side="right")), int(np.searchsorted(down, rows.stop))
             )
             patterns = operand[group][own]
-            # places outside the patterns are never written, so the zeros of the first use remain
+            # elements outside the patterns are never written, so the zeros of the first use remain
             band = scratch.array(f"band of {count} rows", (len(patterns), len(at_x), count, width))
             lay_patterns(patterns, down[own] - rows.start, at_x, band)
             yield rows, slice(own.start * len(at_x), own.stop * len(at_x)), band
@@ -290,5 +290,5 @@ class Direct:
         step = cells_at_once(window[0], window[1], self.dtype.itemsize)
         for strip, values in enumerate(strips):
             cells = len(values)
-            # of one size: a last one of few cells costs as much as a full one
+            # equal sizes, because a last one of few cells takes as long as a full one
             yield from ((strip, start, stop) for start, stop in chunks(cells, round(cells / step)))

@@ -1,4 +1,4 @@
-"""What every way to project has in common."""
+"""Common interface of all projection methods, and their costs."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["Cost", "DeviceUse", "Engine"]
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Forecast of one method.
+    """Predicted cost of one method.
 
     Attributes
     ----------
     method
-        Its name.
+        Name of the method.
     prepare_s, forward_s, adjoint_s
         Seconds for preparing all planes, for one forward, and for one adjoint projection of the whole volume.
     operand_bytes
@@ -45,12 +45,12 @@ class Cost:
 
     @property
     def pair_s(self) -> float:
-        """Seconds of one forward and one adjoint projection."""
+        """Time for one forward and one adjoint projection (s)."""
         return self.forward_s + self.adjoint_s
 
     @property
     def memory_bytes(self) -> int:
-        """Most bytes in use, arrays of the caller's aside."""
+        """Peak memory without arrays of the caller (bytes)."""
         if self.resident:
             return self.operand_bytes + max(self.scratch_bytes, self.prepare_bytes)
         return self.scratch_bytes + self.prepare_bytes
@@ -63,13 +63,13 @@ class DeviceUse:
     Attributes
     ----------
     operand_bytes
-        Prepared planes that are there together.
+        Prepared planes that are on the device together (bytes).
     room
-        Working memory, for which steps are planned.
+        Working memory for which steps are planned (bytes).
     free
-        Free memory there before (bytes).
+        Free memory of the device before the projection (bytes).
     kept
-        Whether all prepared planes stay there; otherwise they are moved there in every projection, one at a time.
+        Whether all prepared planes stay on the device; otherwise they are moved in every projection, one at a time.
     """
 
     operand_bytes: int
@@ -79,7 +79,7 @@ class DeviceUse:
 
     @property
     def memory_bytes(self) -> int:
-        """Most bytes in use there."""
+        """Peak memory on the device (bytes)."""
         return self.operand_bytes + self.room
 
     def __str__(self) -> str:
@@ -89,23 +89,23 @@ class DeviceUse:
 
 
 class Engine(Protocol):
-    """One way to project: H plane in, prepared operand out, and the pair that uses operands.
+    """A projection method: prepares planes of H as operands, and projects with them in both directions.
 
     Images are ``(Y, X)``, volume planes ``(Y, X)``; ``forward`` and ``adjoint`` are exact transposes of each other.
     """
 
     name: str
     any_phases: bool
-    """Whether operands are the same whatever image phases are in use."""
+    """Whether operands are independent of the image phases in use."""
     rounding: float
-    """Error of a projected value relative to the largest one; values below are rounding."""
+    """Error of projected values relative to the largest one; smaller values are only rounding."""
 
     def prepare(self, plane: NDArray[Any]) -> Any:
         """Return the operand of one plane of H, ``(ny, nx, nt, ns)``."""
         ...
 
     def operand_bytes(self, operand: Any) -> int:
-        """Return the memory an operand keeps."""
+        """Return the memory of an operand (bytes)."""
         ...
 
     def forward(self, planes: Iterable[tuple[Any, NDArray[Any]]]) -> NDArray[Any]:

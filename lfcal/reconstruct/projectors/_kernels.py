@@ -30,24 +30,24 @@ __all__ = [
 Array = NDArray[Any]
 
 LANES = 1024
-"""Most lattice positions summed in one run: each run reads the entries again; nine runs share the cache."""
+"""Largest number of lattice positions summed in one run: each run reads the entries again, and nine share the cache."""
 
 
 class Tiling(NamedTuple):
-    """Where the windows of lattice cells lie on the image: cell (Y, X) at row + Y period_y, X period_x."""
+    """Place of the windows of lattice cells on the image: cell (Y, X) at row + Y period_y, X period_x."""
 
     row: int  # first image row of the cells in row 0 of the lattice
-    cells_x: int  # cells to a row of the lattice
+    cells_x: int  # cells per row of the lattice
     period_y: int  # pixels
     period_x: int
 
 
 class PhaseLayout(NamedTuple):
-    """How values lie in memory, sorted by phase: ``block`` values per phase, of which rows hold ``stride`` cells."""
+    """Memory layout of values sorted by phase: ``block`` values per phase, in rows of ``stride`` cells."""
 
     stride: int
     block: int
-    reach_y: int  # cells that a pattern reaches beyond its own: as many rows of zeros surround a phase's lattice
+    reach_y: int  # cells that a pattern extends beyond its own; as many rows of zeros surround a phase's lattice
     reach_x: int
 
 
@@ -60,7 +60,7 @@ class Entries(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all three."""
+        """Size of all three arrays (bytes)."""
         return int(self.start.nbytes + self.offset.nbytes + self.value.nbytes)
 
 
@@ -72,7 +72,7 @@ def overlap_add(windows: Array, image: Array, tiling: Tiling, first: int) -> Non
         top = (first + k) // tiling.cells_x * tiling.period_y + tiling.row
         left = (first + k) % tiling.cells_x * tiling.period_x
         for t in range(rows):
-            # views of one row each: the inner loop then runs in vectors
+            # views of one row, so that the inner loop is vectorized
             line = image[top + t, left : left + columns]
             window = windows[k, t]
             for s in range(columns):
@@ -140,7 +140,7 @@ def fill_entries(plane: Array, keep: Array, layout: PhaseLayout, sources: Entrie
 
     H[y, x][t, s] leads from phase (y, x) to the image phase (y + t - ct, x + s - cs) mod n, dy and dx cells further.
     An offset leads from a lattice position to the value on the other side. The counts in ``start`` are those of
-    `count_entries`. Entries that reach beyond the margins never meet the image: offset 0 and value 0.
+    `count_entries`. Entries that extend beyond the margins never reach the image and have offset 0 and value 0.
     """
     ny, nx, nt, ns = plane.shape
     ct, cs = (nt - 1) // 2, (ns - 1) // 2
@@ -188,7 +188,7 @@ def gather_sums(entries: Entries, values_in: Array, values_out: Array, base: int
     sums = np.zeros(LANES, values_out.dtype)
     blocks = (positions + LANES - 1) // LANES
     for block in range(blocks):
-        # of one size: what is read for each entry costs a short block as much as a long one
+        # equal sizes, because reading an entry takes as long for a short block as for a long one
         q0 = positions * block // blocks
         lanes = positions * (block + 1) // blocks - q0
         first = base + q0

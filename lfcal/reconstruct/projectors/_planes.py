@@ -1,4 +1,4 @@
-"""The depth planes of H as projectors need them: converted, cropped below a threshold, one at a time."""
+"""Read the depth planes of H for projectors: converted, set to zero below a threshold, one at a time."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class PlaneReader:
         Raises
         ------
         InputError
-            If the plane holds NaN, infinity, or values that are no counts of light.
+            If the plane contains NaN, infinity, or values too large for counts of light.
         """
         raw = self.H.plane(z) if hasattr(self.H, "plane") else np.asarray(self.H[z])
         copy = True if self.threshold > 0 else None
@@ -74,12 +74,12 @@ class PlaneReader:
             plane = denoised(self.H, z, plane)
         if self.threshold > 0:
             limit = self.dtype.type(self.threshold * largest)
-            for row in plane:  # row by row, to bound the scratch memory
+            for row in plane:  # row by row, to limit working memory
                 row[np.abs(row) < limit] = 0
         return plane
 
     def density(self, samples: int = 24) -> float:
-        """Estimate the share of entries that are not zero after the threshold, from evenly spread positions."""
+        """Estimate the share of non-zero entries after the threshold, from evenly spread positions."""
         nz, ny, nx = self.shape[:3]
         rng = np.random.default_rng(0)
         count = max(1, min(samples, ny * nx))
@@ -92,9 +92,9 @@ class PlaneReader:
         return filled / (nz * count * self.shape[3] * self.shape[4])
 
     def reduced(self, tolerance: float, spacings: Sequence[float], *, planes: int = 3) -> dict[float, float]:
-        """Estimate the share of entries kept by spacing of nodes (see `lfcal.reconstruct.projectors._reduction`).
+        """Estimate the share of kept entries for each spacing of nodes (see `lfcal.reconstruct.projectors._reduction`).
 
-        From a few positions of some planes.
+        The estimate is based on a few positions of some planes.
         """
         nz, *period = self.shape[:3]
         chosen = sorted({z * (nz - 1) // max(1, planes - 1) for z in range(planes)})
@@ -111,7 +111,7 @@ class PlaneReader:
 
 
 def trim(plane: NDArray[Any]) -> NDArray[Any]:
-    """Return ``plane`` ``(ny, nx, nt, ns)`` with the cutout cut down, centre kept, to where any entry is not zero."""
+    """Crop the cutout of ``plane`` ``(ny, nx, nt, ns)`` about its centre to the entries that are not zero."""
     sizes = []
     for axis, other in ((2, 3), (3, 2)):
         n = plane.shape[axis]
@@ -123,18 +123,18 @@ def trim(plane: NDArray[Any]) -> NDArray[Any]:
 
 
 def centre_of(patterns: Any) -> tuple[int, int]:
-    """Return the middle pixel of patterns ``(…, …, nt, ns)``, arrays of a device as well."""
+    """Return the middle pixel of patterns ``(…, …, nt, ns)``, also for arrays of a device."""
     return (patterns.shape[2] - 1) // 2, (patterns.shape[3] - 1) // 2
 
 
 def runs_of_rows(phases: NDArray[np.bool_] | None, height: int, first: int) -> list[tuple[int, int]]:
-    """Return runs (start, stop) of ``height`` rows on selected image phases; row 0 has phase ``first``.
+    """Return the runs (start, stop) of ``height`` rows with selected image phases; row 0 has phase ``first``.
 
-    ``phases`` ``(ny, nx)``; None: all are.
+    ``phases`` ``(ny, nx)`` is the mask of selected phases; None: all.
     """
     if phases is None:
         return [(0, height)]
     wanted = np.asarray(phases.any(axis=1))[(first + np.arange(height)) % len(phases)]
-    # ends of the runs of wanted rows, with a row that is not wanted on either side
+    # ends of the runs of selected rows, with an unselected row on either side
     edges = np.flatnonzero(np.diff(np.concatenate(([0], wanted.astype(np.int8), [0]))))
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

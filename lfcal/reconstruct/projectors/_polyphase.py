@@ -23,7 +23,7 @@ from lfcal.reconstruct.projectors.grid import Grid
 __all__ = ["Polyphase"]
 
 PARTS, COLUMNS = 16, 512
-"""Into how many blocks lattice rows fall at most, and columns that a product of them takes at least."""
+"""Largest number of blocks of lattice rows, and smallest number of columns in a product of a block."""
 
 
 class Polyphase:
@@ -75,7 +75,7 @@ class Polyphase:
         fx, fy = self.plan.x.frequencies, self.plan.y.frequencies
         out = np.empty((fx, fy, n, m), self.complex)
         flat = out.reshape(fx, fy, n * m)
-        step = max(1, (1 << 19) // (m * fx * (2 * self.grid.reach[0] + 1)))  # so that the taps stay in the caches
+        step = max(1, (1 << 19) // (m * fx * (2 * self.grid.reach[0] + 1)))  # so that the taps fit in the caches
         step = min(step, -(-n // PARTS))
 
         def transform(start: int, stop: int) -> None:
@@ -85,13 +85,13 @@ class Polyphase:
             part = flat[:, :, start * m : stop * m]
             np.matmul(self.matrices["kernel_y"], along_x.reshape(fx, ky, -1), out=part)
 
-        # many small products side by side: BLAS's own threads would cost more than they do
+        # many small products in parallel, for which threads of BLAS would be slower
         with one_blas_thread():
             for_each_block(transform, n, step, self.workers)
         return out
 
     def operand_bytes(self, operand: NDArray[Any]) -> int:
-        """Return the bytes of the spectra."""
+        """Return the size of the spectra (bytes)."""
         return operand.nbytes
 
     def _taps(self, plane: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
@@ -106,7 +106,7 @@ class Polyphase:
             t, s = _inside(top, nt, ky * ny), _inside(left, ns, kx * nx)
             frame = np.zeros((ky * ny, kx * nx), self.dtype)
             frame[top + t.start : top + t.stop, left + s.start : left + s.stop] = plane[y, x, t, s]
-            # a pattern, placed by its centre among whole cells, falls apart into taps K[D] by image phase
+            # a pattern, placed by its centre among whole cells, splits into taps K[D] by image phase
             cells = frame.reshape(ky, ny, kx, nx).transpose(2, 0, 1, 3).reshape(kx, ky, -1)
             taps[:, :, j - start] = cells if len(self.selected) == self.grid.phases else cells[:, :, self.selected]
         return taps
@@ -122,7 +122,7 @@ class Polyphase:
                 for k, band in enumerate(bands):
                     slabs = self._analyse_x(packed, self.all_phases, band, conjugate=False)
                     totals[k] = self._spread(slabs, operand, totals[k])
-            if totals[0] is None:  # no plane holds anything
+            if totals[0] is None:  # all planes are zero
                 return np.zeros(self.grid.image_shape, self.dtype)
             cells = self._cells(self.selected)
             for total, band in zip(totals, bands, strict=True):
@@ -138,7 +138,7 @@ class Polyphase:
         for operand in operands:
             cells = self._cells(self.all_phases)
             with one_blas_thread():
-                if not spectra:  # the image's spectra serve all planes
+                if not spectra:  # compute the image's spectra once for all planes
                     slabs = (self._analyse_x(packed, self.selected, band, conjugate=True) for band in bands)
                     spectra = [self._spread(slab, None, None) for slab in slabs]
                 for spectrum, band in zip(spectra, bands, strict=True):

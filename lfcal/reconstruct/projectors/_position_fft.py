@@ -30,7 +30,7 @@ class PositionFFT:
         self.dtype = dtype
         self.workers = worker_count(workers)
         self.rounding = 20 * float(np.finfo(dtype).eps)
-        from scipy.fft import next_fast_len  # a tenth of a second to load, and few want this method
+        from scipy.fft import next_fast_len  # slow to import, and rarely used
 
         # the pattern's wrap-around may fall only on the c rows and columns that are cut off.
         self.shape = tuple(next_fast_len(n + c, real=True) for n, c in zip(grid.image_shape, grid.centre, strict=True))
@@ -41,7 +41,7 @@ class PositionFFT:
         return plane
 
     def operand_bytes(self, operand: NDArray[Any]) -> int:
-        """Return the bytes of the plane."""
+        """Return the size of the plane (bytes)."""
         return operand.nbytes
 
     def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
@@ -49,7 +49,7 @@ class PositionFFT:
         total: NDArray[Any] | None = None
         for operand, plane in planes:
             for y, x, rows, columns in self._positions():
-                # only the voxels of this position of every period: they share one pattern
+                # only the voxels at this position in every period, which share one pattern
                 comb = np.zeros(self.grid.image_shape, self.dtype)
                 comb[rows, columns] = plane[rows, columns]
                 product = self._transform(comb) * self._transform(operand[y, x])
@@ -69,7 +69,7 @@ class PositionFFT:
         for operand in operands:
             out = np.zeros(self.grid.image_shape, self.dtype)
             for y, x, rows, columns in self._positions():
-                # the conjugate spectrum is that of the pattern turned round: correlation, the transpose of convolution
+                # the conjugate spectrum is that of the flipped pattern: correlation, the transpose of convolution
                 full = self._inverse(spectrum * self._transform(operand[y, x]).conj())
                 out[rows, columns] = full[:height, :width][rows, columns]
             yield out

@@ -1,4 +1,4 @@
-"""How fast this machine is at what the projectors do; measured once in milliseconds each, kept in memory."""
+"""Measure the speed of this computer in the operations of projectors, once each and in milliseconds."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lfcal.reconstruct.projectors._kernels import LANES, Entries, Tiling, gather
 __all__ = ["copy_rate", "fft_seconds", "gather_rate", "gemm_seconds", "product_seconds", "window_seconds"]
 
 LIMIT = 1 << 24
-"""No calibration array holds more values than this."""
+"""Largest number of values in a calibration array."""
 
 
 def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
     """Return the least seconds of a run, repeated for ``budget`` seconds and at least three times."""
-    run()  # compiles, and brings the arrays into the caches
+    run()  # compiles, and loads the arrays into the caches
     best, spent, runs = float("inf"), 0.0, 0
     while runs < 3 or spent < budget:
         start = time.perf_counter()
@@ -35,7 +35,7 @@ def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
 def _threaded(run: Callable[[int], Any], workers: int) -> float:
     """Return the seconds per run when all workers are busy at the same time, divided among them."""
     with one_blas_thread():
-        # a thread's start must not weigh: runs are repeated until each worker has 4 ms of work
+        # runs are repeated until each worker has 4 ms of work, so that the start of threads does not matter
         repeats = max(1, round(0.004 / _best(lambda: run(0), budget=0.0)))
 
         def task() -> None:
@@ -48,7 +48,7 @@ def _threaded(run: Callable[[int], Any], workers: int) -> float:
 
 @lru_cache(maxsize=256)
 def gemm_seconds(m: int, k: int, n: int, dtype: str, workers: int, *, turned: bool = False) -> float:
-    """Return the seconds of one real product ``(m, k) @ (k, n)`` while all workers are busy with their products.
+    """Return the time of one real product ``(m, k) @ (k, n)`` (s) while all workers compute products.
 
     ``turned``: the right factor is a transposed view.
     """
@@ -77,7 +77,7 @@ def product_seconds(phases: int, pixels: int, dtype: str, workers: int, *, turne
         out = [np.empty(result, dtype) for _ in range(workers)]
         took = _threaded(partial(_multiply, source, stacks, out, turned), workers)
         seconds.append(took / count)
-    # noise may turn the slope over: it is held above an eighth of the time per column
+    # noise may make the slope negative, so it is at least an eighth of the time per column
     slope = max((seconds[1] - seconds[0]) / (many - few), seconds[1] / many / 8)
     return max(0.0, seconds[0] - few * slope), slope
 
@@ -91,7 +91,7 @@ def _multiply(source: Any, stacks: list[Any], out: list[Any], turned: bool, work
 
 @lru_cache(maxsize=8)
 def copy_rate(dtype: str, workers: int) -> float:
-    """Return the values per second of a strided copy with a change to complex numbers, all workers together."""
+    """Return the values per second of a strided copy with conversion to complex numbers, for all workers together."""
     source = np.ones((256, 64, 64), dtype)
     target = [np.empty((64, 256, 64), np.result_type(dtype, np.complex64)) for _ in range(workers)]
 
@@ -103,7 +103,7 @@ def copy_rate(dtype: str, workers: int) -> float:
 
 @lru_cache(maxsize=16)
 def window_seconds(rows: int, columns: int, dtype: str, workers: int) -> tuple[float, float]:
-    """Return the seconds per value of adding and of gathering windows of that size, all workers together."""
+    """Return the times per value (s) for adding and for gathering windows of this size, for all workers together."""
     cells = max(4, (1 << 18) // (rows * columns))
     windows = [np.zeros((cells, rows, columns), dtype) for _ in range(workers)]
     images = [np.zeros((rows, columns + cells * 8), dtype) for _ in range(workers)]
@@ -116,7 +116,7 @@ def window_seconds(rows: int, columns: int, dtype: str, workers: int) -> tuple[f
 
 @lru_cache(maxsize=32)
 def fft_seconds(rows: int, columns: int, dtype: str, workers: int) -> float:
-    """Return the seconds of one real 2-D transform of that size."""
+    """Return the time of one real 2-D transform of this size (s)."""
     import scipy.fft
 
     scale = max(1, rows * columns // LIMIT)
@@ -126,7 +126,7 @@ def fft_seconds(rows: int, columns: int, dtype: str, workers: int) -> float:
 
 @lru_cache(maxsize=16)
 def gather_rate(phases: int, positions: int, dtype: str, workers: int) -> float:
-    """Return the sparse kernel's multiply-adds per second, all workers together."""
+    """Return the multiply-adds per second of the sparse kernel, for all workers together."""
     width = min(positions, 4 * LANES)
     lanes = min(phases, 4096)
     entries = max(64, (1 << 21) // (lanes * width))

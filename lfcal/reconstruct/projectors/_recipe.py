@@ -1,4 +1,4 @@
-"""How a projection is computed, in a word: another one by the same recipe comes out the same to the last bit."""
+"""Describe how a projection is computed in one word; the same recipe gives identical results."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def recipe_of(method: str, plan: TilePlan | None, band: int | None) -> str:
 
 
 def read_recipe(text: str) -> tuple[str, Tiles | None]:
-    """Return the method that a recipe names, and its tiles where it says them.
+    """Parse a recipe into a method and its tiles, if it states them.
 
     Raises
     ------
     InputError
-        If there are tiles that are no numbers, or those of a method that has none.
+        If tiles are not numbers, or the method has no tiles.
     """
     name, colon, said = text.partition(":")
     if not colon:

@@ -31,7 +31,7 @@ Array = NDArray[Any]
 class ReducedOperand:
     """One plane of H: patterns at nodes and additional entries, or all patterns if ``rest`` is None.
 
-    ``error`` is the largest share of its pattern that a position loses.
+    ``error`` is the largest omitted share of a pattern, over all positions.
     """
 
     patterns: Array
@@ -41,7 +41,7 @@ class ReducedOperand:
 
 
 class Reduced:
-    """Project a plane as few patterns, of sources that are weighted sums, plus sparse corrections.
+    """Project a plane with few patterns, for weighted sums of sources, plus sparse corrections.
 
     |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over all voxels v, for any non-negative g; Hs
     is the projected operator, forward and back. A plane for which no spacing of nodes pays off is projected
@@ -75,12 +75,12 @@ class Reduced:
         self.tolerance, self.work = tolerance, work
         self.whole = Direct(grid, dtype, workers, phases)
         self.workers, self.rounding = self.whole.workers, self.whole.rounding
-        # what lies beyond the last nodes falls to those of one more cell
+        # positions beyond the last nodes belong to the nodes of one more cell
         ny, nx = grid.period
         self.wide = replace(grid, image_shape=(grid.image_shape[0] + ny, grid.image_shape[1] + nx))
 
     def prepare(self, plane: Array) -> ReducedOperand:
-        """Return the operand of one plane of H, ``(ny, nx, nt, ns)``, as is quickest."""
+        """Return the fastest operand of one plane of H, ``(ny, nx, nt, ns)``."""
         spacing = self._quickest(plane)
         if spacing == 1:
             return ReducedOperand(trim(plane), None, 1.0, 0.0)
@@ -95,7 +95,7 @@ class Reduced:
         return quickest_spacing(kept, self.work)
 
     def operand_bytes(self, operand: ReducedOperand) -> int:
-        """Return the bytes of patterns and entries."""
+        """Return the size of patterns and entries (bytes)."""
         rest = 0 if operand.rest is None else self._entries_engine(operand.spacing).operand_bytes(operand.rest)
         return self.whole.operand_bytes(operand.patterns) + rest
 

@@ -1,7 +1,7 @@
-"""A plane of H as few patterns that represent those in between, plus entries where these do not suffice.
+"""Represent a plane of H by few patterns with interpolation between them, plus single entries as corrections.
 
 Most entries of H are the weak light around each lenslet's spot, which changes slowly from source to source and
-contains little of its light: it is interpolated between nodes. Spots are not, and are stored entry by entry.
+contains little of its light. This light is interpolated between nodes; spots are stored entry by entry.
 """
 
 from __future__ import annotations
@@ -63,23 +63,23 @@ class AxisNodes:
 
     @cached_property
     def back(self) -> Ints:
-        """Positions from each to the node before it, at most 0, ``(period,)``."""
+        """Offset from each position to the node before it, at most 0, ``(period,)``."""
         return self.at[self.before] - np.arange(self.period)
 
     @cached_property
     def ahead(self) -> Ints:
-        """Positions from each to the node after it, ``(period,)``."""
+        """Offset from each position to the node after it, ``(period,)``."""
         following = np.append(self.at, self.period)
         return following[self.before + 1] - np.arange(self.period)
 
     @cached_property
     def weight(self) -> NDArray[np.float64]:
-        """Share of the node after each position in what is interpolated there, in [0, 1), ``(period,)``."""
+        """Weight of the node after each position in its interpolated value, in [0, 1), ``(period,)``."""
         return -self.back / (self.ahead - self.back)
 
     @cached_property
     def shares(self) -> NDArray[np.float64]:
-        """Share of each node in what is interpolated at each position, ``(m + 1, period)``; the last is the next's."""
+        """Weight of each node at each position, ``(m + 1, period)``; the last is the first node of the next period."""
         found = np.zeros((len(self.at) + 1, self.period))
         everywhere = np.arange(self.period)
         found[self.before, everywhere] = 1 - self.weight
@@ -88,15 +88,15 @@ class AxisNodes:
 
     @property
     def farthest(self) -> int:
-        """Most positions from one to a node that counts there."""
+        """Largest distance from a position to one of its nodes (positions)."""
         return int(np.where(self.weight > 0, np.maximum(-self.back, self.ahead), 0).max())
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes of both axes.
+    """Nodes along both axes.
 
-    Interpolation is bilinear: a position is a sum of its four nodes' patterns, each where it is on the sensor.
+    Interpolation is bilinear: a pattern is a weighted sum of the patterns of four nodes at their places on the sensor.
     """
 
     y: AxisNodes
@@ -104,7 +104,7 @@ class Nodes:
 
     @classmethod
     def of(cls, period: tuple[int, int], spacing: float) -> Nodes:
-        """Return those of a period ``(ny, nx)``."""
+        """Return the nodes of a period ``(ny, nx)``."""
         return cls(AxisNodes(period[0], spacing), AxisNodes(period[1], spacing))
 
     @property
@@ -113,7 +113,7 @@ class Nodes:
         return len(self.y.at), len(self.x.at)
 
     def widened(self, cutout: tuple[int, int]) -> tuple[int, int]:
-        """Return the cutout that holds what nodes bring to a position."""
+        """Return the cutout that contains the contributions of nodes to a position."""
         return cutout[0] + 2 * self.y.farthest, cutout[1] + 2 * self.x.farthest
 
     def collected(self, packed: NDArray[Any]) -> NDArray[Any]:
@@ -148,7 +148,7 @@ class Nodes:
 
 
 def source_places(period: tuple[int, int], nodes: Nodes | None) -> tuple[Ints, Ints]:
-    """Return rows and columns of the positions that have patterns: those of nodes, or all."""
+    """Return rows and columns of the positions with patterns: those of nodes, or all."""
     return (np.arange(period[0]), np.arange(period[1])) if nodes is None else (nodes.y.at, nodes.x.at)
 
 
@@ -168,15 +168,15 @@ def _with_next(values: NDArray[Any]) -> NDArray[Any]:
 
 
 BINS = 512
-"""Classes of the magnitudes of entries, by which those to omit are chosen."""
+"""Number of classes of magnitude, for choosing the entries to omit."""
 
 
 class Corners(NamedTuple):
     """Nodes around a position."""
 
-    which: NDArray[Any]  # their numbers, (k,)
-    at: NDArray[Any]  # positions to each, (k, 2)
-    shares: NDArray[Any]  # of each in what is interpolated, (k,)
+    which: NDArray[Any]  # numbers of the nodes, (k,)
+    at: NDArray[Any]  # offsets to the nodes (positions), (k, 2)
+    shares: NDArray[Any]  # weights in the interpolation, (k,)
 
 
 @njit(fastmath={"contract", "reassoc"}, error_model="numpy")
@@ -234,7 +234,7 @@ def residual_entries(
             largest = max(largest, abs(rest[t, s]))
     if largest == 0:
         return 0, 0.0
-    # by size: bins that are narrow where entries are small and many
+    # by magnitude, in bins that are narrow for the many small entries
     sums = np.zeros(BINS)
     scale = (BINS - 1) / np.sqrt(np.sqrt(largest))
     for t in range(rest.shape[0]):
@@ -301,9 +301,9 @@ class Reduction:
 
 
 def reduce_plane(plane: Array, spacing: float, tolerance: float, workers: int | None = None) -> Reduction:
-    """Return ``plane`` ``(ny, nx, nt, ns)`` within ``tolerance``, nodes ``spacing`` positions apart.
+    """Reduce ``plane`` ``(ny, nx, nt, ns)`` within ``tolerance``, with nodes ``spacing`` positions apart.
 
-    The sum of the sizes that a position lacks is at most ``tolerance`` times that of its pattern.
+    The sum of omitted magnitudes at a position is at most ``tolerance`` times that of its pattern.
     """
     nodes = Nodes.of((plane.shape[0], plane.shape[1]), spacing)
     patterns = np.ascontiguousarray(plane[np.ix_(nodes.y.at, nodes.x.at)])
@@ -328,9 +328,9 @@ def relative_work(spacing: float, kept: float) -> float:
 
 
 def quickest_spacing(kept: Mapping[float, float], work: Callable[[float, float], float] = relative_work) -> float:
-    """Return the spacing of least work, by the share of entries kept of each; 1, the plane as it is, where none helps.
+    """Return the cheapest spacing, given the share of kept entries for each; 1 (the whole plane) if none is cheaper.
 
-    By counts alone, not by times: what is projected is the same on every machine and each time.
+    The choice depends on counts and not on times, so that projections are the same on every computer.
     """
     return min((1.0, *kept), key=lambda spacing: work(spacing, kept.get(spacing, 1.0)))
 
@@ -338,7 +338,7 @@ def quickest_spacing(kept: Mapping[float, float], work: Callable[[float, float],
 def sampled_share(
     pattern: Callable[[int, int], Array], period: tuple[int, int], spacing: float, tolerance: float, samples: int = 16
 ) -> float:
-    """Return about the share of entries that a reduced plane keeps, from ``samples`` positions.
+    """Estimate the share of entries that a reduced plane keeps, from ``samples`` positions.
 
     ``pattern`` (y, x) gives a position's pattern ``(nt, ns)``.
     """

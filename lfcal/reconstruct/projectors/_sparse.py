@@ -43,17 +43,17 @@ class Sparse:
         self.rounding = float(np.finfo(dtype).tiny)
         self.keep = np.ones(grid.period, np.bool_) if phases is None else np.ascontiguousarray(phases, np.bool_)
         (cells_y, cells_x), (ry, rx) = grid.cells, grid.reach
-        self.stride = cells_x + rx  # the margin right of a row is the margin left of the next
+        self.stride = cells_x + rx  # the right margin of a row is the left margin of the next
         self.base = ry * self.stride + rx
         self.block = (cells_y + 2 * ry) * self.stride + 2 * rx
-        # offsets are 32-bit: the kernel is bound by reading them
+        # offsets are 32-bit, because the kernel is limited by reading them
         if grid.phases * self.block >= 1 << 31:
             raise InputError.expected(
                 "image for the sparse method", "below 2^31 pixels", grid.pixels, "split the image"
             )
 
     def prepare(self, plane: NDArray[Any]) -> SparseOperand:
-        """Return the entries of a plane of H that are not zero."""
+        """Return the non-zero entries of a plane of H."""
         n = self.grid.phases
         by_source, by_pixel = np.zeros(n, np.int64), np.zeros(n, np.int64)
         count_entries(plane, self.keep, by_source, by_pixel)
@@ -67,7 +67,7 @@ class Sparse:
         return Entries(start, np.empty(start[-1], np.int32), np.empty(start[-1], self.dtype))
 
     def operand_bytes(self, operand: SparseOperand) -> int:
-        """Return the bytes of the entries."""
+        """Return the size of the entries (bytes)."""
         return operand.pixels.nbytes + operand.sources.nbytes
 
     def forward(self, planes: Iterable[tuple[SparseOperand, NDArray[Any]]]) -> NDArray[Any]:

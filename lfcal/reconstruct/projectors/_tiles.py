@@ -37,12 +37,12 @@ class AxisTiles:
 
     @property
     def valid(self) -> int:
-        """Cells each tile yields."""
+        """Number of valid cells per tile."""
         return -(-self.cells // self.count)
 
     @property
     def lead(self) -> int:
-        """Cells of a tile before its first valid one."""
+        """Number of cells before the first valid one in a tile."""
         return self.reach if self.count > 1 else 0
 
     @property
@@ -52,12 +52,12 @@ class AxisTiles:
 
     @property
     def taken(self) -> int:
-        """Cells a tile reads."""
+        """Number of cells that a tile reads."""
         return self.length if self.count > 1 else self.cells
 
     @property
     def frequencies(self) -> int:
-        """Frequencies kept."""
+        """Number of frequencies that are kept."""
         return self.length // 2 + 1 if self.half else self.length
 
     @property
@@ -66,7 +66,7 @@ class AxisTiles:
         return (self.count - 1) * self.valid + self.taken
 
     def _phase(self, cells: NDArray[np.intp]) -> NDArray[np.complex128]:
-        # the product is reduced before it meets 2*pi, so that the phase is exact for every size.
+        # reduce the product before multiplying by 2*pi, so that the phase is exact for every size.
         turns = np.outer(np.arange(self.frequencies), cells) % self.length
         phase: NDArray[np.complex128] = np.exp(-2j * np.pi * turns / self.length)
         return phase
@@ -76,7 +76,7 @@ class AxisTiles:
         return self._phase(np.arange(self.taken))
 
     def synthesis(self) -> NDArray[np.complex128]:
-        """Return the inverse transform to the valid cells, ``(valid, frequencies)``; its real part counts if `half`."""
+        """Return the inverse transform to the valid cells, ``(valid, frequencies)``; if `half`, use its real part."""
         weights = np.full(self.frequencies, 2.0 if self.half else 1.0)
         if self.half:
             # frequencies at both ends of a real spectrum have no mirror image and count once
@@ -124,7 +124,7 @@ class TilePlan:
         return 8.0 * self.frequencies * self.tiles * self.grid.phases * pixels
 
     def transform_flops(self, phases: int) -> float:
-        """Real operations to transform ``phases`` components there (back costs as much)."""
+        """Real operations to transform ``phases`` components forward; the inverse takes as many."""
         y, x = self.y, self.x
         along_x = x.count * x.frequencies * x.taken * y.padded
         along_y = y.count * x.count * x.frequencies * y.frequencies * y.taken
@@ -135,7 +135,7 @@ class TilePlan:
         return self.frequencies * self.grid.phases * pixels * itemsize
 
     def scratch_bytes(self, itemsize: int) -> int:
-        """Bytes of the tiles' spectra while one plane is projected, three buffers of them."""
+        """Bytes of the tiles' spectra during the projection of one plane, in three buffers."""
         y, x = self.y, self.x
         slabs = x.count * x.frequencies * (y.padded + y.count * y.valid)
         spectra = 2 * self.frequencies * self.tiles

@@ -1,7 +1,7 @@
-"""Where arrays of a projector lie: a device by the library that computes on it, through the array API standard.
+"""Compute on an accelerator: a device of an array library, used through the array API standard.
 
-PyTorch and CuPy are reached by array-api-compat (https://data-apis.org/array-api); numpy and array-api-strict, with
-the processor's memory, do the same arithmetic where there is no accelerator.
+PyTorch and CuPy are used through array-api-compat (https://data-apis.org/array-api). numpy and array-api-strict do the
+same arithmetic in host memory if there is no accelerator.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from lfcal.base import InputError, free_memory
 __all__ = ["DEVICES", "ArrayDevice", "check_arithmetic", "device_count", "driver_present", "find_device"]
 
 DEVICES = "auto, cpu, cuda or cuda:NUMBER"
-"""What `find_device` takes."""
+"""Values that `find_device` accepts."""
 
 LIBRARIES = ("torch", "cupy")
-"""Libraries that compute on accelerators, as they are tried."""
+"""Libraries that compute on accelerators, in the order in which they are tried."""
 
 
 @dataclass(frozen=True)
 class ArrayDevice:
-    """A device; sent to other processes as its few parameters.
+    """A device for array computations; it can be sent to other processes.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class ArrayDevice:
     index
         Number of the accelerator; None for the processor.
     room
-        Memory that may be used there (bytes); by default all free memory.
+        Memory that may be used on the device (bytes); by default all free memory.
     """
 
     library: str
@@ -50,33 +50,33 @@ class ArrayDevice:
 
     @property
     def xp(self) -> Any:
-        """The library's namespace of the array API standard."""
+        """Array API namespace of the library."""
         return _namespace(self.library)
 
     @property
     def name(self) -> str:
-        """As ``--device`` has it, and by which library."""
+        """Name of the device in ``--device``, and the library."""
         return f"{self.text} ({self.library})"
 
     @property
     def text(self) -> str:
-        """As ``--device`` has it."""
+        """Name of the device in ``--device``."""
         return "cpu" if self.index is None else f"cuda:{self.index}"
 
     @property
     def place(self) -> Any:
-        """The library's own word for the device; None where there is one alone."""
+        """Device object of the library; None if it has only one."""
         if self.library == "cupy":
             return self.xp.cuda.Device(self.index or 0)
         return self.text if self.library == "torch" else None
 
     def active(self) -> AbstractContextManager[Any]:
-        """Return what makes this device the one that new arrays of the library lie on."""
+        """Return a context in which new arrays of the library are on this device."""
         found: AbstractContextManager[Any] = self.place if self.library == "cupy" else nullcontext()
         return found
 
     def free_bytes(self) -> int:
-        """Return the memory that may be used now, as reported by the library, including its reserve."""
+        """Return the memory that may be used now (bytes), including the reserve of the library."""
         if self.library == "torch" and self.index is not None:
             cuda = importlib.import_module("torch").cuda
             reserve = cuda.memory_reserved(self.index) - cuda.memory_allocated(self.index)
@@ -89,7 +89,7 @@ class ArrayDevice:
         return free if self.room is None else min(free, self.room)
 
     def most_bytes(self) -> int:
-        """Return the most memory of the accelerator that this process has held, with the library's reserve."""
+        """Return the peak memory of this process on the accelerator (bytes), including the library's reserve."""
         if self.library == "torch" and self.index is not None:
             return int(importlib.import_module("torch").cuda.max_memory_reserved(self.index))
         if self.library == "cupy":
@@ -99,12 +99,12 @@ class ArrayDevice:
 
     # -- arrays ----------------------------------------------------------------------------------------
     def dtype(self, dtype: Any) -> Any:
-        """Return the library's type of that name."""
+        """Return the library's data type of this name."""
         return getattr(self.xp, np.dtype(dtype).name)
 
     def moved(self, array: NDArray[Any]) -> Any:
-        """Return a numpy array on the device; it must not be written to, where both share memory."""
-        # PyTorch takes neither arrays that are read-only nor those that run backwards
+        """Copy a numpy array to the device; do not write to the result, because it may share memory."""
+        # PyTorch accepts neither read-only arrays nor negative strides
         return self.xp.asarray(np.require(array, requirements=("C", "W")), device=self.place)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
@@ -112,7 +112,7 @@ class ArrayDevice:
         return self.xp.zeros(shape, dtype=self.dtype(dtype), device=self.place)
 
     def buffer(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an array of the processor's memory that `fetched` fills quickest: page-locked, for accelerators."""
+        """Return an array in host memory that `fetched` fills fastest: page-locked, for accelerators."""
         if self.index is None:
             return np.empty(shape, dtype)
         if self.library == "torch":
@@ -121,7 +121,7 @@ class ArrayDevice:
         return np.asarray(importlib.import_module("cupyx").empty_pinned(shape, np.dtype(dtype)))
 
     def fetched(self, array: Any, out: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Return an array of the device as numpy's, one that may be written to; ``out``, where it is given."""
+        """Copy an array of the device to a writable numpy array, or to ``out`` if it is given."""
         found = np.empty(array.shape, _numpy_type(array)) if out is None else out
         if self.library == "torch":
             importlib.import_module("torch").from_numpy(found).copy_(array)
@@ -143,7 +143,7 @@ def _namespace(library: str) -> Any:
 
 
 def device_count(library: str) -> int:
-    """Return how many accelerators a library of `LIBRARIES` can compute on; 0 where it is not installed."""
+    """Count the accelerators that a library of `LIBRARIES` can use; 0 if it is not installed."""
     if importlib.util.find_spec(library) is None or importlib.util.find_spec("array_api_compat") is None:
         return 0
     try:
@@ -151,12 +151,12 @@ def device_count(library: str) -> int:
             cuda = importlib.import_module("torch").cuda
             return int(cuda.device_count()) if cuda.is_available() else 0
         return int(importlib.import_module("cupy").cuda.runtime.getDeviceCount())
-    except Exception:  # whatever a library raises that was built for another driver: it is of no use here
+    except Exception:  # any error, such as that of a library built for another driver: it cannot be used here
         return 0
 
 
 def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
-    """Return the device that ``--device`` names; None for the processor.
+    """Find the device of the option ``--device``; None for the processor.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
         ``cpu``; ``cuda``, an accelerator, chosen by the worker's number if there are several; ``cuda:1``, this one;
         ``auto``, like ``cuda`` if there is an accelerator that computes correctly, otherwise the processor.
     worker
-        Number of this process among those that share the work.
+        Number of this process among those that share the work, from 0.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
     kind, _, number = text.partition(":")
     if kind not in ("auto", "cpu", "cuda") or (number and kind != "cuda") or (":" in text and not number.isdecimal()):
         raise InputError.expected("device", DEVICES, repr(text), "choose one")
-    # a library of this size is not loaded for nothing
+    # do not import a large library unnecessarily
     if kind == "cpu" or (kind == "auto" and not driver_present()):
         return None
     for library in LIBRARIES:
@@ -194,12 +194,12 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
 
 
 def check_arithmetic(device: ArrayDevice) -> None:
-    """Check products, transforms and gathering in single precision, as the engines use them, against numpy.
+    """Compare the single-precision operations of the engines (products, transforms, gathering) with numpy.
 
     Raises
     ------
     InputError
-        If values are off by more than rounding, as where products are taken in a shorter format.
+        If values differ by more than rounding, for example because products use a shorter format.
     """
     xp, rng = device.xp, np.random.default_rng(0)
     a, b = (rng.random((3, 64, 64), np.float32) for _ in range(2))
@@ -216,7 +216,7 @@ def check_arithmetic(device: ArrayDevice) -> None:
             error = float(np.abs(device.fetched(values) - truth).max() / truth.max())
             if not error < 1e-5:
                 raise InputError.expected(
-                    f"{what} on {device.name}", "numpy's to 1e-5", f"{error:.1g} off", "allow no shorter formats there"
+                    f"{what} on {device.name}", "numpy's to 1e-5", f"error {error:.1g}", "forbid shorter formats there"
                 )
 
 
@@ -237,10 +237,10 @@ def _trusted(device: ArrayDevice, *, must: bool) -> ArrayDevice | None:
 
 
 def driver_present() -> bool:
-    """Return whether this machine has what accelerators are reached through; they may still be of no use."""
+    """Return whether this computer has the driver interface of an accelerator, which may still be unusable."""
     if sys.platform == "win32":
         return Path(r"C:\Windows\System32\nvcuda.dll").exists()
-    # of NVIDIA, of AMD, and of Windows from inside its Linux
+    # NVIDIA, AMD, and Windows Subsystem for Linux
     return any(Path("/dev").glob("nvidia[0-9]*")) or Path("/dev/kfd").exists() or Path("/dev/dxg").exists()
 
 

@@ -1,4 +1,4 @@
-"""The projector pair of an H that varies over the field: H of several regions, blended linearly.
+"""Projector pair for an H that varies over the field: H of several regions, blended linearly.
 
 Patterns change slowly over the field. Between places where H is known, each voxel's pattern is the mean of the
 surrounding ones, with weights that are linear between places (the spatial variation of Nagy & O'Leary 1998, SIAM J.
@@ -34,31 +34,31 @@ F8 = NDArray[np.float64]
 Pair = tuple[float, float]
 
 NODES = 257
-"""Places per axis at which weights are computed; they are linear between."""
+"""Number of places per axis at which weights are computed; between them, weights are linear."""
 
 APART_PX = 1.0
-"""Regions that are nearer than this are one."""
+"""Regions closer than this are the same region (pixels)."""
 
 
 def place_weights(middles: Sequence[Pair], points: F8) -> F8:
     """Return the weight of each region at ``points`` ``(n, 2)``: ``(regions, n)``, in [0, 1], of sum 1.
 
-    Linear within each triangle of neighbouring regions (Delaunay), or along the line where all lie on one; beyond them
-    as at the nearest point between.
+    Weights are linear within each triangle of neighbouring regions (Delaunay), or along the line if all regions are on
+    one line. Outside, they are those of the nearest point inside.
 
     Parameters
     ----------
     middles
-        Where each region's H was taken (row, column).
+        Place at which each region's H was taken (row, column).
     points
-        Places (row, column).
+        Places at which weights are returned (row, column).
 
     Raises
     ------
     InputError
-        If two regions lie at one place.
+        If two regions have the same place.
     """
-    # the window looks at pages without it
+    # slow to import
     from scipy.spatial import ConvexHull, Delaunay
 
     places = np.asarray(middles, np.float64)
@@ -118,7 +118,7 @@ def _on_hull(places: F8, edges: NDArray[Any], points: F8) -> F8:
 def field_weights(middles: Sequence[Pair], shape: tuple[int, int]) -> list[F8]:
     """Return the weight image ``(rows, columns)`` of each region; they sum to one at every pixel.
 
-    ``middles`` are pixels (row, column) of the image; regions may lie outside of it.
+    ``middles`` are pixels (row, column) of the image; regions may be outside the image.
     """
     nodes = [np.linspace(0, n - 1, min(n, NODES)) for n in shape]
     points = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -157,7 +157,7 @@ class _Part:
     weight: NDArray[Any] | None
 
     def seen(self, planes: Iterator[tuple[int, NDArray[Any]]]) -> Iterator[tuple[int, NDArray[Any]]]:
-        """Yield what of volume planes shines by this region's H."""
+        """Yield volume planes times the weights of this region."""
         for z, plane in planes:
             own = plane[self.window]
             yield z, own if self.weight is None else own * self.weight
@@ -168,7 +168,8 @@ class FieldProjector(Projector):
 
     ``W_r`` weights voxels by their place between the middles of the regions (`field_weights`); at each voxel the
     weights sum to one. For one region it equals that region's `Projector` exactly. Each region is projected only where
-    its weight is not zero: with many regions, this takes as long as one H; with two or three, up to once for each.
+    its weight is not zero: with many regions, this takes as long as for one H; with two or three, up to that many
+    times.
 
     Parameters
     ----------
@@ -219,7 +220,7 @@ class FieldProjector(Projector):
         first = self._matrices[0]
         shape = (int(image_shape[0]), int(image_shape[1]))
         self._moved = (0.0, 0.0) if anchor is None else (anchor[0] - first.anchor[0], anchor[1] - first.anchor[1])
-        # a hair more: what was moved there and back is not to be a pixel less
+        # slightly more, so that rounding does not lose a pixel
         anchors = [
             anchor_pixel((H.anchor[0] + self._moved[0], H.anchor[1] + self._moved[1]), hair=1e-9)
             for H in self._matrices
@@ -278,7 +279,7 @@ class FieldProjector(Projector):
         except InputError:
             if len(places) == 1:
                 raise
-        # each takes all the room, one after the other: planes cannot be kept
+        # each region uses all the memory in turn, so planes cannot be kept
         parts = self._built(places, anchors[0], method, room)
         least = _together(
             [p.projector.forecast().chosen for p in parts], kept, self._blending_bytes(len(parts))
@@ -306,7 +307,7 @@ class FieldProjector(Projector):
                 H,
                 size,
                 (at[0] - top, at[1] - left),
-                # what is quickest of the largest one: a name says how all are projected
+                # the fastest method for the largest region, because one name applies to all
                 recipes[len(parts)] if len(recipes) > 1 else parts[0].projector.method if parts else method,
                 memory_limit=share,
                 workers=self._workers,
@@ -352,21 +353,21 @@ class FieldProjector(Projector):
     # -- what it is ------------------------------------------------------------------------------------
     @property
     def regions(self) -> int:
-        """How many regions have a part in the image."""
+        """Number of regions that contribute to the image."""
         return len(self._parts)
 
     @property
     def recipe(self) -> str:
-        """The methods of the regions with their tiles: with it as ``method`` another one computes the same bits."""
+        """Methods of the regions with their tiles; another projector with this ``method`` computes identical values."""
         return SEPARATOR.join(part.projector.recipe for part in self._parts)
 
     @property
     def rounding(self) -> float:
-        """Error of a projected value relative to the largest one; smaller values are not to be divided by."""
+        """Error of a projected value relative to the largest one; do not divide by smaller values."""
         return max(part.projector.rounding for part in self._parts)
 
     def operand_bytes(self) -> int:
-        """Return the bytes of the planes that are prepared and kept, and of the weights."""
+        """Return the size of the kept prepared planes and of the weights (bytes)."""
         weights = sum(0 if part.weight is None else part.weight.nbytes for part in self._parts)
         return weights + sum(part.projector.operand_bytes() for part in self._parts)
 
@@ -444,8 +445,8 @@ def _check_together(matrices: Sequence[Any]) -> None:
     for k, H in enumerate(matrices):
         if not isinstance(H, PSFMatrix):
             got = type(H).__name__
-            wanted = "a PSFMatrix, which says where it lies"
-            raise InputError.expected(f"H of region {k + 1}", wanted, got, "make one of it")
+            wanted = "a PSFMatrix, which states its place in the field"
+            raise InputError.expected(f"H of region {k + 1}", wanted, got, "convert it to a PSFMatrix")
         what = f"H of region {H.region or k + 1}"
         if tuple(H.shape[:3]) != tuple(first.shape[:3]):
             wanted = f"{first.shape[0]} planes of {first.shape[1]} x {first.shape[2]} positions, as the first"
@@ -473,7 +474,7 @@ def _together(costs: Sequence[Cost], weights: int, blending: int) -> Cost:
     """Return the cost of projections one after the other; ``weights`` are kept, ``blending`` is taken in each."""
     resident = all(cost.resident for cost in costs)
     kept = [cost.operand_bytes for cost in costs if cost.resident]
-    # if some planes are prepared again each time, the kept ones still use memory
+    # even if some planes are prepared each time, the kept ones use memory
     more = 0 if resident else sum(kept) + weights
     return Cost(
         costs[0].method,

@@ -1,4 +1,4 @@
-"""What each method would cost on this machine, and which one to take."""
+"""Predict the cost of each projection method on this computer, and choose one."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ __all__ = [
 ]
 
 METHODS = ("polyphase", "direct", "sparse", "fft")
-"""Ways to project that are exact."""
+"""Exact projection methods."""
 
 REDUCED = "reduced"
-"""The way that takes a tolerance."""
+"""Projection method with a tolerance."""
 
 PAIRS = 20
-"""Projections forward and back over which the set-up is shared out when methods are compared."""
+"""Number of projection pairs over which the set-up time is distributed when methods are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,24 +89,24 @@ class ProjectionProblem:
     noisy: bool = False
 
     def tile_plans(self) -> list[TilePlan]:
-        """Return those worth trying, or the one that is given."""
+        """Return the tiles to compare, or the given ones."""
         counts = [tile_counts(c, r) for c, r in zip(self.grid.cells, self.grid.reach, strict=True)]
         given = None if self.tiles is None else [(self.tiles.down, self.tiles.across)]
         return [TilePlan(self.grid, (y, x)) for y, x in given or itertools.product(*counts)]
 
     @property
     def plane_bytes(self) -> int:
-        """Bytes of one plane of H as it is used."""
+        """Size of one plane of H in the projector's sample type (bytes)."""
         return self.grid.phases * self.grid.cutout[0] * self.grid.cutout[1] * self.dtype.itemsize
 
     @property
     def read_bytes(self) -> int:
-        """Most bytes held while a plane is read: the plane, and what it is without noise."""
+        """Peak memory while reading a plane: the plane, and its noise-reduced copy (bytes)."""
         return (1 + self.noisy) * self.plane_bytes
 
     @property
     def image_bytes(self) -> int:
-        """Bytes of an image."""
+        """Size of an image (bytes)."""
         return self.grid.pixels * self.dtype.itemsize
 
 
@@ -149,7 +149,7 @@ class ProjectionForecast:
     def __str__(self) -> str:
         """Return the forecast as one line."""
         cost = self.chosen
-        kept = "" if cost.resident else ", prepared again each time"
+        kept = "" if cost.resident else ", planes prepared again each time"
         return (
             f"{cost.method}: set-up {format_seconds(cost.prepare_s)}, forward {format_seconds(cost.forward_s)}, "
             f"adjoint {format_seconds(cost.adjoint_s)}, memory {format_bytes(cost.memory_bytes)} "
@@ -177,12 +177,12 @@ def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> Proj
             options += _polyphase(problem, memory_limit)
         elif name == "direct":
             options.append((_resident(_direct(problem), problem, memory_limit), None, None))
-        # below half density the indices of a sparse matrix cost less than its zeros
+        # below half density, the indices of a sparse matrix need less memory than its zeros
         elif name == "sparse" and (method != "auto" or problem.density < 0.5):
             options.append((_resident(_sparse(problem), problem, memory_limit), None, None))
         elif name == REDUCED and (problem.kept or method != "auto"):
             options.append((_resident(_reduced(problem), problem, memory_limit), None, None))
-        # one transform per phase: beyond 16 phases it is never the quickest
+        # one transform per phase: never the fastest for more than 16 phases
         elif name == "fft" and (method != "auto" or problem.grid.phases <= 16):
             options.append((_resident(_fft(problem), problem, memory_limit), None, None))
     fitting = [o for o in options if o[0].memory_bytes <= memory_limit]
@@ -201,15 +201,15 @@ def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> Proj
             format_bytes(memory_limit),
             "raise it, or take a smaller image region",
         )
-    # set-up counts too, shared out over the projections of a usual reconstruction
+    # the set-up time is included, distributed over the projections of a typical reconstruction
     cost, plan, band = min(fitting, key=lambda o: o[0].prepare_s + PAIRS * o[0].pair_s)
-    # the slowest first, so that the quickest option of each method stays in the dict
+    # the slowest first, so that the fastest option of each method remains in the dict
     by_method = {o[0].method: o[0] for o in sorted(options, key=lambda o: -o[0].pair_s)}
     return ProjectionForecast(cost, plan, band, tuple(by_method.values()), memory_limit)
 
 
 def reading_seconds(reader: PlaneReader) -> float:
-    """Return the seconds to read one plane, from one row of source positions."""
+    """Return the time to read one plane (s), measured on one row of source positions."""
     # one row of source positions is enough to time the disk and the decoding
     start = time.perf_counter()
     np.asarray(reader.H[0, 0], reader.dtype)
@@ -227,7 +227,7 @@ def _resident(cost: Cost, problem: ProjectionProblem, limit: int) -> Cost:
         cost.adjoint_s + cost.prepare_s,
         cost.operand_bytes,
         cost.scratch_bytes,
-        # not all planes but two are held at a time
+        # two planes at a time are in memory instead of all
         cost.prepare_bytes + 2 * cost.operand_bytes // problem.planes,
         False,
     )
@@ -259,10 +259,10 @@ def _direct_scratch(problem: ProjectionProblem, grid: Grid, sources: tuple[int, 
     rows, lines = rows_at_once(nt, nx + ns - 1, item), -(-grid.cells[0] // len(strips))
     window = rows * (nx + ns - 1) * item
     at_once, columns = strips_together(grid, problem.workers), rows_together(*sources, len(strips)) * sources[1]
-    # each worker makes windows and bands of up to four heights, a cell's sources side by side
+    # each worker has windows and bands of up to four heights, with a cell's sources side by side
     own = 2 * min(WINDOW_BYTES, lines * grid.cells[1] * window) + 2 * columns * window
     own += at_once * lines * grid.cells[1] * columns * item
-    # in separate strips; those of one more worker may wait to be added
+    # in separate strips; those of one more worker may wait for their addition
     strip = (lines * ny + nt - 1) * (width + ns - 1) * item
     waiting = min((problem.workers + 1) * at_once, len(strips) * -(-PARTS // len(strips)))
     image = (height + nt - 1) * (width + ns - 1) * item
@@ -283,7 +283,7 @@ def _direct_seconds(problem: ProjectionProblem, sources: tuple[int, int]) -> tup
     runs = down / together * height / rows * cells / block * share
     add, gather = rates.window_seconds(rows, width, dtype, workers)
     values = block * rows * width
-    # those that reach a few rows of a window
+    # patterns that reach a few rows of a window
     reaching = round(across * max(1.0, together * (nt + rows) / (height + rows)))
     ahead = rates.gemm_seconds(block, reaching, rows * width, dtype, workers)
     back = rates.gemm_seconds(block, rows * width, reaching, dtype, workers, turned=True)
@@ -306,7 +306,7 @@ def _reduced(problem: ProjectionProblem) -> Cost:
     wide = replace(problem.grid, image_shape=(height + ny, width + nx))
     scratch = max(_direct_scratch(problem, wide, nodes) + problem.image_bytes, _sparse_scratch(problem))
     back, forward = planes * (back + beside), planes * (forward + beside)
-    # in addition to the plane, its residual
+    # the residual, in addition to the plane
     return Cost(REDUCED, planes * prepare, forward, back, operand, scratch, once + problem.read_bytes)
 
 
@@ -366,7 +366,7 @@ def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
         band = max(1, min(tall, int(tall * 0.25 * limit / max(1, whole))))
         if problem.tiles is not None:
             band = min(tall, problem.tiles.band)
-        # bands are cut from the whole lattice, packed, and put together on it
+        # bands are cut from the whole lattice, packed, and reassembled
         scratch = whole * band // tall + (0 if band == tall else 2 * problem.image_bytes)
         operand = problem.planes * plan.spectrum_bytes(complex_type.itemsize, problem.pixels)
         taps_bytes = taps * grid.phases * problem.pixels // max(1, grid.phases // 64) * complex_type.itemsize
@@ -378,7 +378,7 @@ def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
 
 
 def tile_counts(cells: int, reach: int) -> list[int]:
-    """Return numbers of tiles worth trying along an axis of ``cells``."""
+    """Return the numbers of tiles to compare along an axis of ``cells``."""
     # sizes grow by sqrt(2): finer steps change the estimate by less than its error
     sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}
     return sorted({1, *(-(-cells // v) for v in sizes if v < cells and v + 2 * reach <= 512)})

@@ -1,4 +1,4 @@
-"""Image and volume planes as the coarse lattice of whole periods."""
+"""Map image and volume planes to the coarse lattice of whole periods."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ __all__ = ["Grid", "anchor_pixel"]
 Pair = tuple[int, int]
 
 FARTHEST = 1e9
-"""Pixels that an anchor may lie from the image: beyond, not even its period would be sure."""
+"""Largest distance of an anchor from the image (pixels); farther away, even its period would be uncertain."""
 
 
 def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
-    """Return the pixel (row, column) that ``anchor`` lies in; ``hair`` is how far below a pixel still counts as it.
+    """Return the pixel (row, column) that contains ``anchor``; ``hair`` is the tolerance below a pixel.
 
     Raises
     ------
     InputError
-        If it is no place.
+        If the anchor is not a valid place.
     """
     for value in anchor:
         check_number("anchor (pixels)", value, at_least=-FARTHEST, at_most=FARTHEST)
@@ -64,7 +64,7 @@ class Grid:
 
     @cached_property
     def origin(self) -> Pair:
-        """Where pixel (0, 0) lies in the first lattice cell: its phase."""
+        """Phase of pixel (0, 0): its place in the first lattice cell."""
         return -self.anchor[0] % self.period[0], -self.anchor[1] % self.period[1]
 
     @cached_property
@@ -81,23 +81,23 @@ class Grid:
 
     @cached_property
     def reach(self) -> Pair:
-        """How many cells a pattern reaches to either side, at most the lattice itself."""
+        """Number of cells by which a pattern extends to either side, at most the size of the lattice."""
         y, x = ((c + n - 1) // n for c, n in zip(self.centre, self.period, strict=True))
-        # a pattern wider than the lattice reaches no further than the lattice goes
+        # a pattern wider than the lattice cannot reach beyond it
         return min(y, self.cells[0] - 1), min(x, self.cells[1] - 1)
 
     @property
     def phases(self) -> int:
-        """Source positions in one period."""
+        """Number of source positions in one period."""
         return self.period[0] * self.period[1]
 
     @property
     def pixels(self) -> int:
-        """Pixels of the image."""
+        """Number of pixels of the image."""
         return self.image_shape[0] * self.image_shape[1]
 
     def pack(self, plane: NDArray[Any], dtype: Any, *, before: Pair = (0, 0), after: Pair = (0, 0)) -> NDArray[Any]:
-        """Return ``plane`` on whole cells, ``(Ly*ny, Lx*nx)`` and ``before`` and ``after`` zero pixels around."""
+        """Pad ``plane`` to whole cells, ``(Ly*ny, Lx*nx)``, and add ``before`` and ``after`` zero pixels."""
         (ny, nx), (cy, cx), (oy, ox) = self.period, self.cells, self.origin
         # zeros around the image, so that patterns of positions outside of it project to nothing
         out = np.zeros((before[0] + cy * ny + after[0], before[1] + cx * nx + after[1]), dtype)
@@ -106,7 +106,7 @@ class Grid:
         return out
 
     def unpack(self, packed: NDArray[Any], *, before: Pair = (0, 0)) -> NDArray[Any]:
-        """Return the image inside ``packed`` (inverse of `pack`), as a view."""
+        """Return a view of the image inside ``packed`` (inverse of `pack`)."""
         top, left = before[0] + self.origin[0], before[1] + self.origin[1]
         return packed[top : top + self.image_shape[0], left : left + self.image_shape[1]]
 

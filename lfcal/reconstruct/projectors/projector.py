@@ -1,4 +1,4 @@
-"""The projector pair: volume to image and back."""
+"""Projector pair: from volume to image, and back."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from lfcal.reconstruct.projectors.grid import Grid, anchor_pixel
 __all__ = ["Projector"]
 
 LARGE = 1 << 22
-"""Number of values above which checking them in threads is faster."""
+"""Number of values above which threads check them faster."""
 
 SMALL_S = 3e-3
-"""Below these seconds per plane and pair a projection stays on one thread."""
+"""Time per plane and pair below which a projection uses one thread (s)."""
 
 
 class Projector:
@@ -60,7 +60,7 @@ class Projector:
     method
         ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
         reference), or ``"auto"``: the cheapest by the `forecast`. With a `recipe` (``"polyphase:7x3"``: tiles down and
-        across), projections are identical to those of the projector that gave it, for any number of workers.
+        across), projections are identical to those of the projector with this recipe, for any number of workers.
     dtype
         float32 or float64.
     threshold
@@ -74,7 +74,7 @@ class Projector:
     workers
         Number of threads; by default all processors.
     phases
-        ``(ny, nx)`` mask of the image phases in use: other pixels of the image are zero, and ignored.
+        ``(ny, nx)`` mask of the image phases in use; other pixels are zero in images, and ignored in back projections.
     device
         ``"cpu"``; ``"cuda"`` or ``"cuda:1"``, an accelerator that PyTorch or CuPy can use; ``"auto"``, the accelerator
         if there is one and the problem fits; or an `ArrayDevice`. Volumes and images remain numpy arrays.
@@ -119,7 +119,7 @@ class Projector:
         method, tiles = read_recipe(method)
         if method == REDUCED and tolerance == 0:
             what = f"projection method {REDUCED}"
-            raise InputError.expected(what, "a tolerance above 0", 0, "give one, such as 0.005")
+            raise InputError.expected(what, "a tolerance above 0", 0, "give a tolerance, such as 0.005")
         self._tolerance = float(tolerance)
         data = H if hasattr(H, "shape") else np.asarray(H)
         self._reader = PlaneReader(data, np.dtype(dtype), threshold)
@@ -141,27 +141,27 @@ class Projector:
     # -- what it is ------------------------------------------------------------------------------------
     @property
     def image_shape(self) -> tuple[int, int]:
-        """``(Y, X)``."""
+        """Shape of images, ``(Y, X)``."""
         return self._grid.image_shape
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
-        """``(nz, Y, X)``."""
+        """Shape of volumes, ``(nz, Y, X)``."""
         return self._reader.shape[0], *self._grid.image_shape
 
     @property
     def period(self) -> tuple[int, int]:
-        """``(ny, nx)`` pixels."""
+        """Period of H, ``(ny, nx)`` pixels."""
         return self._grid.period
 
     @property
     def grid(self) -> Grid:
-        """Where phases and lattice cells lie."""
+        """Mapping of pixels to phases and lattice cells."""
         return self._grid
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of images and volumes computed."""
+        """Sample type of computed images and volumes."""
         return self._reader.dtype
 
     @property
@@ -171,41 +171,41 @@ class Projector:
 
     @property
     def recipe(self) -> str:
-        """The method with its tiles: with it as ``method`` another projector computes the same bits."""
+        """Method with its tiles; given as ``method``, it makes another projector compute identical values."""
         return recipe_of(self.method, self._forecast.plan, self._forecast.band)
 
     @property
     def device(self) -> ArrayDevice | None:
-        """Where projections are computed; None for the processor."""
+        """Device that computes projections; None for the processor."""
         return self._device
 
     @property
     def memory_limit(self) -> int:
-        """Bytes a projection may use."""
+        """Memory that a projection may use (bytes)."""
         return self._limit
 
     @property
     def rounding(self) -> float:
-        """Error of a projected value relative to the largest one; smaller values are not to be divided by."""
+        """Error of a projected value relative to the largest one; do not divide by smaller values."""
         return self._engine.rounding
 
     @property
     def tolerance(self) -> float:
-        """Share of the light that projections may miss; 0 of an exact one."""
+        """Share of the light that projections may omit; 0 for an exact method."""
         return self._tolerance
 
     def operand_bytes(self) -> int:
-        """Return the bytes of the planes that are prepared and kept."""
+        """Return the size of the kept prepared planes (bytes)."""
         return sum(self._engine.operand_bytes(operand) for operand in self._operands.values())
 
     @property
     def camera(self) -> Any:
-        """The camera of H, where known."""
+        """Camera of H, if known."""
         return self._reader.H.camera if isinstance(self._reader.H, PSFMatrix) else None
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Depth of each plane (µm) where H has depths, else plane numbers."""
+        """Depth of each plane (µm) if H has depths, else plane numbers."""
         depths = self._reader.H.depths if isinstance(self._reader.H, PSFMatrix) else None
         return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
 
@@ -215,7 +215,7 @@ class Projector:
         return mean_noise(self._reader.H)
 
     def denoised(self) -> Projector:
-        """Return the projector of H with less noise (`lfcal.psf.denoising`); itself where that is not known."""
+        """Return the projector of H with reduced noise (`lfcal.psf.denoising`), or itself if the noise is unknown."""
         if self._reader.denoise or self.noise is None:
             return self
         with self._lock:
@@ -231,17 +231,17 @@ class Projector:
         return part
 
     def forecast(self) -> ProjectionForecast:
-        """Return what the method costs on this machine, and what the others would."""
+        """Return the cost of the method on this computer, and those of the other methods."""
         return self._forecast
 
     # -- the pair --------------------------------------------------------------------------------------
     def forward(self, volume: ArrayLike) -> NDArray[Any]:
-        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``. Planes that are all zero cost nothing."""
+        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``. Planes that are all zero take no time."""
         data = self._checked(volume, "volume (z, y, x)", self.volume_shape)
         return self.forward_planes(enumerate(data))
 
     def forward_planes(self, planes: Iterable[tuple[int, NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of volume planes ``(Y, X)`` with their numbers, one in memory at a time."""
+        """Return the image of pairs (number, volume plane ``(Y, X)``), with one plane in memory at a time."""
         return self._engine.forward((self._operand(z), plane) for z, plane in planes if plane.any())
 
     def adjoint(self, image: ArrayLike) -> NDArray[Any]:
@@ -257,9 +257,9 @@ class Projector:
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
-        """Return the projector of the image phases in the mask ``phases`` ``(ny, nx)`` alone, same method.
+        """Return the projector of only the image phases in the mask ``phases`` ``(ny, nx)``, with the same method.
 
-        It is made once; where planes of H are prepared for all phases alike it uses those of this projector.
+        It is created once. If prepared planes do not depend on the phases, it uses those of this projector.
         """
         mask = _phase_mask(phases, self.period)
         with self._lock:
@@ -268,7 +268,7 @@ class Projector:
             return self._subsets[mask.tobytes()]
 
     def _subset(self, phases: NDArray[np.bool_]) -> Projector:
-        # in the same tiles: what subsets keep then takes no more than this projector would
+        # use the same tiles, so that all subsets together need no more memory than this projector
         part = object.__new__(Projector)
         part.__dict__.update(self.__dict__)
         part._phases = phases
@@ -293,7 +293,7 @@ class Projector:
         return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def iter_prepare(self) -> Work[Projector]:
-        """Prepare all planes that can be kept, and return this projector; else the first projection does."""
+        """Prepare all planes that can be kept, instead of in the first projection, and return this projector."""
         yield from self._iter_planes()
         return self
 

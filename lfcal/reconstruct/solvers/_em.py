@@ -36,20 +36,20 @@ from lfcal.reconstruct.solvers.solver import EM, Solver, SolverRun, SolverSettin
 __all__ = ["EmOptions", "EmUpdates", "IsraSettings", "RichardsonLucySettings", "iter_em", "iter_run", "penalised"]
 
 ACCELERATIONS = ("none", "biggs-andrews", "nesterov")
-"""Ways to extrapolate."""
+"""Methods of extrapolation."""
 
 SMALLEST_FACTOR = 0.1
 """Smallest factor that extrapolation applies to a voxel. Zero would be final: updates cannot raise it again."""
 
 
 def check_acceleration(name: str) -> None:
-    """Raise `InputError` unless ``name`` is a way to extrapolate."""
+    """Raise `InputError` unless ``name`` is a method of extrapolation."""
     if name not in ACCELERATIONS:
         raise InputError.expected("acceleration", " or ".join(ACCELERATIONS), repr(name), "choose one of these")
 
 
 def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
-    """Return the point the next update starts from, and the step taken along the last change.
+    """Return the start of the next update, and the step along the last change.
 
     ``biggs-andrews`` computes the step from two successive updates (Biggs & Andrews 1997, equation 10), ``nesterov``
     from the iteration number (Beck & Teboulle 2009, equation 4.2). A state without memory is returned unchanged. A
@@ -67,7 +67,7 @@ def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
             last, before = state.arrays[1], state.arrays[2]
             power = float(np.vdot(before, before))
             step = float(np.vdot(last, before)) / power if power > 0 else 0.0
-            # at 1 the extrapolation would not die out where updates stop shrinking.
+            # at 1, the extrapolation would not decay if updates stop shrinking.
             step = min(max(step, 0.0), 0.999)
     if step == 0.0:
         return state.volume, 0.0
@@ -144,7 +144,7 @@ class EmUpdates:
 
 @dataclass(frozen=True)
 class EmOptions(EmUpdates):
-    """Rule, options and end of a multiplicative solver.
+    """Update rule, options and stopping criteria of a multiplicative solver.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class EmOptions(EmUpdates):
     repeating
         Removal of updates that repeat from lenslet to lenslet; None: no removal.
     stretch
-        Lengthening of updates at the start, with the acceleration ``"nesterov"``; None: no lengthening.
+        Lengthening of the first updates, with the acceleration ``"nesterov"``; None: no lengthening.
     model_noise
         The noise of H, for the rule ``"richardson-lucy"``; None: not used.
     """
@@ -175,7 +175,7 @@ class EmOptions(EmUpdates):
             raise InputError.expected("relaxation", "in (0, 1]", self.relaxation, "try 1")
         if self.subsets is not None and self.acceleration != "none":
             raise InputError.expected(
-                "solver", "subsets or acceleration", "both", "leave one out: they extrapolate twice"
+                "solver", "subsets or acceleration", "both", "choose one: together they extrapolate twice"
             )
         if self.stretch is not None and self.acceleration != "nesterov":
             raise InputError.expected("stretched updates", "acceleration nesterov", self.acceleration, "choose it")
@@ -183,14 +183,14 @@ class EmOptions(EmUpdates):
 
 @dataclass(frozen=True, eq=False)
 class IsraSettings(EmUpdates, SolverSettings):
-    """Settings of ISRA: those of every solver, and what updates are combined with.
+    """Settings of ISRA: those of every solver, and options of the updates.
 
     Attributes
     ----------
     iterations
-        How many to do, beyond those of ``resume``.
+        Number of iterations, in addition to those of ``resume``.
     initial
-        Start ``(nz, Y, X)``, not negative; by default even, with the light of the image.
+        Non-negative start ``(nz, Y, X)``; by default uniform, with the light of the image.
     """
 
     iterations: int = 20
@@ -198,19 +198,19 @@ class IsraSettings(EmUpdates, SolverSettings):
     initial: ArrayLike | None = None
 
     def options(self, rule: str) -> EmOptions:
-        """Return how to update by ``rule``."""
+        """Return the options of updates with ``rule``."""
         own = {one.name: getattr(self, one.name) for one in fields(EmUpdates)}
         return EmOptions(rule, self.tolerance, **own)
 
 
 @dataclass(frozen=True, eq=False)
 class RichardsonLucySettings(IsraSettings):
-    """Settings of Richardson-Lucy: as those of ISRA.
+    """Settings of Richardson-Lucy: those of ISRA, and the read noise.
 
     Attributes
     ----------
     read_noise
-        Rms read noise (counts), which is modelled as further Poisson noise.
+        Rms read noise (counts), which is modelled as additional Poisson noise.
     """
 
     _: KW_ONLY
@@ -256,7 +256,7 @@ class _Pace:
     def remember(
         self, state: SolverState, done: _Pass, acceleration: str, *, restart: bool
     ) -> tuple[tuple[NDArray[Any], ...], tuple[float, ...]]:
-        """Return what the next update needs to know: arrays and numbers of the next state."""
+        """Return the memory for the next update: arrays and numbers of the next state."""
         arrays, numbers = remember(
             state, done.start, done.volume, acceleration, restart=restart, likelihood=self.likelihood
         )
@@ -298,7 +298,7 @@ def iter_em(
     iterations
         Number of iterations, in addition to those of ``resume``.
     options
-        Rule and options.
+        Update rule, options and stopping criteria.
     initial
         Non-negative start ``(nz, Y, X)``; by default uniform, with the light of the image.
     resume
@@ -322,10 +322,10 @@ def iter_em(
         change = relative_change(volume, state.volume)
         if done.turned_back:
             state = replace(state, volume=done.start)
-        # the likelihood belongs to the extrapolated start: where it fell, the last step was too long.
+        # the likelihood is that of the extrapolated start: if it decreased, the last step was too long.
         restart = done.turned_back or (step > 0 and fit.likelihood < before)
         arrays, numbers = pace.remember(state, done, options.acceleration, restart=restart)
-        # else the volume that the iteration began with is held through the next one
+        # otherwise the volume at the start of the iteration stays in memory during the next one
         del done, start
         seconds = state.seconds + time.perf_counter() - began
         state = SolverState(volume, state.iteration + 1, seconds, arrays, numbers)
@@ -338,7 +338,7 @@ def iter_em(
             change=change,
             held_out=(fit.held_out, fit.held_out_error),
         )
-        history.append(without_state(record))  # the history would else hold a volume per iteration
+        history.append(without_state(record))  # otherwise the history would keep a volume per iteration
         yield record
         if stopped := _why_stop(change, state.iteration, options):
             break
@@ -346,13 +346,13 @@ def iter_em(
 
 
 def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions) -> SolverWork:
-    """Iterate as ``run`` asks; ``options`` say what makes the solver this one."""
+    """Iterate as requested in ``run``, with the ``options`` of a particular solver."""
     options = replace(options, tolerance=run.tolerance)
     return iter_em(P, run.measure(P, image), run.iterations, options, initial=run.initial, resume=run.resume)
 
 
 def penalised(name: str, title: str, penalty: Callable[..., Penalty], rank: int) -> Solver:
-    """Return the solver of Richardson-Lucy with a penalty, whose weight is the strength asked for."""
+    """Return the solver of Richardson-Lucy with a penalty, whose weight is the requested strength."""
     iterate = partial(_iter_penalised, penalty=penalty)
     return Solver(name, title, iterate, EM | {"strength"}, rank=rank, volumes=(3, 4), settles=True)
 
@@ -367,7 +367,7 @@ def _why_stop(change: float, iteration: int, options: EmOptions) -> str:
     settled = options.model_noise is not None and options.model_noise.settled()
     if change < options.tolerance:
         return f"changed by less than {options.tolerance:g} in iteration {iteration}"
-    return f"only noise of H and of the frame is left to fit after iteration {iteration}" if settled else ""
+    return f"only noise of H and of the frame remains after iteration {iteration}" if settled else ""
 
 
 # -- steps ---------------------------------------------------------------------------------------------
@@ -412,7 +412,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
         return volume
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))
     level = light / reach if reach > 0 else 0.0
-    # a voxel no pixel sees would keep its start for ever: it starts, and stays, at zero.
+    # a voxel that no pixel sees would keep its start value, so it starts at zero.
     start = np.zeros(P.volume_shape, P.dtype)
     start[sensitivity > UNSEEN * np.max(sensitivity)] = level
     return start
@@ -449,7 +449,7 @@ def _iterate(
         likelihood += fit.likelihood
         held_out += fit.held_out
         error += fit.held_out_error**2
-        # subsets are disjoint: their squares add up to that of the whole image, each at its own estimate.
+        # subsets are disjoint, so their squares add up to that of the whole image, each at its own estimate.
         own = data.image if part.mask is None else data.image * part.mask
         square += (fit.residual * float(np.linalg.norm(data.weighted(own)))) ** 2
         stretched, strength = pace.strength > 0, pace.at(model, data, floor)
@@ -524,10 +524,10 @@ def _update(
     steep = None if options.penalty is None else options.penalty.gradient(volume)
 
     def one(z: int) -> tuple[float, float]:
-        """Update a plane, into the array that is not needed again: volumes may fill the memory; return its light."""
+        """Update a plane in an array that is no longer needed, to save memory, and return its light."""
         share = below[z]
         if steep is not None:
-            # a steep gradient would turn the denominator negative or blow the voxel up: grow no more than tenfold.
+            # a steep gradient could make the denominator negative or tiny, so limit the growth to a factor of ten.
             share = np.maximum(below[z] + scale * steep[z], 0.1 * below[z])
         seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)
         factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)
@@ -547,6 +547,6 @@ def _update(
     found = list(in_order(one, range(len(volume)), plane_threads(len(volume), volume[0].nbytes)))
     light, longer = (sum(own) for own in zip(*found, strict=True))
     if longer > 0:
-        # as much light in the image as the plain update has
+        # the same light in the image as with the plain update
         updated *= updated.dtype.type(light / longer)
     return updated

@@ -1,4 +1,4 @@
-"""The noise of a recorded H in a fit: its contribution to the variance of pixels, and the end of iterations.
+"""Model the noise of a recorded H: its contribution to the variance of pixels, and when iterations should end.
 
 Entry ``H[p, v]`` with variance ``a + c H[p, v]`` adds ``sum_v (a + c H[p, v]) g[v]^2`` to the variance of pixel p of
 the model ``H g``. This is added to data and model, like the square of the read noise (shifted Poisson: Snyder et al.
@@ -27,14 +27,14 @@ from lfcal.reconstruct.solvers.solver import SolverRun
 __all__ = ["LEAST_FALL", "ModelNoise"]
 
 LEAST_FALL = 0.025
-"""Share of the misfit that an iteration takes off, the mean of the last two, while it finds what is there.
+"""Relative decrease of the misfit per iteration (mean of the last two) below which only noise is left.
 
-On beads, lines and smooth objects behind three arrays, with noise of 7 to 30 % in H, errors of volumes have risen by at
-most 7 % from their least where it falls below, or would still fall by at most 15 %.
+It was tested on beads, lines and smooth objects behind three arrays, with noise of 7 to 30 % in H. When a run ended,
+the error of the volume had risen by at most 7 % from its minimum, or would still have fallen by at most 15 %.
 """
 
 FEWEST = 10
-"""Iterations before a run may end."""
+"""Smallest number of iterations of a run."""
 
 
 @dataclass(eq=False)
@@ -64,14 +64,14 @@ class ModelNoise:
 
     @classmethod
     def of(cls, P: Projector, sieve: Sieve, run: SolverRun) -> ModelNoise | None:
-        """Return the noise of H in a run, None where it is not known. Left-out pixels end a run on their own."""
+        """Return the noise of H in a run; None if it is unknown. Held-out pixels end a run without it."""
         noise = P.noise
         if noise is None:
             return None
         return cls(P, sieve, noise, 1.0 if run.noise is None else run.noise[0], run.held_out is None)
 
     def variance(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return the variance ``(Y, X)`` that the noise of H gives to the image of ``volume`` ``(nz, Y, X)``."""
+        """Return the variance ``(Y, X)`` of the image of ``volume`` ``(nz, Y, X)`` due to the noise of H."""
         squares = np.square(self.sieve.apply(volume))
         window = self.projector.grid.cutout
         found = np.zeros(volume.shape[1:], volume.dtype)
@@ -84,9 +84,9 @@ class ModelNoise:
     def ratio(
         self, volume: NDArray[Any], model: NDArray[Any], mask: NDArray[np.bool_] | None, data: Measurement, floor: float
     ) -> NDArray[Any]:
-        """Return data divided by model ``(Y, X)``, both with the variance of H, and accumulate their distance.
+        """Return data divided by model ``(Y, X)``, both with the variance of H, and accumulate the misfit.
 
-        ``mask``: the pixels of the model, None: all of them; ``floor``: smaller models are rounding.
+        ``mask``: pixels of the model (None: all); ``floor``: smaller values of the model are rounding errors.
         """
         own = self.variance(volume) / model.dtype.type(self.gain)
         spread = np.maximum(model + own, floor)

@@ -20,10 +20,10 @@ from lfcal.reconstruct.solvers.planes import box_mean
 __all__ = ["Repeating"]
 
 STEEP = 0.7
-"""Limit of the logarithms of factors: a single bright bead does not determine what repeats."""
+"""Limit of the logarithms of factors, so that a single bright bead does not dominate the repeating part."""
 
 DARK = 1e-6
-"""Smaller factors count as this: where a voxel goes out."""
+"""Smallest factor; smaller ones, of vanishing voxels, are set to it."""
 
 FEWEST = 8
 """Smallest number of periods in a plane for detecting repetition."""
@@ -31,14 +31,14 @@ FEWEST = 8
 
 @dataclass(frozen=True)
 class Repeating:
-    """What repeats in the updates of each plane.
+    """Removal of the repeating part from the updates of each plane.
 
     Attributes
     ----------
     period
-        ``(ny, nx)`` of H in voxels.
+        Period ``(ny, nx)`` of H (voxels).
     shares
-        How much of it is left out of each plane's updates, in [0, 1].
+        Share of the repeating part to remove from the updates of each plane, in [0, 1].
     """
 
     period: tuple[int, int]
@@ -56,14 +56,14 @@ class Repeating:
             return factor
         logs, count = np.zeros((2, down * ny, across * nx), factor.dtype)
         np.log(np.maximum(factor, DARK), out=logs[:rows, :columns], where=seen)
-        # an error of the overall light is not a pattern: divide by the mean over a surrounding period
+        # divide by the mean over a surrounding period, because an error of the total light is not a pattern
         logs[:rows, :columns] -= box_mean(logs[:rows, :columns], self.period)
         np.clip(logs, -STEEP, STEEP, out=logs)
         count[:rows, :columns] = seen
         logs *= count
         total, number = (a.reshape(down, ny, across, nx).sum((0, 2), dtype=np.float64) for a in (logs, count))
         mean = np.divide(total, number, out=np.zeros_like(total), where=number > 0)
-        # the plane's light is no pattern
+        # the total light of the plane is not a pattern
         mean -= mean.mean()
         even = np.tile(np.exp(-share * mean), (down, across))[:rows, :columns].astype(factor.dtype)
         found: NDArray[Any] = np.multiply(factor, even, out=factor.copy(), where=seen)

@@ -1,4 +1,4 @@
-"""Longer updates at the start of a reconstruction, which separate planes and details faster.
+"""Lengthen the first updates of a reconstruction, which separates planes and details faster.
 
 A multiplicative update is short because all planes explain the same light. A mode of a single plane converges only by
 about its share of the light, while the common part of all planes, light that changes little over the width of a
@@ -30,19 +30,19 @@ FIRST = 2.0
 """Strength of the first update."""
 
 FADING = 0.9
-"""What is left of the strength from one iteration to the next."""
+"""Factor on the strength from one iteration to the next."""
 
 LEAST = 0.3
-"""The least that is left of it, however far the last step was beyond the top."""
+"""Smallest such factor, however far the last step was beyond the maximum."""
 
 IDLE = 0.2
-"""Strengths below are not worth their time: updates are plain from there on."""
+"""Strength below which updates are not lengthened any more, to save time."""
 
 HALVINGS = 8
-"""Of the way in the search for its top."""
+"""Accuracy of the position of the maximum, as a share of the step."""
 
 STEEPEST = 3.0
-"""Stretching changes the logarithm of a factor by no more than this."""
+"""Largest change of the logarithm of a factor by lengthening."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Stretch:
     Attributes
     ----------
     window
-        ``(rows, columns)`` in voxels, over which the mean of an update is not stretched.
+        ``(rows, columns)`` of the window whose mean is not stretched (voxels).
     period
-        ``(ny, nx)`` of H in voxels.
+        Period ``(ny, nx)`` of H (voxels).
     shares
         Share of details finer than a period that is not stretched, for each plane, in [0, 1]; empty: 0.
     first
@@ -76,7 +76,7 @@ class Stretch:
         beside = logs - box_mean(logs, self.window)
         share = self.shares[z] if self.shares else 0.0
         if share > 0:
-            # the mean over a period has nothing of what repeats from lenslet to lenslet
+            # the mean over a period excludes patterns that repeat from lenslet to lenslet
             beside -= logs.dtype.type(share) * (logs - box_mean(logs, self.period))
         beside *= logs.dtype.type(strength)
         np.clip(beside, -STEEPEST, STEEPEST, out=beside)
@@ -89,14 +89,14 @@ def weaker(strength: float, before: NDArray[Any], model: NDArray[Any], data: Mea
     """Return the strength of the next update, given the models ``(Y, X)`` of the last iteration and of this one."""
     way = np.subtract(model, before, dtype=np.float64)
     rise, left = (_slope(at, way, data, floor) for at in (before, model))
-    # the top of a parabola with these slopes at 0 and at 1; where it bends upwards there is none
+    # the maximum of a parabola with these slopes at 0 and at 1; there is none if it bends upwards
     top = rise / (rise - left) if rise > left else math.inf
     found = strength * FADING * min(max(top, LEAST), 1.0)
     return found if found >= IDLE else 0.0
 
 
 def best_share(before: NDArray[Any], model: NDArray[Any], data: Measurement, floor: float) -> float:
-    """Return the share of the way between two models ``(Y, X)`` at which the likelihood is highest, not above it."""
+    """Return the share of the way between two models ``(Y, X)`` with the highest likelihood, rounded down."""
     way = np.subtract(model, before, dtype=np.float64)
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):

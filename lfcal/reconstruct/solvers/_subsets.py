@@ -1,4 +1,4 @@
-"""Which image phases an update uses: ordered subsets and views."""
+"""Select the image phases of each update: ordered subsets and views."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Masks = tuple[NDArray[np.bool_], ...]
 def interleaved_subsets(period: tuple[int, int], count: int) -> Masks:
     """Return ``count`` masks ``(ny, nx)`` that split the image phases evenly and finely (Hudson & Larkin 1994).
 
-    Long periods are split by rows, which the direct method can leave out, others by rows and columns.
+    Long periods are split by rows, which the direct method can skip; others by rows and columns.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def angular_subsets(
 
 
 def by_energy(masks: Masks, image: NDArray[Any], grid: Grid) -> Masks:
-    """Return ``masks`` by the light they hold in ``image``, brightest first (the order of Lu et al. 2019)."""
+    """Sort ``masks`` by their light in ``image``, brightest first (the order of Lu et al. 2019)."""
     energy = [float(image[grid.tiled(mask)].sum()) for mask in masks]
     return tuple(masks[k] for k in np.argsort(energy, kind="stable")[::-1])
 

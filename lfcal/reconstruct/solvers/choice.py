@@ -1,4 +1,4 @@
-"""Solvers by name: those of lfcal and of other distributions, with the settings that users choose."""
+"""Choose a solver by name, from lfcal or another distribution, with its settings."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ GROUP = "lfcal.solvers"
 """Entry point group of solvers of other distributions."""
 
 CHOSEN = ("background", "read_noise", "saturation", "strength", "subsets", "tolerance")
-"""Options that a `SolverChoice` holds; the others are arrays and states."""
+"""Options contained in a `SolverChoice`; the others are arrays and states."""
 
 
 def check_solver(solver: Solver) -> None:
-    """Raise `TypeError` unless ``solver`` is one."""
+    """Raise `TypeError` unless ``solver`` is a `Solver`."""
     if not isinstance(solver, Solver) or not callable(solver.iterate):
         raise TypeError("it is not a Solver with a function")
 
@@ -74,15 +74,15 @@ class SolverChoice:
     read_noise
         Rms read noise (counts); only for Richardson-Lucy variants.
     saturation
-        Pixels at or above this value are left out; None: none.
+        Pixels at or above this value are excluded (counts); None: none.
     strength
         Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``; None: the default of each.
     subsets
-        Number of subsets for ``osem``, blocks of views along each axis for ``phase-space``; None: 4 and 3.
+        Number of subsets for ``osem`` (None: 4), or of blocks of views along each axis for ``phase-space`` (None: 3).
     tolerance
         Stop when the relative change falls below this value.
     auto
-        Whether to stop by ``stop``.
+        Whether to stop automatically, by the criterion ``stop``.
     stop
         ``"left-out"``: when the prediction of held-out pixels, one of 25, gets worse; the result is the volume with
         the best prediction. ``"discrepancy"``: when the volume's image agrees with the frame to within the noise.
@@ -90,7 +90,8 @@ class SolverChoice:
         Purpose of a run that stops by held-out pixels. ``"view"``: a volume to look at. ``"measure"``: sums and means
         over regions of it, which need more iterations; single voxels are then noisier.
     gain
-        Counts per photo-electron; None: unknown, and 1 for ``"discrepancy"``. If it is given, the result has chi2
+        Counts per photo-electron; None: unknown (``"discrepancy"`` then assumes 1). With a gain, the result states
+        chi2
         per pixel.
     noise
         Variance of a pixel without light (counts²), and per count of light (counts), as measured: for chi2 if ``gain``
@@ -141,8 +142,8 @@ class SolverChoice:
         check_choice("stop", self.stop, STOPS)
         check_choice("goal", self.goal, GOALS)
         if self.goal != GOALS[0] and not (self.auto and self.stop == "left-out"):
-            wanted = f"{GOALS[0]}, for a run that does not stop by left-out pixels"
-            raise InputError.expected("goal", wanted, self.goal, "let it stop automatically, or leave the goal out")
+            wanted = f"{GOALS[0]}, for a run that does not stop by held-out pixels"
+            raise InputError.expected("goal", wanted, self.goal, "let it stop automatically, or omit the goal")
         check_counts(self.read_noise, self.saturation)
         check_number("background (counts)", self.background, at_least=0, at_most=MAX_SAMPLE)
         check_number("tolerance", self.tolerance, at_least=0)
@@ -171,14 +172,14 @@ class SolverChoice:
         if self.margin:
             raise InputError.expected(
                 f"margin of solver {self.name}",
-                "0, because it cannot leave out pixels outside the frame",
+                "0, because it cannot ignore pixels outside the frame",
                 self.margin,
                 f"give 0, or choose {known}",
             )
 
     @classmethod
     def of(cls, settings: SolverFields, margin: int = 0) -> SolverChoice:
-        """Return the solver that settings describe."""
+        """Return the choice described by settings."""
         known = {one.name: getattr(settings, one.name) for one in fields(settings)}
         end = SOLVER_ENDS.get(str(settings.iterations))
         if end is not None:
@@ -187,19 +188,19 @@ class SolverChoice:
 
     @property
     def solver(self) -> Solver:
-        """The solver itself."""
+        """The chosen solver."""
         return SOLVERS.get(self.name)
 
     @property
     def known_noise(self) -> tuple[float, float] | None:
-        """Counts per photo-electron and rms read noise (counts), by which the fit is judged; None: unknown."""
+        """Counts per photo-electron and rms read noise (counts), for chi2; None: unknown."""
         if self.gain is not None:
             return self.gain, self.read_noise
         return None if self.noise is None else (self.noise[1], math.sqrt(self.noise[0]))
 
 
 def check_option(solver: Solver, option: str, given: object) -> None:
-    """Raise `InputError` where ``given`` would be ignored, naming the solvers that use it."""
+    """Raise `InputError` if the solver would ignore ``given``; the message lists the solvers that use it."""
     solver.check(option, given, tuple(other.name for other in SOLVERS if option in other.honours))
 
 
@@ -285,7 +286,7 @@ def iter_solve(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` as `iter_reconstruct`, for callers that resample it to the period of H themselves."""
+    """Reconstruct ``image`` like `iter_reconstruct`, for callers that have resampled it to the period of H."""
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):
         check_option(c.solver, option, given)
@@ -317,7 +318,7 @@ def iter_solve(
     if c.known_noise is not None:
         work = _iter_judged(work, P, image, run, c.known_noise)
     if noisy:
-        work = _iter_noted(work, "the noise that H states is reduced in its patterns")
+        work = _iter_noted(work, "the noise stated in H is reduced in its patterns")
     return _iter_cropped(work, c.margin) if c.margin else work
 
 
@@ -328,7 +329,7 @@ def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver, g
         found = held_out.measure(P, image)
         work = solver.iterate(P, image, replace(held_out, measured=found))
         return iter_until_best(work, found.notes, settles=solver.settles, goal=goal)
-    # a solver that knows nothing of them does not see them, and is judged by its projected volumes
+    # a solver that cannot use held-out pixels is assessed by its projected volumes
     data = held_out.measure(P, image, signed=True)
     held = np.zeros(P.image_shape) if data.held is None else data.held
 

@@ -20,7 +20,7 @@ def iter_isra(P: Projector, image: ArrayLike, settings: IsraSettings) -> SolverW
     """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm.
 
     ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors as for
-    `richardson_lucy`; there is no read noise, because least squares do not ask for the kind of noise.
+    `richardson_lucy`; there is no read noise, because least squares do not depend on the kind of noise.
 
     Yields
     ------

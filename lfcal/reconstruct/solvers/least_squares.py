@@ -1,7 +1,7 @@
 """Linear least squares by conjugate gradients: a tool for linear problems, not offered as a solver of frames.
 
-Without a bound at zero it fits noise from the first iterations on: beads have an NRMSE of 0.5 after 15 of them and 0.9
-after 80, where Richardson-Lucy falls to 0.26.
+Without a bound at zero, it fits noise from the first iterations. The NRMSE of beads is 0.5 after 15 iterations and
+0.9 after 80, while Richardson-Lucy reaches 0.26.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ __all__ = ["conjugate_gradient", "iter_conjugate_gradient"]
 
 @dataclass(frozen=True, eq=False)
 class LeastSquaresSettings(SolverSettings):
-    """Settings of conjugate gradients: those of every solver, and a damping.
+    """Settings of conjugate gradients: those of every solver, and the damping.
 
     Attributes
     ----------
     iterations
-        How many to do, beyond those of ``resume``.
+        Number of iterations, in addition to those of ``resume``.
     damping
-        lambda relative to the largest value of ``HT w H 1``.
+        Damping lambda relative to the largest value of ``HT w H 1``.
     """
 
     iterations: int = 20
@@ -65,7 +65,7 @@ def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquar
     background, weights, saturation
         As in `Measurement.of`.
     damping
-        lambda relative to the largest value of ``HT w H 1``.
+        Damping lambda relative to the largest value of ``HT w H 1``.
     tolerance
         Stop when the relative change falls below this value.
     resume
@@ -161,7 +161,7 @@ def _step(
     power = state.numbers[0]
     image = P.forward(direction)
     curvature = float((data.weighted(image).astype(np.float64) * image).sum()) + weak * squares(direction)
-    if power == 0 or curvature <= 0:  # the minimum, or directions no pixel sees
+    if power == 0 or curvature <= 0:  # at the minimum, or in directions that no pixel sees
         return state.volume, state.arrays, state.numbers
     kind = state.volume.dtype.type
     length = kind(power / curvature)

@@ -1,4 +1,4 @@
-"""The image a solver fits: weights, background and noise, made safe to compute with."""
+"""Prepare the image for a solver: weights, background and noise, without invalid values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["GoodnessOfFit", "Measurement", "NothingMeasured", "check_counts", "h
 
 
 BAND = 1 << 17
-"""Pixels that are compared with the model at a time."""
+"""Number of pixels that are compared with the model at a time."""
 
 LARGE = 1 << 20
 """Number of pixels above which threads are faster."""
@@ -24,12 +24,12 @@ LARGE = 1 << 20
 NOTHING = np.zeros(0)
 
 FAINTEST = 1e-31
-"""Counts of the brightest pixel below which shares of its light have too few digits in single precision."""
+"""Counts of the brightest pixel below which single precision has too few digits."""
 
 TINY = float(np.finfo(np.float64).tiny)
 
 HALF_MEDIAN = 0.22747
-"""Median of half of chi squared of one degree of freedom."""
+"""Median of half of chi squared with one degree of freedom."""
 
 
 class NothingMeasured(InputError):
@@ -45,7 +45,7 @@ def check_counts(read_noise: float, saturation: float | None) -> None:
 
 @dataclass(frozen=True, slots=True)
 class GoodnessOfFit:
-    """How well a model image fits: see `SolverProgress`."""
+    """Residual and likelihood of a model image; see `SolverProgress`."""
 
     residual: float
     likelihood: float
@@ -55,7 +55,7 @@ class GoodnessOfFit:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """An image with facts about it; build one with `Measurement.of`.
+    """An image with weights, background and noise; create one with `Measurement.of`.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Measurement:
         weights
             Weight of each pixel, not negative.
         saturation
-            Pixels at or above this value get weight 0, positive.
+            Pixels at or above this positive value get weight 0.
         background
             Expected image without light, not negative; a number or ``(Y, X)``.
         read_noise
@@ -126,15 +126,15 @@ class Measurement:
         trust = None if weights is None else _fitting("weights", weights, data.shape, dtype)
         floor = _fitting("background", background, data.shape, dtype)
         bad = ~np.isfinite(data)
-        # what has no weight, as the margin around a frame, is left out already
+        # pixels without weight, such as the margin around a frame, are already excluded
         counted = np.broadcast_to(True, data.shape) if trust is None else trust > 0
         notes = []
         if lost := int(np.count_nonzero(bad & counted)):
-            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and left out")
+            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and ignored")
         if saturation is not None:
             full = np.greater_equal(data, saturation, where=~bad, out=np.zeros(data.shape, bool))
             if lost := int(np.count_nonzero(full & counted)):
-                notes.append(f"{format_count(lost, 'saturated pixel is', 'saturated pixels are')} left out")
+                notes.append(f"{format_count(lost, 'saturated pixel is', 'saturated pixels are')} ignored")
             bad |= full
         if bad.any():
             trust = np.where(bad, 0, 1 if trust is None else trust).astype(dtype)
@@ -146,25 +146,25 @@ class Measurement:
         # counted after the read noise is added: its square lifts most of them above zero.
         below = int(np.count_nonzero(data < 0))
         if below and not signed:
-            notes.append(f"{below} negative pixels were taken as 0; a background or read noise would keep them")
+            notes.append(f"{below} negative pixels were set to 0; a background or read noise would keep them")
             np.maximum(data, 0, out=data)
         held = None
         if held_out is not None:
-            mask = _fitting("pixels left out", held_out, data.shape, dtype)
+            mask = _fitting("held-out pixels", held_out, data.shape, dtype)
             held = mask if trust is None else mask * trust
             trust = (1 - mask) if trust is None else (1 - mask) * trust
         return cls(data, trust, floor, tuple(notes), held)
 
     def weighted(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Return ``image`` times the weights."""
+        """Multiply ``image`` by the weights."""
         return image if self.weights is None else image * self.weights
 
     def ones(self) -> NDArray[Any]:
-        """Return the weights as an image: its back projection is the sensitivity HT1."""
+        """Return the weights as an image, whose back projection is the sensitivity HT1."""
         return np.ones_like(self.image) if self.weights is None else self.weights
 
     def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> GoodnessOfFit:
-        """Return how well ``model`` (background included) fits, over the pixels of ``mask``.
+        """Return residual and likelihood of ``model`` (background included) over the pixels of ``mask``.
 
         The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m no less than ``floor``.
         """
@@ -199,7 +199,7 @@ class Measurement:
         square, miss = total(data**2), total((data - m) ** 2)
         # a model of 0 under a lit pixel would make the likelihood minus infinity
         np.maximum(m, least, out=m)
-        # dark pixels' terms are the model alone: any finite logarithm does for them
+        # terms of dark pixels contain only the model, so any finite logarithm is allowed
         terms = np.log(np.maximum(data, TINY))
         terms -= np.log(m)
         terms *= data
@@ -239,9 +239,9 @@ def _check_light(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str
     said = "".join(f"; {note}" for note in notes)
     remedy = "check the frame, saturation and weights"
     if not counted.any():
-        raise NothingMeasured.expected("image", "pixels to fit", f"none{said}", remedy)
+        raise NothingMeasured.expected("image", "pixels to fit", f"no pixel{said}", remedy)
     raise NothingMeasured.expected(
-        "image", "light", f"no pixel above 0{said}", remedy if notes else "check the light, and what is subtracted"
+        "image", "light", f"no pixel above 0{said}", remedy if notes else "check light and background"
     )
 
 

@@ -1,4 +1,4 @@
-"""Richardson-Lucy: the multiplicative solver of Poisson data, alone, with a penalty, or extrapolated.
+"""Richardson-Lucy, the multiplicative solver for Poisson data: plain, with a penalty, or extrapolated.
 
 Penalties act one step late: total variation (Dey et al. 2006) and the squared gradient (Tikhonov-Miller). Extrapolation
 is along the last two updates (Biggs & Andrews 1997) or by the iteration number (Beck & Teboulle 2009, equation 4.2).
@@ -25,7 +25,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
 
     ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
-    HTw``. If Hg + b is only rounding error, the ratio is 0; voxels that no pixel sees are unchanged.
+    HTw``. Where Hg + b is only a rounding error, the ratio is 0. Voxels that no pixel sees are not changed.
 
     Parameters
     ----------
@@ -98,8 +98,8 @@ SOLVER = (
         rank=10,
         volumes=(3, 3),
     ),
-    penalised("rl-tv", "Richardson-Lucy with total variation: less noise, edges kept", TotalVariation, rank=20),
-    penalised("rl-tikhonov", "Richardson-Lucy with Tikhonov-Miller: less noise, softer", Tikhonov, rank=30),
+    penalised("rl-tv", "Richardson-Lucy with total variation: less noise, sharp edges", TotalVariation, rank=20),
+    penalised("rl-tikhonov", "Richardson-Lucy with Tikhonov-Miller: less noise, softer edges", Tikhonov, rank=30),
     Solver(
         "rl-biggs",
         "Richardson-Lucy, accelerated (Biggs & Andrews 1997): 3 to 10 times fewer iterations",
@@ -117,4 +117,4 @@ SOLVER = (
         volumes=(5, 5),
     ),
 )
-"""What the registry takes from this module; every module of solvers has one or a tuple."""
+"""Solvers for the registry; every module of solvers defines one or a tuple."""

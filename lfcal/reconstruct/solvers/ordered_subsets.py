@@ -1,4 +1,4 @@
-"""Richardson-Lucy over subsets of image phases in turn.
+"""Richardson-Lucy that updates with one subset of image phases after another.
 
 Subsets are pixels spread evenly (Hudson & Larkin 1994), or blocks of views, brightest first (the order of Lu et al.
 2019).
@@ -19,9 +19,9 @@ __all__ = ["SOLVER", "views_of"]
 
 
 def iterate_pixels(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run Richardson-Lucy over the subsets asked for, 4 by default, in turn."""
+    """Run Richardson-Lucy over the requested number of subsets in turn, 4 by default."""
     count = _pixel_parts(run.subsets)
-    # a short period has fewer phases than subsets are usual: then each phase is one.
+    # a short period may have fewer phases than the default; each phase is then a subset.
     masks = interleaved_subsets(P.period, min(count, P.grid.phases))
     return iter_run(P, image, run, EmOptions(subsets=masks))
 
@@ -47,7 +47,7 @@ def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
     """Return masks ``(ny, nx)`` of ``blocks`` x ``blocks`` views, brightest in ``image`` first."""
     views = min(blocks, P.period[0]), min(blocks, P.period[1])
     masks = angular_subsets(P.period, views, lenslet_phase(P))
-    # pixels without a value have weight 0 later on; here they must not decide which view is brightest.
+    # pixels without a value get weight 0 later; here they must not affect the brightness of views.
     return by_energy(masks, np.nan_to_num(np.asarray(image, float), posinf=0.0, neginf=0.0), P.grid)
 
 

@@ -1,4 +1,4 @@
-"""Penalties that keep a reconstruction from fitting noise."""
+"""Penalties that prevent a reconstruction from fitting noise."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ __all__ = ["Penalty", "Tikhonov", "TotalVariation"]
 
 
 SLAB = 4
-"""Planes whose gradient is made at a time where they are compared with their neighbours."""
+"""Number of planes whose gradient is computed at a time if differences between planes count."""
 
 
 class Penalty(Protocol):
-    """A roughness of a volume, by its gradient."""
+    """Gradient of a measure of a volume's roughness."""
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return the derivative of the penalty with respect to each voxel, dimensionless (times `weight`)."""
@@ -28,14 +28,14 @@ class Penalty(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TotalVariation:
-    """Total variation (Dey et al. 2006, equation 9): edges stay, noise goes.
+    """Total variation (Dey et al. 2006, equation 9): it reduces noise and preserves edges.
 
     Attributes
     ----------
     weight
         Strength relative to the sensitivity HT1; 0.002 is mild, 0.05 is strong.
     z_weight
-        Weight of differences between planes against those within a plane.
+        Weight of differences between planes relative to those within a plane.
 
     Examples
     --------
@@ -55,7 +55,7 @@ class TotalVariation:
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return minus the divergence of the unit gradient."""
-        # below a millionth of the peak the direction of the gradient is rounding, not structure.
+        # below a millionth of the peak, the direction of the gradient is only rounding.
         least = max(float(volume.max(initial=0.0)) * 1e-6, float(np.finfo(volume.dtype).tiny))
 
         def of(slab: NDArray[Any]) -> NDArray[Any]:
@@ -99,8 +99,8 @@ class Tikhonov:
         _check(self.weight, self.z_weight)
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return minus the Laplacian over the peak."""
-        # over the peak, so that the weight has the same effect in any unit of light
+        """Return minus the Laplacian divided by the peak."""
+        # divided by the peak, so that the weight has the same effect in any unit of light
         peak = float(volume.max(initial=0))
 
         def of(slab: NDArray[Any]) -> NDArray[Any]:

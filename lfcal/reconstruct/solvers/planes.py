@@ -1,4 +1,4 @@
-"""What solvers do to the planes of a volume: in threads, and filters as OpenCV makes them, quicker than scipy's."""
+"""Process the planes of a volume in threads, and filter them with OpenCV, which is faster than scipy."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from lfcal.base import free_memory, worker_count
 __all__ = ["UPDATING", "box_mean", "plane_threads", "separable"]
 
 UPDATING = 4
-"""Images that a plane takes while it is changed."""
+"""Number of images in memory while a plane is changed."""
 
 LEAST = 1 << 21
-"""Size of a plane (bytes) below which a separate thread costs more than it saves."""
+"""Size of a plane (bytes) below which threads are not faster."""
 
 SHARE = 0.1
 """Share of the free memory for planes that are processed together."""
@@ -34,14 +34,14 @@ def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
 
     A window of even size reaches one pixel further up and left.
     """
-    import cv2  # slow to load
+    import cv2  # slow to import
 
     found: NDArray[Any] = cv2.blur(plane, (window[1], window[0]), borderType=cv2.BORDER_REPLICATE)
     return found.reshape(plane.shape)
 
 
 def separable(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
-    """Return ``plane`` ``(Y, X)`` filtered by an odd, symmetric ``kernel`` along both axes, with zeros beyond it."""
+    """Filter ``plane`` ``(Y, X)`` with an odd, symmetric ``kernel`` along both axes; outside are zeros."""
     import cv2
 
     found: NDArray[Any] = cv2.sepFilter2D(plane, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)

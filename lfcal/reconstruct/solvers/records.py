@@ -1,4 +1,4 @@
-"""What a running solver reports, what it can be resumed from, and what it returns."""
+"""Progress, resumable state and result of a solver."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SolverState:
     seconds
         Duration of the iterations.
     arrays, numbers
-        Memory of the method, in addition to the volume.
+        Further state of the method, in addition to the volume.
 
     Examples
     --------
@@ -61,14 +61,14 @@ class SolverState:
 
 @dataclass(frozen=True, slots=True)
 class SolverProgress(Progress):
-    """One finished iteration.
+    """Report of one finished iteration.
 
     Attributes
     ----------
     iteration
         Number of iterations done, including those before a resume.
     residual
-        Weighted rms of image minus model over that of the image, for the estimate the iteration began with.
+        Weighted rms of image minus model over that of the image, for the estimate at the start of the iteration.
     likelihood
         Poisson log-likelihood of that estimate minus its largest possible value (0: a perfect fit).
     change
@@ -116,7 +116,7 @@ class Reconstruction:
     notes
         Notes on changes of the input: masked, negative or unseen values.
     stopped
-        Why it stopped early; empty if all requested iterations were done.
+        Why the solver stopped early; empty if all requested iterations were done.
     chi2
         Mean over the pixels of the squared residual divided by the variance of the noise: 1 if only noise remains. NaN
         if the noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
@@ -172,15 +172,15 @@ def progress_of(
 
 
 def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:
-    """Return the norm of ``new - old`` over that of ``new`` (0 where both vanish)."""
+    """Return the norm of ``new - old`` relative to that of ``new`` (0 if both vanish)."""
     size, change = squares(new), squares(new, old)
     return math.sqrt(change / size) if size > 0 else float(old.any())
 
 
 def squares(volume: NDArray[Any], other: NDArray[Any] | None = None) -> float:
-    """Return the sum of the squares of ``volume`` ``(nz, Y, X)``, less ``other``, in double precision.
+    """Return the sum of squares of ``volume`` ``(nz, Y, X)`` minus ``other`` in double precision.
 
-    Plane by plane: no second array of the size of the volume is made.
+    It works plane by plane, without a second array of the size of the volume.
     """
 
     def one(z: int) -> float:
@@ -191,5 +191,5 @@ def squares(volume: NDArray[Any], other: NDArray[Any] | None = None) -> float:
 
 
 def without_state(record: SolverProgress) -> SolverProgress:
-    """Return ``record`` for the history."""
+    """Return ``record`` without its state, for the history."""
     return replace(record, state=None)

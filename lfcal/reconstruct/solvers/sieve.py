@@ -38,14 +38,14 @@ __all__ = ["SOLVER", "repeating_of", "sieve_of", "stretch_of"]
 
 
 def sieve_of(P: Projector) -> Sieve:
-    """Return the sieve by camera and depths of H; none where H has no camera."""
+    """Return the sieve for camera and depths of H; None if H has no camera."""
     if P.camera is None:
         return Sieve((0.0,) * P.volume_shape[0])
     return Sieve.for_camera(P.camera, P.depths)
 
 
 def repeating_of(P: Projector) -> Repeating | None:
-    """Return what is left out of updates of planes that lenslets sample coarsely; None where H has no camera."""
+    """Return the removal of repeating patterns in coarsely sampled planes; None if H has no camera."""
     if P.camera is None:
         return None
     shares = coarseness(P.camera, P.depths)
@@ -53,7 +53,7 @@ def repeating_of(P: Projector) -> Repeating | None:
 
 
 def stretch_of(P: Projector) -> Stretch:
-    """Return how updates are lengthened: nothing that repeats in planes that lenslets sample coarsely."""
+    """Return the lengthening of updates, without repeating patterns in coarsely sampled planes."""
     repeating = repeating_of(P)
     return Stretch(P.grid.cutout, P.period, () if repeating is None else repeating.shares)
 
@@ -86,7 +86,7 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
         run = replace(run, resume=own)
     parts = _parts_of(P, image, run.subsets)
     repeating = repeating_of(P)
-    # subsets extrapolate already
+    # subsets already extrapolate
     options = EmOptions(subsets=parts, repeating=repeating, model_noise=ModelNoise.of(P, sieve, run))
     if parts is None:
         options = replace(options, acceleration="nesterov", stretch=stretch_of(P))
@@ -102,7 +102,7 @@ def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
             result: Reconstruction = end.value
             state = seen(result.state)
             return replace(result, volume=state.volume, state=state)
-        assert record.state is not None  # a solver's own records have it
+        assert record.state is not None  # records of a running solver have a state
         yield replace(record, state=seen(record.state))
 
 

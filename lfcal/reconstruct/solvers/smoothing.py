@@ -1,4 +1,4 @@
-"""The depth-dependent filter against the artefacts of uneven sampling (Stefanoiu et al. 2019)."""
+"""Filter volumes depending on depth, against artefacts of uneven sampling (Stefanoiu et al. 2019)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ __all__ = ["SIEVE", "DepthSmoothing", "Sieve", "coarseness", "lanczos_kernel", "
 
 
 SIEVE = 0.27
-"""Standard deviation of a sieve in the native plane, in units of the lenslets' pitch. Beads are within a tenth as
-narrow as with Richardson-Lucy, and 0.23 of a pattern that repeats from lenslet to lenslet is transmitted."""
+"""Standard deviation of a sieve in the native plane, in units of the lenslets' pitch. With this value, the width of
+beads is within a tenth of that with Richardson-Lucy, and 0.23 of a repeating pattern is transmitted."""
 
 
 FINE = 0.5
-"""Standard deviation of a sieve in every other plane (voxels): what is finer than the grid is noise."""
+"""Standard deviation of a sieve in every other plane (voxels); finer details than the grid are noise."""
 
 
 def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
-    """Return how coarse lenslets sample planes at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on.
+    """Return how coarsely lenslets sample planes at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on.
 
     Single lenslets in a pupil plane sample every plane with all pixels: 0.
     """
@@ -55,20 +55,20 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
         if abs(v) < 1:
             widths.append(pitch)
             continue
-        # with several lens types the one in focus decides what is resolved.
+        # with several lens types, the one in focus determines the resolution.
         blur = min(abs(f - 1.0 / v) for f in inverse_focus) / 2
         widths.append(2 * pitch * min(0.5, abs(1.0 / abs(v) - blur)))
     return np.array(widths)
 
 
 def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
-    """Return a low-pass kernel that keeps periods longer than ``2 * width`` pixels: a sinc in a Lanczos window."""
-    # 1 pixel or less: nothing to take away, and np.sinc(x / width) would divide by zero
+    """Return a low-pass kernel that keeps periods longer than ``2 * width`` pixels: a sinc with a Lanczos window."""
+    # 1 pixel or less: nothing to filter, and np.sinc(x / width) would divide by zero
     if width <= 1:
         return np.ones(1)
     half = int(np.ceil(lobes * width)) - 1
     x = np.arange(-half, half + 1)
-    # the sinc alone rings far out; the Lanczos window ends it after `lobes` zeros
+    # a plain sinc rings far out; the Lanczos window ends it after `lobes` zeros
     kernel = np.sinc(x / width) * np.sinc(x / (lobes * width))
     normalised: NDArray[np.float64] = kernel / kernel.sum()
     return normalised
@@ -81,9 +81,9 @@ class DepthSmoothing:
     Attributes
     ----------
     widths
-        Distance of independent samples for each plane (voxels); 1 or less leaves the plane alone.
+        Distance of independent samples for each plane (voxels); 1 or less: the plane is not changed.
     lobes
-        Size of the Lanczos window; fewer ring less and blur more.
+        Size of the Lanczos window; fewer lobes ring less and blur more.
 
     Examples
     --------
@@ -109,7 +109,7 @@ class DepthSmoothing:
         return cls(tuple(smoothing_widths(camera, depths)), lobes)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return ``volume`` ``(nz, Y, X)`` smoothed, without negative values; borders are renormalised."""
+        """Smooth ``volume`` ``(nz, Y, X)``, without negative values; borders are renormalized."""
         if len(self.widths) != len(volume):
             raise InputError.expected(
                 "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "correct them"
@@ -121,19 +121,19 @@ class DepthSmoothing:
                 out[z] = _smooth(volume[z], lanczos_kernel(self.widths[z], self.lobes))
 
         for_each_chunk(work, len(volume))
-        # the kernel's negative lobes may leave values below zero, which multiplicative solvers cannot take
+        # the kernel's negative lobes may cause negative values, which multiplicative solvers cannot use
         np.maximum(out, 0, out=out)
         return out
 
 
 @dataclass(frozen=True)
 class Sieve:
-    """A Gaussian per plane, through which a volume is seen: nothing finer is in it (Snyder & Miller 1985).
+    """A Gaussian per plane that is applied to a volume and removes finer details (Snyder & Miller 1985).
 
     Attributes
     ----------
     sigmas
-        Standard deviation for each plane (voxels); below a third of a voxel the plane is left alone.
+        Standard deviation for each plane (voxels); below a third of a voxel, the plane is not changed.
     """
 
     sigmas: tuple[float, ...]
@@ -142,15 +142,17 @@ class Sieve:
     def for_camera(cls, camera: Any, depths: ArrayLike) -> Sieve:
         """Return the sieve for planes at ``depths`` (µm) of ``camera``.
 
-        Up to virtual depth 1 a lenslet sees points nearer together than its pitch all alike: there the Gaussian has a
-        standard deviation of `SIEVE` times the pitch. Its width falls to nothing at 2, where every point lies under
-        several lenslets; there and elsewhere it is at least `FINE`.
+        Up to virtual depth 1, a lenslet cannot distinguish points closer together than its pitch. There, the Gaussian
+        has a
+        standard deviation of `SIEVE` times the pitch. It decreases to zero at virtual depth 2, where every point is
+        under
+        several lenslets, but is at least `FINE`.
         """
         wide = SIEVE * camera.pitch_px if camera.has_lattice else FINE
         return cls(tuple(max(FINE, wide * share) for share in coarseness(camera, depths)))
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return ``volume`` ``(nz, Y, X)`` seen through the sieve; its own transpose, with zeros beyond the border."""
+        """Apply the sieve to ``volume`` ``(nz, Y, X)``, with zeros beyond the border; it is its own transpose."""
         out = np.empty_like(volume)
 
         def work(start: int, stop: int) -> None:
@@ -176,6 +178,6 @@ def _smooth(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
     plane = separable(plane, kernel)
     for axis in (0, 1):
         norm = np.convolve(np.ones(plane.shape[axis]), kernel)[kernel.size // 2 :][: plane.shape[axis]]
-        # a window cut by the border may sum to little: there the share of the kernel inside is at least a quarter.
+        # a window cut by the border has a small sum, but at least a quarter of the kernel is inside.
         plane /= np.expand_dims(np.maximum(norm, 0.25), 1 - axis)
     return plane

@@ -1,4 +1,4 @@
-"""What a solver is: a name, the options it honours, and the function that makes its iterations."""
+"""Definition of a solver: name, supported options, and the function that iterates."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ OPTIONS: dict[str, Any] = {
     "resume": None,
     "held_out": None,
 }
-"""Options a solver may honour, with the value each has where it is not given."""
+"""Options that a solver may use, with their default values."""
 
 COMMON = frozenset({"background", "saturation", "tolerance", "weights", "resume"})
-"""Options that every solver of lfcal honours."""
+"""Options that every solver of lfcal uses."""
 
 EM = COMMON | {"read_noise", "initial", "held_out"}
 """Options of every variant of Richardson-Lucy."""
@@ -54,7 +54,7 @@ class SolverSettings:
     weights
         Weight of each pixel ``(Y, X)``, not negative; None: 1.
     saturation
-        Pixels at or above this value are left out (counts); None: none.
+        Pixels at or above this value are excluded (counts); None: none.
     tolerance
         Stop when the relative change of the volume falls below this value.
     resume
@@ -76,7 +76,7 @@ class SolverSettings:
         held_out: ArrayLike | None = None,
         signed: bool = False,
     ) -> Measurement:
-        """Return ``image`` ``(Y, X)`` with its weights and background; the rest is as for `Measurement.of`."""
+        """Return ``image`` ``(Y, X)`` with its weights and background; other arguments as in `Measurement.of`."""
         return Measurement.of(
             image,
             dtype=P.dtype,
@@ -90,7 +90,7 @@ class SolverSettings:
 
 
 def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], SolverFunction[Q]]:
-    """Let a solver take the fields of its settings as arguments, so that they are listed once, in their class."""
+    """Decorate a solver so that it accepts the fields of its settings class as arguments."""
 
     def taken(solver: Solving[S]) -> SolverFunction[Q]:
         def iterate(P: Projector, image: ArrayLike, *args: Q.args, **kwargs: Q.kwargs) -> SolverWork:
@@ -120,7 +120,7 @@ class SolverRun(SolverSettings):
     held_out
         Mask ``(Y, X)`` of held-out pixels; `SolverProgress.held_out` measures their prediction.
     measured
-        Result of `measure`, if it is already known.
+        Result of `measure`, if already computed.
     noise
         Counts per photo-electron and rms read noise (counts) of the frame; None: unknown.
 
@@ -170,7 +170,7 @@ class Solver:
         Function of projector, image ``(Y, X)`` and `SolverRun` that yields a `SolverProgress` per iteration and
         returns a `Reconstruction`.
     honours
-        The `OPTIONS` that it uses; others are refused.
+        The `OPTIONS` that the solver uses; others raise an error.
     rank
         Order in lists.
     Number of arrays of the volume's size in memory: during a projection, including its result, and the largest number
@@ -207,7 +207,7 @@ class Solver:
 
     @property
     def in_parts(self) -> bool:
-        """Whether it takes an image in parts by default: H is prepared for each of them, and not for whole images."""
+        """Whether it divides an image into parts by default; H is then prepared for each part."""
         return self.parts(None) > 1
 
     def __post_init__(self) -> None:
@@ -217,11 +217,11 @@ class Solver:
             raise InputError.expected(f"options of solver {self.name}", ", ".join(OPTIONS), unknown[0], "correct it")
 
     def check(self, option: str, given: Any, others: tuple[str, ...] = ()) -> None:
-        """Raise `InputError` where ``option`` is given to a solver that would ignore it; ``others`` honour it."""
+        """Raise `InputError` if the solver would ignore ``option``, which ``others`` use."""
         idle = OPTIONS[option]
         if option in self.honours or given is idle or (idle is not None and given == idle):
             return
         got = f"{given}" if isinstance(given, int | float) else "one"
         wanted = f"none for solver {self.name}, which does not use it"
-        remedy = f"leave it out, or choose {' or '.join(others)}" if others else "leave it out"
+        remedy = f"omit it, or choose {' or '.join(others)}" if others else "omit it"
         raise InputError.expected(option.replace("_", " "), wanted, got, remedy)

@@ -1,4 +1,4 @@
-"""Early stopping: held-out pixels show when the fit begins to follow the noise of the others.
+"""Early stopping: held-out pixels show when a reconstruction begins to fit noise.
 
 Deconvolution first finds the object and then fits noise, earlier with subsets and acceleration. The prediction of a
 few held-out pixels by a volume fitted to the others improves while the object is being found, and then gets worse
@@ -43,13 +43,13 @@ STOPS = ("left-out", "discrepancy")
 """Criteria that can end a run that stops automatically: held-out pixels, or the sensor's noise."""
 
 GOALS = ("view", "measure")
-"""What a volume is for: to be looked at, or to sum over regions of it."""
+"""Purposes of a volume: to look at, or to measure sums over its regions."""
 
 LONGER = 2
-"""Iterations of a run for measuring, over those after which it predicts the left-out pixels best."""
+"""Number of iterations of a run for measuring, relative to that with the best prediction."""
 
 SHARE = 0.04
-"""Of the pixels are left out."""
+"""Share of the pixels that are held out."""
 
 PATIENCE = 3
 """Patience of the early stopping, in iterations."""
@@ -77,19 +77,19 @@ class _Best:
         if not np.isfinite(score):
             return ""
         if not self.scores or score > max(self.scores):
-            # of the state only the volume: a method's memory may be several more
+            # keep only the volume, because the other state may be several times larger
             self.state = SolverState(state.volume, state.iteration, state.seconds)
         self.scores.append(score)
         best = self.state
-        assert best is not None  # the first finite score made it
+        assert best is not None  # set at the first finite score
         if self.goal == "measure":
             if state.iteration < max(LONGER * best.iteration, best.iteration + PATIENCE):
                 return ""
             self.state = SolverState(state.volume, state.iteration, state.seconds)
-            return f"left-out pixels are predicted best after iteration {best.iteration}; sums are best later"
+            return f"held-out pixels are predicted best after iteration {best.iteration}; sums need more iterations"
         if state.iteration - best.iteration >= PATIENCE:
             return f"the prediction of held-out pixels is best after iteration {best.iteration}"
-        # twice, for the first updates of a method may shrink faster than those that follow
+        # twice, because the first updates of a method may shrink faster than later ones
         self.idle = self.idle + 1 if self.remaining() < error else 0
         if not self.settles and best.iteration == state.iteration and self.idle > 1:
             return f"held-out pixels are not predicted better, beyond their noise, after iteration {best.iteration}"
@@ -102,7 +102,7 @@ class _Best:
         gains = np.diff(self.scores[-4:])
         if not (gains > 0).all():
             return np.inf
-        # over two iterations, for gains of extrapolated steps go up and down
+        # over two iterations, because gains of extrapolated steps alternate
         ratio = float(np.sqrt(gains[2] / gains[0]))
         return np.inf if ratio >= 1 else float(gains[2]) * ratio / (1 - ratio)
 
@@ -115,9 +115,9 @@ def iter_until_best(
     Parameters
     ----------
     work
-        A solver with held-out pixels.
+        Running solver with held-out pixels.
     notes
-        Notes of its measurement.
+        Notes of the solver's measurement.
     score
         Function for the score of an estimate's prediction of held-out pixels, and its error; None: from the solver's
         records, for the estimate at the start of each iteration.
@@ -164,10 +164,10 @@ def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: floa
     """
     m, f = model.astype(np.float64), data.image.astype(np.float64)
     trust = np.asarray(data.ones(), np.float64)
-    # no less light than the background, which linear solvers may predict
+    # at least the background, because linear solvers may predict less
     light = np.maximum(m, data.background) - read_noise**2
     variance = gain * np.maximum(light, 0) + read_noise**2
-    # where no light is expected one photo-electron of the whole frame still is
+    # where no light is expected, assume at least one photo-electron in the whole frame
     variance = np.maximum(variance, gain * max(float(f.mean()), 0.0) / f.size)
     square = np.divide(trust * (f - m) ** 2, variance, out=np.zeros_like(m), where=variance > 0)
     whole = float(trust.sum())
@@ -177,16 +177,16 @@ def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: floa
 def iter_until_noise(
     work: SolverWork, notes: tuple[str, ...], misfit_of: Callable[[NDArray[Any]], float]
 ) -> SolverWork:
-    """Run ``work`` until what its volume misses is no more than noise.
+    """Run ``work`` until the residual of its volume is no larger than the noise.
 
     Parameters
     ----------
     work
-        A solver.
+        Running solver.
     notes
-        Of its measurement.
+        Notes of the solver's measurement.
     misfit_of
-        `misfit` of a volume.
+        Function that returns the `misfit` of a volume.
     """
     history: list[SolverProgress] = []
     left = np.inf
@@ -198,16 +198,16 @@ def iter_until_noise(
             state = _state_of(record)
             left = misfit_of(state.volume)
             if left <= 1:
-                why = f"no farther from the frame than its noise after iteration {state.iteration}"
+                why = f"the residual is down to the noise after iteration {state.iteration}"
                 return Reconstruction(state.volume, tuple(history), state, notes, why)
     except StopIteration as end:
         result: Reconstruction = end.value
-        short = f"the frame is missed by {left**0.5:.3g} times its noise: check gain and read noise, or H"
+        short = f"the residual is {left**0.5:.3g} times the noise: check gain and read noise, or H"
         return replace(result, notes=(*result.notes, short))
     finally:
         work.close()
 
 
 def _state_of(record: SolverProgress) -> SolverState:
-    assert record.state is not None  # a solver's own records have it
+    assert record.state is not None  # records of a running solver have a state
     return record.state

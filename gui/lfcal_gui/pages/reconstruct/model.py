@@ -208,7 +208,7 @@ class ReconstructSettings(PageSettings):
     anchor
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
     goal
-        As in `SolverChoice`; for the end by left-out pixels alone.
+        As in `SolverChoice`; for the end by held-out pixels alone.
     as_is
         Whether the light field is not resampled, however far the lattice drifts against H's period.
     dark, white, mask, lattice, regions

@@ -45,7 +45,7 @@ def frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
 CHOSEN = {
     "as it is": ReconstructSettings(device="cpu"),
     "a penalty": ReconstructSettings("rl-tv", 4, strength=0.01, background=2.0, anchor=(3.1234567, 1.5), margin=4),
-    "by left-out pixels": ReconstructSettings("osem", stop="left-out", goal="measure", subsets=2, threshold=0.01),
+    "by held-out pixels": ReconstructSettings("osem", stop="left-out", goal="measure", subsets=2, threshold=0.01),
     "until it changes little": ReconstructSettings("rl", 30, tolerance=0.05, memory=1.0),
     "with dark and white": ReconstructSettings("rl", 4, dark="dark.tif", white="white.tif"),
     "of two regions": ReconstructSettings("rl", 4, regions="other.h5", white="white.tif"),
