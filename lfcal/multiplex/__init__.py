@@ -2,9 +2,9 @@
 
 - ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse, products; made by ``colour_filters``, ``masks``,
   ``spectra`` (filters as curves), ``exposures`` (assorted pixels, shutters, cameras), ``polarisation``,
-  ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by the names people write
+  ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by names
 - ``demultiplexing``: frames to samples and back; ``_spatial`` (theorem 1), ``_fourier`` (theorem 2), ``filters``
-- ``weighted``: saturated and dead pixels left out; ``general``: any modulator, by iterations
+- ``weighted``: without saturated and dead pixels; ``general``: any modulator, by iteration
 - ``lattice``: super-pixels of any pitch and angle (``super_pixels``), also with weights; ``heterodyne``: both theorems
   there
 - ``noise``: transmission, amplification, gain over chi^2 (equations 12 to 14), noise-optimal decorrelation; gains of
@@ -12,11 +12,11 @@
 - ``scenes``, ``acquisition``: a light field recorded with each modulator (figure 7)
 - ``quality``: ringing, error, time and MTF of each route and filter; ``_colour_error``: CIEDE2000
 - ``_demosaicing``: colours estimated under a prior of images, along edges
-- ``search``: filter sets and masks of the best gain; ``masks``: also the bound that no mask exceeds
-- ``design``: layouts and masks that can be made, with a certificate
-- ``coding``: several points lit together, and whether that pays; ``code_display``: on a display
-- ``recorded``: frames as files state them
-- ``paper``: the paper's figures as data and as PNG; ``figures``: all of them as files; ``drawing``: the rest as PNG
+- ``search``: filter sets and masks with the best gain; ``masks``: also the upper bound for any mask
+- ``design``: manufacturable layouts and masks, with a bound on better ones
+- ``coding``: several points lit together, and whether that is an advantage; ``code_display``: on a display
+- ``recorded``: frames with metadata of their files
+- ``paper``: the paper's figures as data and as PNG; ``figures``: all of them as files; ``drawing``: other pictures
 """
 
 from typing import TYPE_CHECKING

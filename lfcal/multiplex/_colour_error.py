@@ -1,4 +1,4 @@
-"""How right colours are: CIEDE2000 of what a filter array and a matrix make of reflectances."""
+"""Measure the colour error (CIEDE2000) of a filter array and a colour matrix on reflectances."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class ColourError:
     differences
         Colour difference of each reflectance.
     matrix
-        XYZ from the array's kinds of filters ``(3, kinds)``, white of Y = 1.
+        Matrix ``(3, kinds)`` from the samples of the array's kinds of filters to XYZ, for white with Y = 1.
     noise
-        Rms difference that the camera's noise adds; None without a camera.
+        Rms colour difference due to the camera's noise; None without a camera.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class ColourError:
 
     @property
     def mean(self) -> float:
-        """Mean difference; about 1 is just seen."""
+        """Mean difference; about 1 is just visible."""
         return float(self.differences.mean())
 
     @property
@@ -66,7 +66,7 @@ def lab(xyz: ArrayLike, white: ArrayLike) -> Array:
 def colour_difference(one: ArrayLike, two: ArrayLike) -> Array:
     """Return CIEDE2000 between CIELAB colours ``(..., 3)``.
 
-    As written out by Sharma, Wu and Dalal 2005, Color Research and Application 30:21, whose test pairs it meets.
+    It follows Sharma, Wu and Dalal 2005, Color Research and Application 30:21, and reproduces their test pairs.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def colour_difference(one: ArrayLike, two: ArrayLike) -> Array:
     h1, h2 = (np.degrees(np.arctan2(b, a)) % 360 for a, b in ((a1, b1), (a2, b2)))
     grey = c1 * c2 == 0
     turn = np.where(grey, 0.0, (h2 - h1 + 180) % 360 - 180)
-    # opposite hues: the formula's own branch keeps +180 where h2 - h1 is +180
+    # opposite hues: the formula keeps +180 if h2 - h1 is +180
     turn = np.where(~grey & (h2 - h1 == 180), 180.0, turn)
     dl, dc, dh = l2 - l1, c2 - c1, 2 * np.sqrt(c1 * c2) * np.sin(np.radians(turn / 2))
     ml, mc = (l1 + l2) / 2, (c1 + c2) / 2
@@ -106,7 +106,7 @@ def _weights(ml: Array, mc: Array, mh: Array) -> tuple[Array, Array, Array, Arra
 
 
 def smooth_reflectances(count: int, rng: np.random.Generator) -> Spectra:
-    """Return random smooth reflectances 0.02 … 0.98 over 400 … 700 nm: a model of surfaces, not measured ones."""
+    """Return random smooth reflectances 0.02 … 0.98 over 400 … 700 nm, as a model of surfaces."""
     check_number("reflectances", count, at_least=1, at_most=100_000, integer=True)
     waves = np.linspace(395.0, 705.0, 63)
     phase = np.pi * (waves - 395) / 310
@@ -125,7 +125,7 @@ def colour_error(
     noise: SensorNoise | None = None,
     rng: np.random.Generator | None = None,
 ) -> ColourError:
-    """Return the colour error of a filter array with the best 3 x n matrix from its samples to XYZ.
+    """Return the colour error of a filter array with the best matrix from its samples to XYZ.
 
     The matrix is fitted to 200 smooth reflectances with white balance and tested on others.
 
@@ -134,13 +134,13 @@ def colour_error(
     pattern, filters, efficiency
         As in `lfcal.multiplex.spectral_array`.
     illuminant
-        One curve of relative power; D65 by default.
+        Relative power of the illuminant, one curve; D65 by default.
     reflectances
         Reflectances of the test; by default 100 other smooth ones.
     noise
-        Noise of the camera, to state what it adds; unmodulated light fills its full scale.
+        Noise of the camera, for the error that it adds; unmodulated light is its full scale.
     rng
-        Source of reflectances and noise; seeded by default.
+        Random generator for reflectances and noise; with a fixed seed by default.
 
     Examples
     --------

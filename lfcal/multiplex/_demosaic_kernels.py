@@ -29,8 +29,9 @@ class Mosaic(NamedTuple):
 def estimate_rows(mosaic: Mosaic, weights: Float, out: Float, start: int) -> None:
     """Write the estimates of rows ``start …`` to ``out`` ``(samples, rows, columns)``.
 
-    ``weights`` are those of ``estimation_weights``. The columns of each place in the super-pixel lie side by side
-    while they are weighed, so that the inner loops run over neighbours in memory.
+    ``weights`` are those of ``estimation_weights``. The columns of each place in the super-pixel are stored next to
+    each
+    other, so that the inner loops run over contiguous memory.
     """
     side_x, cells = mosaic.columns.shape
     window, samples = weights.shape[2], out.shape[0]
@@ -40,7 +41,7 @@ def estimate_rows(mosaic: Mosaic, weights: Float, out: Float, start: int) -> Non
     whole = (width + side_x - 1) // side_x
     acc = np.empty(whole, out.dtype)
     for y in range(out.shape[1]):
-        # the window moves down by one row: all but the newest are there, at their places modulo its height
+        # the window moves down by one row: the other rows are already stored, at their index modulo the height
         for i in range(0 if y == 0 else window - 1, window):
             _deal(mosaic, start + y + i, rows[(y + i) % window])
         phase = (start + y) % mosaic.side_y
@@ -81,7 +82,7 @@ def _weigh(rows: Float, kernel: Float, y: int, first: int, acc: Float) -> None:
 
 @njit()
 def blend_rows(one: Float, two: Float, half: int, out: Float, skip: int) -> None:
-    """Blend two estimates by how little their colours change along the rows (``one``) and the columns (``two``).
+    """Blend two estimates by the changes of their colours along the rows (``one``) and the columns (``two``).
 
     An estimate along an edge has colours that change little in that direction. Each estimate is weighted with the
     other's change, summed over a window of ``2 half + 1`` pixels, to the fourth power. ``out`` ``(samples, rows,
@@ -98,13 +99,13 @@ def blend_rows(one: Float, two: Float, half: int, out: Float, skip: int) -> None
         for d in range(2):
             for r in range(max(here - half - d, 0), min(here + half + 1, height)):
                 line = change[d, r]
-                for x in range(width):  # one by one: array operations on unequal lengths compile to far more code
+                for x in range(width):  # one by one, because array operations here compile to much more code
                     columns[d, x] += line[x]
         for x in range(width):
             along, down = _window(columns[0], x - half - 1, x + half), _window(columns[1], x - half, x + half)
             share = 0.5
             if along + down > 0:
-                # as shares before the fourth power, which would leave the range of the numbers
+                # as shares, because the fourth power would overflow
                 p = along / (along + down)
                 share = p**4 / (p**4 + (1 - p) ** 4)
             for n in range(samples):

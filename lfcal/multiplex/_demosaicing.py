@@ -1,9 +1,10 @@
-"""Demosaicing of any colour filter array: linear estimates under a prior of images, and blended by direction.
+"""Demosaic any colour filter array: linear estimates with a prior for images, optionally blended by direction.
 
-Neighbouring pixels see almost the same light, and what differs between colours differs far less than what they share.
-With these two facts as a prior covariance the best linear estimate follows for any filter array (Trussell and
-Hartwell 2002, "Mathematics for demosaicking", IEEE Trans. Image Processing 11:485): the two greens of a Bayer pattern
-are one colour, and a pixel behind any filter holds information about all samples.
+Neighbouring pixels receive almost the same light, and colours differ from each other much less than they vary
+together.
+With these two facts as a prior covariance, the best linear estimate can be computed for any filter array (Trussell and
+Hartwell 2002, "Mathematics for demosaicking", IEEE Trans. Image Processing 11:485). The two greens of a Bayer pattern
+are one colour, and a pixel behind any filter contains information about all samples.
 """
 
 from __future__ import annotations
@@ -37,18 +38,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Covariance exp(-d/length) of the light at two places, d measured in an ellipse.
+    """Covariance exp(-d/length) of the light at two places with the elliptical distance d.
 
     Attributes
     ----------
     length_px
-        Distance over which the light stays alike (pixels).
+        Correlation length of the light (pixels).
     elongation
-        How much longer that is along the rows than the mean, and shorter along the columns: edges along the rows.
+        Factor by which this length is longer along the rows and shorter along the columns, for edges along the rows.
     chroma
-        Variance of the differences between samples over that of their mean.
+        Ratio of the variance of differences between samples to that of their mean.
     noise
-        Variance of the noise of a pixel over that of the mean of its samples.
+        Ratio of the variance of a pixel's noise to that of the mean of its samples.
     """
 
     length_px: float = 20.0
@@ -69,24 +70,24 @@ ALONG_COLUMNS = Prior(elongation=1 / 1.8)
 MOST_PIXELS = 1_000_000
 
 LEAST_LEVEL = 0.05
-"""A colour that varies less than this share of the strongest is taken to vary by it."""
+"""Smallest assumed variation of a colour, relative to that of the strongest."""
 
 LEAST_WEIGHT = 0.004
-"""Weights below are left out: two fifths of a Bayer pattern's, at less than 0.01 dB on photographs."""
+"""Weights below this are omitted: two fifths for a Bayer pattern, with a loss below 0.01 dB on photographs."""
 
 LEAST_REACH = (3, 4)
 """Windows of 7 x 7 pixels for one estimate and of 9 x 9 for two that are compared: wider ones gain nothing."""
 
 
 def reach_of(modulator: Modulator, estimates: int) -> int:
-    """Return how far from a pixel its estimates look (pixels): at least over a super-pixel."""
+    """Return the distance of the pixels used for an estimate (pixels): at least a super-pixel."""
     return max(LEAST_REACH[estimates - 1], -(-max(modulator.side) // 2))
 
 
 def sample_levels(frame: NDArray[Any], modulator: Modulator) -> Array:
-    """Return how strongly each sample varies in a frame ``(N,)``, in units of their mean.
+    """Return the variation of each sample in a frame ``(N,)``, relative to their mean.
 
-    Taken from the rms of differences between neighbouring super-pixels: at edges all colours change alike, whatever the
+    It is the rms of differences between neighbouring super-pixels. At edges, all colours change equally, whatever the
     colour of the light (grey-edge assumption: van de Weijer, Gevers and Gijsenij 2007, IEEE Trans. Image Processing
     16:2207). Without this scale, a sensor twice as sensitive to green as to red would look like a green scene.
 
@@ -98,7 +99,7 @@ def sample_levels(frame: NDArray[Any], modulator: Modulator) -> Array:
         Filter array.
     """
     py, px = modulator.side
-    # a million pixels suffice for the levels of a frame of any size
+    # a million pixels are enough for the levels of a frame of any size
     step = py * max(1, frame.size // MOST_PIXELS)
     rms = np.zeros(py * px)
     for k in range(py * px):
@@ -117,13 +118,14 @@ def sample_levels(frame: NDArray[Any], modulator: Modulator) -> Array:
 def estimation_weights(modulator: Modulator, prior: Prior, reach: int, levels: NDArray[Any] | None = None) -> Array:
     """Return the weights ``(K, N, 2 reach + 1, 2 reach + 1)`` of the pixels around each pixel of a super-pixel.
 
-    The weights reproduce even light exactly (where the window measures it). Among all such weights they have the least
-    mean square error under ``prior``. Where samples cannot be separated, even light gives the least-norm answer.
+    The weights reproduce uniform light exactly (if the window measures it). Among all such weights, they have the
+    smallest
+    mean square error under ``prior``. If samples cannot be separated, uniform light gives the least-norm solution.
 
     Parameters
     ----------
     modulator
-        A filter array: every pixel sees the samples at its own place.
+        Colour filter array: every pixel samples the light at its own place.
     prior
         Prior covariance of the light.
     reach
@@ -142,16 +144,16 @@ def estimation_weights(modulator: Modulator, prior: Prior, reach: int, levels: N
         seen = filters * scale
         joint = shared + differing
         covariance = seen @ joint @ seen.T * within
-        # noise is a share of what a pixel collects: a dark filter's pixel has no more of it than a clear one's
+        # noise is relative to the light of a pixel: behind a dark filter it is not larger than behind a clear one
         covariance[np.diag_indices_from(covariance)] += prior.noise
         weights[k] = scale[:, None] * _unbiased(covariance, joint @ seen.T * here, seen)
     return weights.reshape(len(windows), n, 2 * reach + 1, 2 * reach + 1)
 
 
 def thinned(weights: Array, modulator: Modulator) -> Array:
-    """Return `estimation_weights` without the smallest, for speed; even light comes out as before.
+    """Return `estimation_weights` without the smallest, for speed; uniform light gives the same result.
 
-    The rest is changed as little as that takes.
+    The other weights are changed as little as possible.
     """
     flat = weights.reshape(*weights.shape[:2], -1).copy()
     for rows, seen in zip(flat, _windows(modulator, weights.shape[2] // 2), strict=True):
@@ -184,7 +186,7 @@ def _unbiased(covariance: Array, cross: Array, seen: Array) -> Array:
     solved = np.linalg.solve(covariance, np.hstack([cross.T, seen]))
     free, by_seen = solved[:, :n].T, solved[:, n:]
     information = np.linalg.pinv(seen.T @ by_seen, rcond=1e-10)
-    # samples that the window cannot separate stay without an estimate: the projection on what it measures
+    # samples that the window cannot separate have no estimate: project onto the measured part
     measured = information @ (seen.T @ by_seen)
     weights: Array = measured @ free + (measured - measured @ free @ seen) @ information @ by_seen.T
     return weights
@@ -193,14 +195,14 @@ def _unbiased(covariance: Array, cross: Array, seen: Array) -> Array:
 Image = NDArray[Any]
 
 ROWS_AT_ONCE = 64
-"""Rows of two estimates that are kept until they are blended."""
+"""Number of rows of two estimates that are stored until they are blended."""
 
 HALF_WINDOW = 3
-"""Changes of colour are compared over 7 x 7 pixels."""
+"""Half width of the 7 x 7 pixels over which changes of colour are compared."""
 
 
 def can_estimate(modulator: Modulator, samples: tuple[int, int]) -> bool:
-    """Return whether the modulator is a colour filter array whose colours are wanted at every pixel."""
+    """Return whether the modulator is a colour filter array whose colours are requested at every pixel."""
     return bool(modulator.colours) and modulator.views == (1, 1) and samples == modulator.side
 
 
@@ -216,26 +218,27 @@ def reconstruct_by_estimation(
     modulator
         Colour filter array.
     filter
-        ``"lmmse"``: the linear estimate for even surroundings. ``"directional"``: two estimates, for edges along the
-        rows and along the columns, blended by how little colours change along either. As in Menon, Andriani and
-        Calvagno 2007 ("Demosaicing with directional filtering and a posteriori decision", IEEE Trans. Image
-        Processing 16:132) the change is judged on the estimates themselves.
+        ``"lmmse"``: the linear estimate for isotropic surroundings. ``"directional"``: two estimates, for edges along
+        the rows and along the columns, blended by how little colours change in these directions. As in Menon,
+        Andriani and
+        Calvagno 2007 ("Demosaicing with directional filtering and a posteriori decision", IEEE Trans. Image Processing
+        16:132), the change is measured on the estimates themselves.
     out
         Float array; its type is that of the arithmetic.
     workers
-        Threads.
+        Number of threads.
 
     Raises
     ------
     InputError
-        If the modulator is no colour filter array, or the output has another pitch than its pixels.
+        If the modulator is not a colour filter array, or the output does not have one sample per pixel.
     """
     if not can_estimate(modulator, modulator.side) or out.shape[1:] != frame.shape:
         raise InputError.expected(
             f"filter for {modulator.name}",
             "another than " + " and ".join(COLOUR_FILTERS),
             repr(filter),
-            "these are for colour filter arrays and a sample at every pixel",
+            "these filters need a colour filter array and one sample per pixel",
         )
     priors = (EVEN,) if filter == "lmmse" else (ALONG_ROWS, ALONG_COLUMNS)
     reach = reach_of(modulator, len(priors))
@@ -275,10 +278,10 @@ def _continued(length: int, margin: int, period: int) -> NDArray[np.intp]:
     """Return the pixels ``-margin … length + margin``: beyond the ends those mirrored to the same place in a period."""
     place = np.arange(-margin, length + margin)
     mirrored = np.where(place < 0, -place, np.where(place >= length, 2 * (length - 1) - place, place))
-    # the nearest pixel that lies where the wanted one does in its super-pixel
+    # the nearest pixel with the same position in its super-pixel
     away = (place - mirrored + period // 2) % period - period // 2
     found = mirrored + away
-    # a small frame is mirrored beyond its other end
+    # a small frame may be mirrored at both ends
     found = np.where(found < 0, found % period, found)
     last = length - period + (found - length) % period
     return np.asarray(np.where(found >= length, last, found), np.intp)

@@ -27,7 +27,7 @@ def _signed(count: int) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
 def fourier_tiles(frame: Image, side: tuple[int, int]) -> Spectrum:
     """Return the Fourier channels c_k(w') ``(K, rows, columns)`` cropped from the frame's spectrum (equation 7).
 
-    Tile k is centred on the k-th multiple of the super-pixel's frequency; w' runs over one tile with both ends.
+    Tile k is centred on the k-th multiple of the super-pixel's frequency; w' covers one tile including both ends.
     """
     from scipy import fft
 
@@ -51,7 +51,7 @@ def reconstruct_fourier(
     """Write the plenoptic samples of a frame of whole super-pixels to ``out`` ``(N, rows, columns)`` and return it.
 
     l-hat(w') = (Sigma-hat Pi^T)^+ c-hat(w') with Sigma-hat = F Sigma (equation 8), zero-padded to the output and
-    inverse transformed: a sinc filter for every modulator (section 3.2). Frames are taken as periodic.
+    inverse transformed: a sinc filter for every modulator (section 3.2). Frames are assumed to be periodic.
     """
     from scipy import fft
 
@@ -71,7 +71,7 @@ def reconstruct_fourier(
     flat = tiles.reshape(len(tiles), -1)
     for j in range(modulator.count):
         padded = np.zeros(size, tiles.dtype)
-        # a tile's two ends may meet at one frequency of the output
+        # the two ends of a tile may coincide at one frequency of the output
         np.add.at(padded, (ky[:, None] % size[0], kx[None, :] % size[1]), (demix[j] @ flat).reshape(ramp.shape) * ramp)
         out[j] = fft.ifft2(padded, overwrite_x=True).real
     return out

@@ -33,7 +33,7 @@ class Taps(NamedTuple):
 
 
 class Channels(NamedTuple):
-    """How the channels of a super-pixel make the samples."""
+    """Combination of the channels of a super-pixel to samples."""
 
     side_y: int  # pixels of a super-pixel
     side_x: int
@@ -42,7 +42,7 @@ class Channels(NamedTuple):
 
 
 class Guided(NamedTuple):
-    """A frame, and the image whose edges its interpolation keeps."""
+    """A frame, and the image whose edges the interpolation preserves."""
 
     frame: NDArray[Any]  # (rows, columns)
     guide: Float  # the same shape
@@ -53,13 +53,14 @@ class Guided(NamedTuple):
 def linear_rows(frame: NDArray[Any], taps: Taps, channels: Channels, out: Float, start: int, stop: int) -> None:
     """Write rows ``start … stop`` of all samples ``out`` ``(samples, rows, columns)``.
 
-    Down the columns, across the channels, along the rows: the three are linear, so that their order is free; this
-    one touches each sample of the frame least often.
+    The steps are: down the columns, across the channels, along the rows. All are linear, so their order is free; this
+    one
+    accesses each sample of the frame least often.
     """
     py, px = channels.side_y, channels.side_x
     my, taps_x = taps.weight_y.shape[0], taps.weight_x.shape[2]
     cells_x = frame.shape[1] // px
-    # the ends of a row are repeated as far as taps reach, so that no tap needs a test
+    # the ends of a row are repeated within the reach of the taps, so that no tap needs a test
     margin = max(-taps.first_x.min(), taps.first_x.max() + taps_x - 1, 0)
     g = np.empty((py, cells_x * px), out.dtype)  # one row of each a, interpolated down
     u = np.empty((px, cells_x + 2 * margin), out.dtype)  # one row of each b, decorrelated
@@ -125,7 +126,7 @@ def _along(taps: Taps, used: NDArray[np.bool_], u: Float, margin: int, acc: Floa
                     shifted = u[b, margin + first_x[q, b] + t :]
                     for k in range(cells_x):
                         acc[k] += w * shifted[k]
-        # summed side by side, stored mx apart: one strided pass instead of one per tap
+        # summed contiguously, stored mx apart: one strided pass instead of one per tap
         for k in range(cells_x):
             target[k * mx + q] = acc[k]
 
@@ -136,7 +137,7 @@ def bilateral_rows(image: Guided, taps: Taps, channels: Channels, out: Float, st
 
     Each channel is sum w f / sum w with w the linear weight times exp(-(guide difference)^2 / (2 sigma^2)).
     """
-    # arrays out of their records before the loops: inside, each access would count references
+    # take arrays out of their records before the loops, where each access would count references
     frame, guide, sharpness, inverse = image.frame, image.guide, image.sharpness, channels.inverse
     first_y, weight_y, first_x, weight_x = taps.first_y, taps.weight_y, taps.first_x, taps.weight_x
     py, px = channels.side_y, channels.side_x
@@ -160,7 +161,7 @@ def bilateral_rows(image: Guided, taps: Taps, channels: Channels, out: Float, st
                             w = weight_y[phase, a, t] * weight_x[q, b, s]
                             if w != 0:
                                 d = guide[y, x] - here
-                                # never nothing: at a lone spot all neighbours differ, and 0/0 would be left
+                                # never zero: at an isolated spot, all neighbours differ, and the result would be 0/0
                                 w *= np.exp(-d * d * sharpness) + 1e-6
                                 total += w * frame[y, x]
                                 norm += w

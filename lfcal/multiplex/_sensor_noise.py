@@ -1,7 +1,7 @@
-"""The noise of the user's own sensor, weights of recorded samples, and the black level of recorded frames.
+"""Noise of a sensor, weights of recorded samples, and black level of recorded frames.
 
-Noise is read, dark, shot, quantisation and fixed-pattern noise. The black level is one number or, as RAW files state
-it, one per place of a pattern.
+Noise consists of read, dark, shot, quantization and fixed-pattern noise. The black level is one number, or one per
+place of a pattern, as in RAW files.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ __all__ = ["SensorNoise", "black_level_map", "pixel_weights", "sensor_noise", "w
 
 
 def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the black level of every pixel, ``(rows, columns)``, or one number as ``()``.
+    """Return the black level of every pixel, ``(rows, columns)``, or of all pixels as an array of shape ``()``.
 
     Parameters
     ----------
     levels
-        One number, one per pixel ``(rows, columns)``, or those of a square pattern by rows, such as (R, G, G, B).
-        These are metadata ``black_level`` of a frame.
+        One number, one per pixel ``(rows, columns)``, or those of a square pattern by rows, such as (R, G, G, B), as
+        in
+        the metadata ``black_level`` of a frame.
     shape
         Rows and columns of the frame, which begins with the first pixel of the pattern.
 
@@ -49,7 +50,7 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
-    """Return a frame less its level of no light (`black_level_map`), float64 for frames of float64, else float32.
+    """Subtract the black level (`black_level_map`) from a frame; float64 for float64 frames, else float32.
 
     Examples
     --------
@@ -98,11 +99,11 @@ class SensorNoise:
 
     @property
     def chi2(self) -> float:
-        """Photon over additive noise variance at full scale (equation 12); fixed pattern is no part of it."""
+        """Ratio of photon to additive noise variance at full scale (equation 12), without fixed-pattern noise."""
         return self.full_e / self.additive_e2 if self.additive_e2 > 0 else float("inf")
 
     def variance(self, electrons: ArrayLike) -> Array:
-        """Return the variance (e-^2) of samples of so many electrons."""
+        """Return the variance (e-^2) of samples with these numbers of electrons."""
         signal = np.maximum(np.asarray(electrons, float), 0.0)
         return np.asarray(self.additive_e2 + signal + (self.prnu * signal) ** 2)
 
@@ -110,7 +111,7 @@ class SensorNoise:
 def sensor_noise(
     sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0, flat_corrected: bool = True
 ) -> SensorNoise:
-    """Return the noise of a sensor as described: read, dark shot, offsets, quantisation, and the response's where left.
+    """Return the noise of a sensor: read, dark shot, offsets, quantization, and response unless it is corrected.
 
     Parameters
     ----------
@@ -119,9 +120,9 @@ def sensor_noise(
     gain
         Amplifier gain: full scale is reached at full well over gain.
     exposure_s
-        Time in which dark current gathers (s).
+        Exposure time, for the dark current (s).
     flat_corrected
-        Whether frames are divided by a white image: the response's pattern is then no noise.
+        Whether frames are divided by a white image, which removes the pattern of the response.
 
     Examples
     --------
@@ -150,7 +151,7 @@ def pixel_weights(
     flat_corrected: bool = True,
     black_level: ArrayLike | None = None,
 ) -> Array:
-    """Return the weight of each recorded sample ``(rows, columns)``: inverse variance, 0 where nothing was measured.
+    """Return the weight of each recorded sample ``(rows, columns)``: inverse variance; 0 for saturated and dead ones.
 
     Parameters
     ----------
@@ -159,10 +160,11 @@ def pixel_weights(
     sensor, gain, exposure_s, flat_corrected
         As in `sensor_noise`.
     dead
-        True or non-zero for pixels that measure nothing, same shape.
+        Non-zero for dead pixels, same shape.
     expected
-        Sample values that give the shot noise, such as a prediction or a smoothed frame. By default the frame itself,
-        whose noise gives dark samples slightly too much weight.
+        Sample values for the shot noise, such as a prediction or a smoothed frame. By default the frame itself; its
+        noise
+        then gives dark samples slightly too much weight.
     black_level
         Black level as stated by the frame's file (`lfcal.multiplex.without_black_level`); None: that of the sensor.
 

@@ -1,4 +1,4 @@
-"""Spatial reconstruction (theorem 1): measurement channels interpolated, then decorrelated where they stand."""
+"""Spatial reconstruction (theorem 1): measurement channels are interpolated, then decorrelated at each position."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def reconstruct_spatial(
     out
         Float array; its type is that of the arithmetic.
     workers
-        Threads.
+        Number of threads.
     """
     if filter == "sinc":
         return _by_sinc(frame, modulator, inverse, samples, out)
@@ -56,13 +56,13 @@ def reconstruct_spatial(
     used = (table.reshape(len(table), *modulator.side) != 0).any(1)
     taps, channels = Taps(first[0], wy, first[1], wx), Channels(*modulator.side, table, used)
     if filter == EDGE_PRESERVING:
-        # range weights compare grey values, so they need one image in which all channels have the same scale
+        # range weights compare grey values, which requires one image with the same scale for all channels
         guide = guide_image(frame, modulator.side, out.dtype)
         low, high = np.percentile(guide, (2, 98))
         guided = Guided(frame, guide, 0.5 / max(EDGE_SHARE * float(high - low), 1e-30) ** 2)
         for_each_chunk(lambda a, b: bilateral_rows(guided, taps, channels, out, a, b), out.shape[1], workers)
         return out
-    # a mask's samples often need few of its channels: the others are not read
+    # samples of a mask often need few channels; the others are not read
     for_each_chunk(lambda a, b: linear_rows(frame, taps, channels, out, a, b), out.shape[1], workers)
     return out
 
@@ -82,7 +82,7 @@ def _by_sinc(
         for length, side, positions, m in zip((rows, columns), (py, px), modulator.positions, samples, strict=True)
     )
     out[:] = 0
-    # many small products: more threads wait for each other
+    # many small products, for which additional threads only wait
     with one_blas_thread():
         for k in range(py * px):
             a, b = divmod(k, px)
@@ -95,12 +95,12 @@ def _by_sinc(
 
 
 def guide_image(frame: Image, side: tuple[int, int], dtype: np.dtype[Any]) -> Image:
-    """Return the mean over a super-pixel about each pixel, in which every channel has equal weight."""
+    """Return the mean over a super-pixel about each pixel, with equal weight of every channel."""
     import cv2
 
     kernels = []
     for n in side:
-        # an even super-pixel is centred by halving its ends
+        # half weights at both ends centre a super-pixel of even size
         weights = np.ones(n) if n % 2 else np.concatenate([[0.5], np.ones(n - 1), [0.5]])
         kernels.append(weights / n)
     image = np.asarray(frame, np.float64 if dtype == np.float64 else np.float32)

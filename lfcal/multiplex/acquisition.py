@@ -1,4 +1,4 @@
-"""One light field recorded through several modulators with the same exposure and the same camera (figure 7)."""
+"""Record one light field with several modulators, with the same exposure and the same camera (figure 7)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Acquisition:
     clean
         The same views without noise.
     truth
-        The scene at the middle of each super-pixel.
+        Samples of the scene at the middle of each super-pixel.
     noise
         Rms of ``views - clean``.
     error
@@ -59,7 +59,7 @@ class Acquisition:
 
     @property
     def snr_db(self) -> float:
-        """Mean sample over the rms of its noise, 10 log10 as in equation 13 (dB)."""
+        """Ratio of the mean sample to the rms of its noise, 10 log10 as in equation 13 (dB)."""
         return 10 * math.log10(float(self.truth.mean()) / self.noise) if self.noise > 0 else math.inf
 
 
@@ -73,7 +73,7 @@ def iter_acquire_light_field(
     route: str = "spatial",
     filter: str = "cubic",
 ) -> Work[list[Acquisition]]:
-    """Return recordings of the same scene with several modulators, at the same exposure and with the same camera.
+    """Simulate recordings of one scene with several modulators, at the same exposure and with the same camera.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def iter_acquire_light_field(
     signal_e
         Electrons that a pixel collects from unmodulated light of 1.
     rng
-        Source of the shot and read noise.
+        Random generator for the shot and read noise.
     route, filter
         Route and filter of the reconstruction, as in `demultiplex`.
 
@@ -98,7 +98,7 @@ def iter_acquire_light_field(
     Raises
     ------
     InputError
-        If chi2 is not above 0, or the scene has other samples than a modulator.
+        If chi2 is not above 0, or the samples of the scene are not those of a modulator.
     """
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)

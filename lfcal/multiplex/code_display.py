@@ -1,4 +1,4 @@
-"""Codes on a display: whether its pixels are small enough for a camera, and the frames that it shows."""
+"""Show codes on a display: check that its pixels are small enough for a camera, and create its frames."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from lfcal.base import (
 __all__ = ["DisplayFit", "code_files", "display_fit", "display_frames", "save_code"]
 
 PLACING_PX = 0.1
-"""How well positions of points must be met (pixels in the image), where they are not measured."""
+"""Tolerance of the positions of points that are not measured (pixels in the image)."""
 
 WHOLE = 1e-3
-"""A step of so nearly whole display pixels is whole: over a hundred steps it is off by a tenth of one."""
+"""Deviation from a whole number of display pixels below which a step counts as whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +64,10 @@ class DisplayFit:
 
     @property
     def words(self) -> str:
-        """One-line verdict with the pitch that is needed."""
+        """One-line verdict with the required pitch."""
         told = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
-            met = f"positions are {self.step_um:.4g} µm apart and met within {self.placing_px:.2g} px"
+            met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"
             return f"small enough: {told}; {met}"
         if self.image_px > 1 + WHOLE:
             remedy = f"up to {self.step_um:.4g} µm are needed, or optics that reduce it {self.image_px:.3g} times"
@@ -75,7 +75,7 @@ class DisplayFit:
         needed = 2 * PLACING_PX * self.step_um
         return (
             f"too coarse: {told}, and positions {self.step_um:.4g} µm apart are off by up to {self.placing_px:.2g} px; "
-            f"up to {needed:.4g} µm are needed, or a whole part of the step, or positions taken as they are (fit)"
+            f"up to {needed:.4g} µm are needed, or a whole part of the step, or measured positions (fit)"
         )
 
 
@@ -107,7 +107,7 @@ def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
     ratio = step_um / pixel_um
     whole = ratio > 0.5 and abs(ratio - round(ratio)) < WHOLE * ratio
     placing = 0.0 if whole else pixel_um / step_um / 2
-    # each position needs a separate pixel, wherever it falls on the display
+    # each position needs a separate pixel, wherever it is on the display
     fits = ratio >= 1 - WHOLE and placing <= PLACING_PX
     return DisplayFit(pixel_um, step_um, pixel_um / step_um, placing, fits)
 
@@ -120,12 +120,12 @@ def display_frames(
     *,
     repeat: tuple[int, int] | None = None,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the display image ``(rows, columns)`` of each frame: 255 where a point is fully lit, else in proportion.
+    """Yield the display image ``(rows, columns)`` of each frame; a fully lit point is 255.
 
     Parameters
     ----------
     code
-        ``(frames, points)`` of 0 … 1.
+        Brightness of each point in each frame, ``(frames, points)``, 0 … 1.
     places
         Positions (y, x) of the points ``(points, 2)``, in steps of one sensor pixel in the image. The block of points
         is centred on the display.
@@ -134,8 +134,9 @@ def display_frames(
     shape
         Rows and columns of the display.
     repeat
-        Steps (down, across) after which the block is shown again, large enough that patterns of two blocks do not
-        overlap. The display shows as many blocks as it has room for, all with the same code. None: one block.
+        Steps (down, across) after which the block is repeated, large enough that patterns of two blocks do not
+        overlap.
+        The display shows as many blocks as fit, all with the same code. None: one block.
 
     Raises
     ------
@@ -159,7 +160,7 @@ def display_frames(
     scale = fit.step_um / fit.pixel_um
     spots = np.rint((positions - positions.min(axis=0)) * scale).astype(np.intp)
     if len(np.unique(spots, axis=0)) < len(spots):
-        raise InputError.expected("points", "a display pixel each", fit.words, "take points farther apart")
+        raise InputError.expected("points", "a display pixel each", fit.words, "choose points farther apart")
     height, width = spots.max(axis=0) + 1
     if height > rows or width > columns:
         raise InputError.expected(
@@ -193,9 +194,9 @@ def code_files(folder: Path, frames: int) -> list[Path]:
 
 
 def save_code(folder: Path, code: NDArray[Any], places: ArrayLike, fit: DisplayFit, **how: Any) -> list[Path]:
-    """Write what a display shows, frame by frame, and the code ``(frames, points)``; return the files.
+    """Write the display image of each frame and the code ``(frames, points)``; return the files.
 
-    ``how`` are ``shape`` and ``repeat`` of `display_frames`.
+    ``how`` contains ``shape`` and ``repeat`` of `display_frames`.
     """
     files = code_files(folder, len(code))
     folder.mkdir(parents=True, exist_ok=True)

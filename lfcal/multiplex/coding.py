@@ -1,10 +1,10 @@
-"""Codes of points that are lit together, and whether coding pays where their patterns overlap.
+"""Codes for lighting several points together, and when they reduce the error of overlapping patterns.
 
-A frame shows the sum of the patterns of the points that its code lights, ``i_f = sum_m S_fm h_m`` at every pixel, and
-the patterns come back by ``h = S^+ i``: plenoptic multiplexing with the points as samples (theorem 1 without
-interpolation). The variance of an entry is ``sum_f (S^+)_mf^2 (additive + i_f)``. An S-matrix of order n leaves
-4 n/(n + 1)^2 of the additive noise, but gives every entry 2/(n + 1) of the photon noise of *all* patterns at its pixel,
-bright cores of others included (Wuttig 2005; Schechner, Nayar and Belhumeur 2007).
+A frame shows the sum of the patterns of the points that its code lights, ``i_f = sum_m S_fm h_m`` at every pixel. The
+patterns are recovered by ``h = S^+ i``: plenoptic multiplexing with the points as samples (theorem 1 without
+interpolation). The variance of an entry is ``sum_f (S^+)_mf^2 (additive + i_f)``. An S-matrix of order n reduces
+additive noise to 4 n/(n + 1)^2. However, every entry receives 2/(n + 1) of the photon noise of *all* patterns at its
+pixel, including bright cores of others (Wuttig 2005; Schechner, Nayar and Belhumeur 2007).
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ __all__ = [
 Array = NDArray[np.float64]
 
 CODES = ("S", "random", "single")
-"""S-matrix, random, and one point at a time."""
+"""Kinds of codes: S-matrix, random, and one point at a time."""
 
 MOST_POINTS = 1023
 
 
 def s_matrix_orders(most: int = MOST_POINTS) -> list[int]:
-    """Return the orders up to ``most`` of which `s_matrix` knows one: primes of the form 4k - 1, and 2^n - 1."""
+    """Return the orders up to ``most`` for which `s_matrix` is defined: primes of the form 4k - 1, and 2^n - 1."""
     return [n for n in range(3, most + 1) if _is_paley(n) or (n & (n + 1)) == 0]
 
 
@@ -51,13 +51,15 @@ def s_matrix(order: int) -> Array:
     """Return an S-matrix ``(order, order)`` of 0 and 1: the best code under additive noise (Harwit and Sloane 1979).
 
     Every row and column has (n + 1)/2 ones, S S^T = (n + 1)/4 (I + J), and the inverse is 2/(n + 1) (2 S^T - J). For
-    primes 4k - 1 its rows are shifts of the quadratic residues and 0, for 2^n - 1 it is Sylvester's Hadamard matrix
-    without its first row and column.
+    primes
+    4k - 1, the rows are shifts of the quadratic residues and 0. For 2^n - 1, it is Sylvester's Hadamard matrix
+    without its
+    first row and column.
 
     Raises
     ------
     InputError
-        If no S-matrix of this order is known here.
+        If no S-matrix of this order is available.
 
     Examples
     --------
@@ -83,7 +85,7 @@ def s_matrix(order: int) -> Array:
             odd ^= both >> bit & 1
         return odd.astype(float)
     near = min(s_matrix_orders(), key=lambda n: abs(n - order))
-    wanted = "a prime 4k - 1, or a power of two less 1"
+    wanted = "a prime 4k - 1, or a power of two minus 1"
     raise InputError.expected("order of the S-matrix", wanted, order, f"the nearest is {near}")
 
 
@@ -97,7 +99,7 @@ def random_code(frames: int, points: int, density: float, rng: np.random.Generat
     Raises
     ------
     InputError
-        If there are fewer frames than points, or none of a hundred draws separates the points.
+        If there are fewer frames than points, or none of a hundred random codes separates the points.
 
     Examples
     --------
@@ -114,24 +116,25 @@ def random_code(frames: int, points: int, density: float, rng: np.random.Generat
         code = np.asarray(rng.random((frames, points)) < density, float)
         if np.linalg.matrix_rank(code) == points:
             return code
-    raise InputError.expected("random code", "one that separates all points", "none of 100", "take more frames")
+    raise InputError.expected("random code", "one that separates all points", "none of 100", "choose more frames")
 
 
 def code_matrix(
     kind: str, points: int, *, frames: int | None = None, density: float = 0.5, rng: np.random.Generator | None = None
 ) -> Array:
-    """Return a code ``(frames, points)``: which points are lit in which frame.
+    """Return a code ``(frames, points)``: the brightness of each point in each frame, 0 or 1.
 
     Parameters
     ----------
     kind
-        ``"S"``: columns of the smallest S-matrix that has enough. ``"random"``: a random code. ``"single"``: one point
+        ``"S"``: columns of the smallest sufficient S-matrix. ``"random"``: a random code. ``"single"``: one point
         at a time.
     points
         Number of points whose patterns overlap.
     frames, density, rng
-        Options of random codes: number of frames (default: that of points), share that is lit, and source of random
-        numbers (seeded by default).
+        Options of random codes: number of frames (default: number of points), share of lit points, and random
+        generator
+        (with a fixed seed by default).
 
     Examples
     --------
@@ -147,7 +150,7 @@ def code_matrix(
     check_choice("code", kind, CODES)
     check_number("points", points, at_least=1, at_most=MOST_POINTS, integer=True)
     if frames is not None and kind != "random":
-        raise InputError.expected("frames", "none but for random codes", frames, "leave them out")
+        raise InputError.expected("frames", "none, except for random codes", frames, "omit the frames")
     if kind == "single":
         return np.eye(points)
     if kind == "random":
@@ -157,10 +160,10 @@ def code_matrix(
 
 
 LIMITS = ("time", "full well")
-"""What is held equal: exposure of every frame, or how far the brightest pixel fills."""
+"""Quantity kept equal in a comparison: the exposure of every frame, or the level of the brightest pixel."""
 
 CORE, DARK = 0.5, 0.01
-"""Entries of at least half and of at most a hundredth of their pattern's brightest one."""
+"""Thresholds for bright entries (at least half of their pattern's peak) and dark ones (at most a hundredth)."""
 
 LEAST_SIGNAL_E = 1e-3
 
@@ -172,13 +175,13 @@ class CodingNumbers:
     Attributes
     ----------
     rms_db
-        Gain in the rms deviation of all entries: what a reconstruction with H sees.
+        Gain in the rms error of all entries, which matters for a reconstruction with H.
     core_db, dark_db
         Gain of bright entries (at least half of their pattern's peak) and of dark ones (at most a hundredth).
     better
-        Share of the entries that are known better.
+        Share of the entries with a smaller error.
     exposure
-        Exposure of the coded frames over that of single points: below 1 where their sum would saturate.
+        Ratio of the exposure of coded frames to that of single points; below 1 if their sum would saturate.
     peak_e
         Electrons of the brightest pixel of the coded frames.
     """
@@ -193,18 +196,18 @@ class CodingNumbers:
 
 @dataclass(frozen=True, eq=False)
 class CodingGain:
-    """What a code does to each entry of the patterns.
+    """Gain of each entry of the patterns by a code.
 
     Attributes
     ----------
     frames, points
-        Of the code.
+        Number of frames and of points of the code.
     signal_e
         Electrons of the brightest entry of a single point's frame, at equal time.
     time_db, full_well_db
         Gain of each entry ``(points, rows, columns)`` at equal exposure and at equally full pixels.
     time, full_well
-        These in numbers.
+        Summaries of these two gains.
     """
 
     frames: int
@@ -218,19 +221,20 @@ class CodingGain:
 
 @dataclass(frozen=True, eq=False)
 class CodingVerdict:
-    """Whether to code.
+    """Verdict on whether a code reduces the error of H.
 
     Attributes
     ----------
     pays
         Whether the rms error of H is smaller with the code.
     limit
-        What was held equal, one of `LIMITS`.
+        Quantity kept equal, one of `LIMITS`.
     gain
-        The gains.
+        Gains of the code.
     break_even_e
-        Electrons of a single point's brightest entry up to which coding pays at equal time: 0 where it never does, inf
-        where it does up to a full pixel.
+        Electrons of a single point's brightest entry up to which coding is better at equal time: 0 if never, infinity
+        if
+        even with a full pixel.
     """
 
     pays: bool
@@ -248,7 +252,7 @@ class CodingVerdict:
 
     @property
     def frames_words(self) -> str:
-        """Whether showing several frames together pays, up to how much light, and why."""
+        """Sentence on whether showing several frames together is better, up to how much light, and why."""
         gain, does = self.gain, "pays" if self.pays else "does not pay"
         return (
             f"showing {gain.points} frames together, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
@@ -257,18 +261,18 @@ class CodingVerdict:
 
     @property
     def range_words(self) -> str:
-        """Up to how much light coding pays at equal time, and why, in words."""
+        """Sentence on the light up to which coding is better at equal time, and why."""
         if self.break_even_e == 0:
             return "never pays for this pattern and sensor: photon noise of bright cores is spread over dark entries"
         if math.isinf(self.break_even_e):
-            return "pays up to a full pixel: the sensor's own noise is more than the photons'"
+            return "pays up to a full pixel: the sensor's own noise exceeds the photon noise"
         return (
             f"pays up to {float(f'{self.break_even_e:.3g}'):g} electrons in a point's brightest pixel: with less light "
-            "the sensor's own noise rules, with more the photon noise of bright cores is spread over dark entries"
+            "the sensor's own noise dominates, with more the photon noise of bright cores is spread over dark entries"
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return all values as plain JSON types."""
         return {
             "pays": self.pays,
             "together": self.gain.points,
@@ -282,18 +286,18 @@ class CodingVerdict:
 def overlapping_patterns(
     plane: ArrayLike, points: int, *, step: int = 1, first: tuple[int, int] = (0, 0)
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Return the patterns of neighbouring points where they lie on the sensor, and the points' positions.
+    """Return the patterns of neighbouring points at their places on the sensor, and the points' positions.
 
     Parameters
     ----------
     plane
         One plane of H ``(ny, nx, nt, ns)``; it repeats beyond its period.
     points
-        How many, in a block as square as may be, by rows.
+        Number of points, in a block that is as square as possible, by rows.
     step
-        Source positions from one to the next (pixels in the image).
+        Distance of neighbouring points in source positions (pixels in the image).
     first
-        Position (y, x) of the first.
+        Position (y, x) of the first point.
 
     Returns
     -------
@@ -303,7 +307,7 @@ def overlapping_patterns(
     Raises
     ------
     InputError
-        If the plane is none, or holds no light.
+        If the array is not a plane, or contains no light.
 
     Examples
     --------
@@ -326,15 +330,15 @@ def overlapping_patterns(
     found = np.full((points, rows + nt, columns + ns), np.nan)
     for pattern, (y, x) in zip(found, places, strict=True):
         pattern[y : y + nt, x : x + ns] = values[(first[0] + y) % ny, (first[1] + x) % nx]
-    _Overlap(found, np.eye(points))  # checks them
+    _Overlap(found, np.eye(points))  # checks the patterns
     return found, places + np.array(first)
 
 
 def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, signal_e: float) -> CodingGain:
-    """Return the gain of each entry by a code, compared with one point at a time in as many frames.
+    """Return the gain of each entry by a code, compared with single points in the same number of frames.
 
-    Each point alone is repeated (frames over points) times, so that both take the same number of frames. The response's
-    fixed pattern (PRNU) is the same in all frames: it scales an entry with its light and is neither gained nor lost.
+    Each single point is repeated (frames over points) times, so that both methods take the same number of frames. The
+    fixed pattern of the response (PRNU) is the same in all frames and therefore does not affect the gain.
 
     Parameters
     ----------
@@ -384,11 +388,12 @@ def coding_pays(
     signal_e: float | None = None,
     limit: str = "time",
 ) -> CodingVerdict:
-    """Return whether lighting several points together pays for these patterns on this sensor, and up to which light.
+    """Return whether lighting several points together is better for these patterns and this sensor.
 
-    It pays where the rms error of all entries is smaller than with one point at a time in as many frames. This is so
-    where additive noise dominates, thus for weak sources. With many photons, coding spreads the noise of bright cores
-    over dark entries.
+    It is better if the rms error of all entries is smaller than with one point at a time in as many frames. This is so
+    if additive noise dominates, thus for weak sources. With many photons, coding spreads the noise of bright cores
+    over
+    dark entries.
 
     Parameters
     ----------
@@ -399,8 +404,8 @@ def coding_pays(
     signal_e
         Electrons of the brightest entry of a single point in one frame; the full well by default.
     limit
-        ``"time"``: equal exposures; coded frames are shortened only where they would saturate. ``"full well"``: both
-        expose until the brightest pixel is full.
+        ``"time"``: equal exposures; coded frames are shortened only if they would saturate. ``"full well"``: both are
+        exposed until the brightest pixel is full.
 
     Examples
     --------
@@ -433,7 +438,7 @@ def _break_even(overlap: _Overlap, noise: SensorNoise) -> float:
         return 0.0
     if pays(high):
         return math.inf
-    for _ in range(60):  # halved in its logarithm
+    for _ in range(60):  # bisection of the logarithm
         middle = math.sqrt(low * high)
         low, high = (middle, high) if pays(middle) else (low, middle)
     return low
@@ -449,16 +454,16 @@ def measured_coding_gain(
     trials: int = 200,
     rng: np.random.Generator,
 ) -> float:
-    """Return the rms gain (dB) of simulated frames: photons and read noise drawn, patterns solved for, errors compared.
+    """Return the rms gain (dB) measured on simulated frames with photon and read noise.
 
     Parameters
     ----------
     patterns, code, noise, signal_e, limit
         As in `coding_gain` and `coding_pays`; the frames of the code must be a multiple of the points.
     trials
-        Series of frames that are simulated with the code and without.
+        Number of simulated series of frames, with the code and without.
     rng
-        Source of the noise.
+        Random generator for the noise.
 
     Examples
     --------
@@ -474,7 +479,7 @@ def measured_coding_gain(
     overlap = _Overlap(patterns, code)
     frames, points = overlap.code.shape
     if frames % points:
-        remedy = "take a code of as many frames as points, or a multiple"
+        remedy = "choose as many frames as points, or a multiple"
         raise InputError.expected("frames of the code", f"a multiple of {points} points", frames, remedy)
     alone = np.vstack([np.eye(points)] * (frames // points))
     signals = overlap.signals(noise, signal_e, limit)
@@ -518,36 +523,36 @@ class _Overlap:
         good = given.ndim == 3 and given.size and not np.isinf(given).any() and np.nanmax(given, initial=-1.0) > 0
         if not good:
             raise InputError.expected(
-                "patterns", "light (points, rows, columns)", given.shape, "take recorded positions"
+                "patterns", "light (points, rows, columns)", given.shape, "choose recorded positions"
             )
         points = len(given)
         fits = self.code.ndim == 2 and self.code.shape[1] == points and np.isfinite(self.code).all()
         if not fits or self.code.min() < 0 or self.code.max() > 1:
             raise InputError.expected("code", f"0 … 1 (frames, {points})", self.code.shape, "one column per point")
         if np.linalg.matrix_rank(self.code) < points:
-            raise InputError.expected("code", "one that separates all points", "fewer", "take more frames")
+            raise InputError.expected("code", "one that separates all points", "fewer", "choose more frames")
         self.shape, flat = given.shape, given.reshape(points, -1)
         self.entries: NDArray[np.bool_] = ~np.isnan(flat)
         if not self.entries.any(axis=1).all():
-            raise InputError.expected("patterns", "entries of every point", "none of one", "leave it out")
+            raise InputError.expected("patterns", "entries of every point", "none for one point", "omit this point")
         self.light: Array = np.where(self.entries, flat, 0.0) / np.nanmax(given)
 
     def signals(self, noise: SensorNoise, signal_e: float, limit: str) -> tuple[float, float]:
-        """Return the electrons of the brightest entry in a single point's frame and in the coded ones."""
+        """Return the electrons of the brightest entry in a single point's frame and in the coded frames."""
         full = noise.full_e / float((self.code @ self.light).max())
         return (signal_e, min(signal_e, full)) if limit == "time" else (noise.full_e, full)
 
     def variances(self, noise: SensorNoise, signals: tuple[float, float]) -> tuple[Array, Array]:
-        """Return the variance of each entry from single points and from the code, the brightest entry being one."""
+        """Return the variance of each entry with single points and with the code, relative to the brightest entry."""
         random, (frames, points) = SensorNoise(noise.full_e, noise.additive_e2), self.code.shape
-        # as many frames for both: each point alone is repeated, which leaves the fixed pattern as it is
+        # same number of frames: single points are repeated, which does not reduce the fixed pattern
         single = random.variance(self.light * signals[0]) / signals[0] ** 2 * points / frames
         coded = np.linalg.pinv(self.code) ** 2 @ random.variance(self.code @ self.light * signals[1]) / signals[1] ** 2
         fixed = (noise.prnu * self.light) ** 2
         return single + fixed, np.asarray(coded + fixed)
 
     def numbers(self, single: Array, coded: Array, signals: tuple[float, float]) -> CodingNumbers:
-        """Return the gain over kinds of entries."""
+        """Summarize the gain over all, bright and dark entries."""
         share = self.light / np.maximum(self.light.max(axis=1, keepdims=True), 1e-300)
 
         def over(chosen: NDArray[np.bool_]) -> float:

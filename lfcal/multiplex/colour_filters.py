@@ -1,4 +1,4 @@
-"""Colour filter arrays as modulators: the known ones and any pattern a user types."""
+"""Colour filter arrays as modulators: common ones, and any pattern in letters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FILTERS: Mapping[str, tuple[float, float, float]] = {
     "W": (1, 1, 1),
     "E": (0, 1, 1),
 }
-"""Ideal filters as shares of red, green and blue they let through; emerald is taken as the ideal cyan."""
+"""Transmissions of ideal filters for red, green and blue; emerald is assumed to be ideal cyan."""
 
 CFA_PATTERNS: Mapping[str, str] = {
     "Bayer": "RG/GB",
@@ -34,22 +34,22 @@ CFA_PATTERNS: Mapping[str, str] = {
     "CMYW": "CM/YW",
     "X-Trans": "GBGGRG/RGRBGB/GBGGRG/GRGGBG/BGBRGR/GRGGBG",
 }
-"""Patterns by rows, rows parted by a slash. ``RGBW 4x4`` is Kodak's, half of it clear.
+"""Patterns as rows of letters, separated by slashes. ``RGBW 4x4`` is the pattern of Kodak, half of it clear.
 
-A name that reads as letters is laid out as they read, ``RGBE`` too; Sony's has emerald in the place of a Bayer
-pattern's second green.
+A name that consists of filter letters, such as ``RGBE``, has this layout. Sony's pattern has emerald instead of the
+second green of a Bayer pattern.
 """
 
 MAX_SIDE = 16
 
 
 def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS) -> list[str]:
-    """Return the rows of a pattern: a name of `CFA_PATTERNS`, rows parted by slashes, or letters of a square.
+    """Parse a pattern into rows: a name in `CFA_PATTERNS`, rows separated by slashes, or the letters of a square.
 
     Raises
     ------
     InputError
-        If a letter is no filter or the rows are not of one length.
+        If a letter is not a filter, or the rows have different lengths.
     """
     if not isinstance(pattern, str):
         raise InputError.expected("colour filter pattern", "letters", repr(pattern)[:60], 'for example "RG/GB"')
@@ -77,7 +77,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
             "colour filter pattern",
             f"up to {MAX_SIDE} x {MAX_SIDE} filters",
             f"{len(rows)} x {len(rows[0])}",
-            "give one period of it",
+            "give one period of the pattern",
         )
     return rows
 
@@ -85,7 +85,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
 def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -> Modulator:
     """Return the modulator of a colour filter array over red, green and blue (Ihrke et al., section 4.1).
 
-    Sigma holds one column per kind of filter, one at its places; Pi the filters' shares of red, green and blue.
+    Sigma has one column per kind of filter, with 1 at its places. Pi contains the filters' transmissions.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -
         ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"Sony"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``,
         ``"X-Trans"``, or letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
     filters
-        Other or further filters by letter: transmissions (red, green, blue) in 0 … 1.
+        Additional or replaced filters by letter: transmissions (red, green, blue) in 0 … 1.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Frames by the planes of their colours: grey, RGB, or through a mosaic of filters."""
+"""Read frames as colour planes: grey, RGB, or behind a mosaic of filters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["CHANNELS", "ColourReading", "Planes", "dark_level", "mean_plane", "read_planes", "read_white"]
 
 CHANNELS = ("", "R", "G", "B", "each")
-"""Colours that are taken; empty: all of a mosaic, the only one of a grey frame."""
+"""Selectable colours; empty: all colours of a mosaic, or the only plane of a grey frame."""
 
 COLOURS = ("R", "G", "B")
 
@@ -24,7 +24,7 @@ Planes = dict[str, "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class ColourReading:
-    """How frames are read: colour, pattern of their colour filters, dark frame, first pixel on the sensor."""
+    """Settings for reading frames: colour, pattern of colour filters, dark frame, first pixel on the sensor."""
 
     channel: str
     cfa: str
@@ -33,7 +33,7 @@ class ColourReading:
 
 
 def read_planes(path: Path, reading: ColourReading) -> Planes:
-    """Return the colours of a frame less its dark frame, ``(rows, columns)`` each; "" is the plane of a grey frame.
+    """Read the colours of a frame minus its dark frame, ``(rows, columns)`` each; "" is the plane of a grey frame.
 
     Frame and dark frame are files, or folders whose frames are averaged.
     """
@@ -47,7 +47,7 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
         if 'colour="G"' not in str(error):
             raise
         if not wanted:
-            # the library's word for the option is not the command's
+            # replace the name of the library's option by that of the command
             raise FileFormatError(str(error).replace(' (colour="G")', ", or all: --channel each")) from None
         return {name: _plane(path, reading.dark, name) for name in wanted}
     cfa = reading.cfa or str(image.metadata.get("cfa", ""))
@@ -60,7 +60,7 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
             f"colour of {path}",
             "a colour frame or mosaic",
             "a grey frame",
-            "leave --channel out, or add --cfa, e.g. GRBG",
+            "omit --channel, or add --cfa, e.g. GRBG",
         )
     return {"": _plane(path, reading.dark, None)}
 
@@ -94,7 +94,7 @@ def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[st
     light = (
         without_black_level(frame, black) if dark is None else frame - dark_level(dark, frame.shape).astype(np.float32)
     )
-    # a response is measured here: the filter must neither depend on the scene nor mix the colours
+    # to measure a response, the filter must neither depend on the scene nor mix the colours
     colours = demultiplex(light, modulator_of(cfa), filter="cubic")
     return {name: np.ascontiguousarray(colours[COLOURS.index(name)], np.float32) for name in names}
 
@@ -106,10 +106,10 @@ def mean_plane(planes: Planes) -> NDArray[np.float32]:
 
 
 def read_white(path: Path, dark: Path | None, channel: str = "", cfa: str = "") -> NDArray[np.float32]:
-    """Return a white image less its dark frame: grey, one colour, or the mean of a mosaic's colours."""
+    """Read a white image minus its dark frame: grey, one colour, or the mean of a mosaic's colours."""
     check_choice("channel", channel, ("", *COLOURS))
     try:
         return mean_plane(read_planes(path, ColourReading(channel, cfa, dark, None)))
     except FileFormatError as error:
-        # one lattice has one image
+        # a lattice is measured in one image only
         raise FileFormatError(str(error).replace(", or all: --channel each", "")) from None

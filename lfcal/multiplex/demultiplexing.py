@@ -1,4 +1,4 @@
-"""From a frame to its plenoptic samples and back: one function for all modulators, routes and filters."""
+"""Convert a frame to plenoptic samples and back, for all modulators, routes and filters."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def demultiplex(
 
     The spatial route interpolates each measurement channel and decorrelates the channels at every position (theorem
     1). The Fourier route crops and re-weighs tiles of the spectrum (theorem 2), which equals the spatial route with a
-    sinc filter. Combinations that are not measured come out as zero (`Modulator.lost` returns their share).
+    sinc filter. Combinations that are not measured become zero (`Modulator.lost` returns their share).
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def demultiplex(
     if weights is not None:
         if route != "spatial" or filter not in (None, "linear"):
             got = f"{route}, {filter or 'default'}"
-            raise InputError.expected("route with weights", "spatial, linear", got, "leave route and filter out")
+            raise InputError.expected("route with weights", "spatial, linear", got, "omit route and filter")
         weighed = demultiplex_weighted(frame, modulator, weights, samples=samples, origin=origin, rcond=rcond).samples
         filled = _output(out, weighed.shape, np.asarray(frame).dtype)
         filled[:] = weighed
@@ -106,16 +106,16 @@ def demultiplex(
     image = check_frame(frame, modulator.side)
     counts = _samples(samples, modulator)
     at = check_tuple("origin of the super-pixels (px)", origin, 2, integer=True)
-    # a frame that begins within a super-pixel is one of a shifted modulator
+    # a frame that begins within a super-pixel corresponds to a shifted modulator
     placed = modulator.shifted(*at) if at != (0, 0) else modulator
-    # the last super-pixel is continued, not cut off: its pixels keep their channels
+    # the last super-pixel is extended, not cut off, so that its pixels keep their channels
     whole = _whole(image, placed.side)
     shape = tuple(n // side * m for n, side, m in zip(whole.shape, placed.side, counts, strict=True))
     cut = tuple(n if m == side else s for n, side, m, s in zip(image.shape, placed.side, counts, shape, strict=True))
     final = (placed.count, *cut)
     chosen = filter or ("cubic" if rcond is not None else default_filter(modulator, counts))
     if chosen in COLOUR_FILTERS and route == "spatial" and rcond is not None:
-        raise InputError.expected("cut-off", f"none with the filter {chosen}", rcond, "leave it out, or choose cubic")
+        raise InputError.expected("cut-off", f"none with the filter {chosen}", rcond, "omit it, or choose cubic")
     result = _output(out, final, image.dtype)
     target = result if cut == shape else np.empty((placed.count, *shape), result.dtype)
     if route == "fourier":
@@ -140,7 +140,7 @@ def demultiplex_weighted(
 ) -> WeightedSamples:
     """Return the samples of a frame and their standard deviation by weighted least squares, theorem 1 with noise.
 
-    What is not finite in the frame must have no weight. The other arguments are those of `demultiplex`.
+    Non-finite pixels must have weight 0. The other arguments are those of `demultiplex`.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
         if not np.isfinite(image).all():
             raise InputError.expected("frame", "finite values", "NaN or infinity", "correct defect pixels first")
         image = image if image.dtype == np.float64 else image.astype(np.float32, copy=False)
-    # float32 holds 8- and 16-bit samples exactly, wider integers need doubles
+    # float32 represents 8- and 16-bit samples exactly; wider integers need float64
     elif image.dtype != np.uint16:
         image = image.astype(np.float32 if image.dtype.itemsize <= 2 else np.float64)
     return np.ascontiguousarray(image)
@@ -245,7 +245,7 @@ def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[An
 
 
 def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
-    """Return the frame ``(rows, columns)`` a sensor behind ``modulator`` records, free of noise (equation 3).
+    """Return the noise-free frame ``(rows, columns)`` of a sensor behind ``modulator`` (equation 3).
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
         Plenoptic samples at every pixel ``(N, rows, columns)``. A lenslet gives each pixel behind it the mean over
         its area.
     modulator
-        Its super-pixels begin at the first pixel.
+        Modulator, whose super-pixels begin at the first pixel.
 
     Raises
     ------
@@ -282,7 +282,7 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
         light = _gathered(light, modulator.cell)
     (py, px), frame = modulator.side, np.zeros((rows, columns))
     for k, weights in enumerate(modulator.matrix):
-        # one pixel of the super-pixel after the other, over all super-pixels
+        # loop over the pixels of a super-pixel, for all super-pixels together
         part = (slice(k // px, None, py), slice(k % px, None, px))
         frame[part] = np.tensordot(weights, light[:, part[0], part[1]], 1)
     return frame
@@ -299,7 +299,7 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
 
 
 def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
-    """Return `demultiplex`'s result as ``(views down, views across, colours, rows, columns)``, not copied.
+    """Reshape `demultiplex`'s result to ``(views down, views across, colours, rows, columns)`` without a copy.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Modulators as they can be made: layouts and printed masks of the best gain, with a certificate."""
+"""Search manufacturable filter layouts and printed masks for the best gain, with a bound on better ones."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ __all__ = ["Design", "best_array", "best_printed_mask", "with_crosstalk"]
 Array = NDArray[np.float64]
 
 MOST_TRIED = 200_000
-"""Candidates up to which all are tried."""
+"""Number of candidates up to which all are tried."""
 
 BATCH = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What a search found, and how sure it is that nothing is better.
+    """Result of a search, with a bound on the gain of any other candidate.
 
     Attributes
     ----------
     modulator
-        The best that can be made, as made (without crosstalk).
+        Best modulator found (without crosstalk).
     gain_db
-        Its gain over the reference with the crosstalk asked for, 10 log10 as in equation 14.
+        Gain over the reference with the requested crosstalk, 10 log10 as in equation 14.
     bound_db
-        What no candidate exceeds; the gain itself where all were tried.
+        Upper bound on the gain of all candidates (dB); the gain itself if all were tried.
     tried
-        Candidates whose gain was computed.
+        Number of candidates whose gain was computed.
     exhaustive
-        Whether these were all.
+        Whether all candidates were tried.
 
     Examples
     --------
@@ -62,22 +62,22 @@ class Design:
 
     @property
     def certificate(self) -> str:
-        """In words, how far the best may be from this."""
+        """Sentence on how far the best possible gain may be from this one."""
         if self.exhaustive:
             return f"the best of all {self.tried} candidates"
         return f"at most {max(0.0, self.bound_db - self.gain_db):.3f} dB below the best there is"
 
 
 def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
-    """Return a modulator whose pixels each lose ``share`` of their light to their four neighbours, and gain theirs.
+    """Return a modulator with crosstalk: each pixel loses ``share`` of its light to its four neighbours.
 
     Parameters
     ----------
     modulator
-        Periodic: the neighbours at its border are those of the next super-pixel. Lenslets are in front of the pixels
-        and keep what is theirs, so that only pixels of one cell mix as well.
+        Periodic modulator: neighbours at its border belong to the next super-pixel. With lenslets, only pixels of one
+        cell exchange light.
     share
-        Charge or light that leaves a pixel, 0 … 0.5, a quarter to each side.
+        Share of charge or light that leaves a pixel, 0 … 0.5, a quarter to each side.
 
     Examples
     --------
@@ -105,29 +105,29 @@ def best_array(
     least_light: float = 0.0,
     reference: Modulator | None = None,
 ) -> Design:
-    """Return the layout of filters with most gain over ``reference`` that can be made, of all there are.
+    """Return the manufacturable layout of filters with the largest gain over ``reference``.
 
     Parameters
     ----------
     side
-        Pixels (rows, columns) of the super-pixel.
+        Size (rows, columns) of the super-pixel (pixels).
     chi2
-        The camera's.
+        Ratio chi^2 of the camera.
     letters
         Filters to choose from (`lfcal.multiplex.colour_filters.FILTERS`).
     crosstalk
-        Share of the light that pixels lose to their neighbours (`with_crosstalk`): then places matter.
+        Share of the light that pixels lose to their neighbours (`with_crosstalk`); the places of filters then matter.
     most_kinds
-        Kinds of filters at most: each is a step of lithography.
+        Largest number of kinds of filters; each needs a step of lithography.
     least_light
-        Transmission that is wanted at least.
+        Smallest transmission of the layout.
     reference
-        Bayer with the same crosstalk by default.
+        Modulator to compare with; by default Bayer with the same crosstalk.
 
     Raises
     ------
     InputError
-        If there are more candidates than can all be tried, or none that recovers the colours.
+        If there are too many candidates to try, or none recovers the colours.
 
     Examples
     --------
@@ -232,27 +232,28 @@ def best_printed_mask(
     starts: int = 12,
     rng: np.random.Generator | None = None,
 ) -> Design:
-    """Return the attenuation mask that a printer can make, of most gain over a pinhole of the same crosstalk.
+    """Return the printable attenuation mask with the largest gain over a pinhole with the same crosstalk.
 
-    Of up to 20 000 candidates all are tried. Otherwise the best grey mask (`best_mask`), the known ones and random ones
-    are rounded to the levels and changed pixel by pixel as long as that gains; the bound is that of every mask.
+    Up to 20 000 candidates, all are tried. Otherwise, the best grey mask (`best_mask`), known masks and random masks
+    are
+    rounded to the levels and changed pixel by pixel while this increases the gain. The bound is then that of any mask.
 
     Parameters
     ----------
     size
-        Pixels along a side.
+        Side of the mask (pixels).
     chi2
-        The camera's.
+        Ratio chi^2 of the camera.
     levels
-        Transmissions that can be printed, evenly from closed to open: 2 for chrome on glass.
+        Number of printable transmissions, equally spaced from closed to open; 2 for chrome on glass.
     crosstalk
-        Share that pixels lose to their neighbours.
+        Share of the light that pixels lose to their neighbours.
     least_light, most_light
-        Share of the light that the mask must and may let through.
+        Smallest and largest transmission of the mask.
     starts
-        Random starts.
+        Number of random starts.
     rng
-        Their source; seeded by default.
+        Random generator for the starts; with a fixed seed by default.
 
     Examples
     --------
@@ -284,7 +285,7 @@ def best_printed_mask(
             "mask", "one within the limits that recovers all views", "none", "widen the limits of light"
         )
     exhaustive = count <= 20_000
-    # a mixing of pixels only lessens the Fourier weights but the zeroth, and the reference's with them
+    # crosstalk reduces all Fourier weights except the zeroth, and those of the reference too
     bound = float(gain) if exhaustive else mask_gain_bound(size, chi2) + gains.reference_loss
     return Design(modulator, float(gain), bound, tried, exhaustive)
 
@@ -300,7 +301,7 @@ class _MaskGain:
         hole = np.zeros((1, size, size))
         hole[0, 0, 0] = 1
         self.hole = float(self._log(hole)[0])
-        # what crosstalk costs the reference raises every gain over it
+        # the loss of the reference by crosstalk increases every gain over it
         self.reference_loss = 5 * math.log10(float((1 / self.mix**2).mean()))
 
     def of(self, masks: Array) -> Array:

@@ -79,7 +79,7 @@ def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> Non
 
 
 def save_gain_map(found: GainMap, path: Path) -> None:
-    """Write the gain of each sample over chi^2 as a picture, no gain in the middle of its colours."""
+    """Write the gain of each sample over chi^2 as a picture; the middle of the colour scale is no gain."""
     gains = np.where(np.isfinite(found.gains), found.gains, np.nan)
     low, high = (math.log10(v) for v in (float(found.chi2[0]), float(found.chi2[-1])))
     with figure(7.0, 4.4) as fig:
@@ -101,7 +101,7 @@ def save_gain_map(found: GainMap, path: Path) -> None:
 
 
 def draw_modulator(modulator: Modulator, path: Path) -> None:
-    """Write a modulator as its pattern, the pattern's spectrum, Sigma and Pi."""
+    """Write a picture of a modulator: its pattern, the pattern's spectrum, Sigma and Pi."""
     pattern, spectrum = modulator.pattern(), modulator.pattern_spectrum()
     with figure(12.0, 3.2) as fig:
         one, two, three, four = np.ravel(fig.subplots(1, 4))
@@ -158,7 +158,7 @@ def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None
 
 
 def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
-    """Write the candidates by their gain in both limits, the efficient ones joined, the best at the camera marked."""
+    """Write a plot of all candidates by their gain in both limits, with the efficient ones and the best marked."""
     with figure(6.4, 4.4) as fig:
         axes = fig.subplots()
         axes.plot(frontier.photon, frontier.additive, ".", color=COLOURS["muted"], ms=4, label="candidates")
@@ -193,7 +193,7 @@ def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
 def _name_points(axes: Axes, frontier: Frontier, order: NDArray[np.intp], named: int) -> None:
     """Write the names of up to ``named`` candidates; names that would lie on each other are left out."""
     seen: set[tuple[float, float]] = set()
-    # known patterns first: a reader looks for these
+    # known patterns first, because readers look for these
     for k in sorted(order, key=lambda k: frontier.modulators[k].name not in CFA_PATTERNS):
         place = (round(float(frontier.photon[k]), 1), round(float(frontier.additive[k]), 1))
         if place not in seen and len(seen) < named:
@@ -203,7 +203,7 @@ def _name_points(axes: Axes, frontier: Frontier, order: NDArray[np.intp], named:
 
 
 def save_filter_choice(parts: Sequence[tuple[str, Sequence[FilterTrial]]], path: Path) -> None:
-    """Write error against seconds for each titled list of trials, side by side."""
+    """Write plots of error over time for each list of trials with its title, side by side."""
     with figure(5.2 * len(parts), 4.0) as fig:
         for axes, (title, trials) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
             for k, trial in enumerate(trials):
@@ -234,14 +234,14 @@ def colour_picture(samples: ArrayLike, *, top: float | None = None, gains: Seque
     displayed with a gamma of 1/2.2.
     """
     light = np.asarray(samples, float) * np.asarray(gains, float)[:, None, None]
-    # the percentile keeps single hot pixels from making everything else dark
+    # a percentile, so that single hot pixels do not darken everything else
     white = float(np.percentile(light, 99.8)) if top is None else top
     shown: Image = np.clip(light / max(white, 1e-30), 0, 1).transpose(1, 2, 0) ** (1 / 2.2)
     return shown
 
 
 def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
-    """Return a raw frame as ``(rows, columns, 3)`` with each pixel in the colour of its filter, in 0 … 1."""
+    """Return a raw frame as an image ``(rows, columns, 3)`` in 0 … 1, with each pixel in its filter's colour."""
     image = np.asarray(frame, float)
     pattern = modulator.pattern()
     shares = pattern if pattern.shape[2] == 3 else np.repeat(pattern, 3, 2)
@@ -272,7 +272,7 @@ def save_colour_routes(
     ways: Sequence[tuple[str, str]] = (("spatial", "cubic"), ("fourier", "sinc")),
     gains: Sequence[float] = (1, 1, 1),
 ) -> None:
-    """Write figure 3: raw frame, its spectrum, and each reconstruction whole and magnified.
+    """Write figure 3: raw frame, its spectrum, and each reconstruction, complete and magnified.
 
     Parameters
     ----------
@@ -329,10 +329,10 @@ def _show(axes: Any, picture: Image, title: str, zoom: tuple[slice, slice] | Non
 
 
 def upsampled_views(frame: ArrayLike, modulator: Modulator, factor: int = 3) -> list[tuple[str, Image]]:
-    """Return the views ``factor`` times upsampled in the three ways of figure 5, each ``(N, rows, columns)``.
+    """Upsample the views by ``factor`` in the three ways of figure 5, each ``(N, rows, columns)``.
 
-    Zero-padded Fourier reconstruction; Fourier reconstruction at low resolution, then bicubic; bicubic interpolation
-    of the measurement channels, then decorrelation.
+    The three ways are: zero-padded Fourier reconstruction; Fourier reconstruction at low resolution, then bicubic
+    interpolation; bicubic interpolation of the measurement channels, then decorrelation.
     """
     import cv2
 
@@ -353,7 +353,7 @@ SIGNALS = 25
 def save_coding(
     gain: CodingGain, patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, path: str | os.PathLike[str]
 ) -> None:
-    """Write a picture of a code's gain for the middle point, and of all entries over the light of a point."""
+    """Write a picture of a code's gain for each entry of the middle point, and over the light of a point."""
     light = np.asarray(patterns, float)
     middle = len(light) // 2
     with figure(12.0, 6.8) as fig:

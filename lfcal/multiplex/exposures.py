@@ -17,18 +17,19 @@ Array = NDArray[np.float64]
 
 
 def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
-    """Return pixels of unlike exposure: one sample, the radiance, seen with each pixel's share of it.
+    """Return a modulator with different exposures of its pixels: one sample, the radiance, times each pixel's share.
 
-    Assorted pixels for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005): neutral-density
-    filters or exposure times, as shares of the longest. What saturates carries no measurement: give `demultiplex` the
-    weights of `lfcal.multiplex.pixel_weights`.
+    Assorted pixels are used for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The shares
+    are
+    those of neutral-density filters or exposure times, relative to the longest. Saturated pixels measure nothing: give
+    `demultiplex` the weights of `lfcal.multiplex.pixel_weights`.
 
     Parameters
     ----------
     transmissions
         Shares ``(rows, columns)`` of the light in 0 … 1, over one super-pixel.
     name
-        For tables and plots.
+        Name in tables and plots.
 
     Examples
     --------
@@ -45,14 +46,14 @@ def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
 
 
 def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Modulator:
-    """Return pixels that are open at unlike moments of one exposure: the samples are the light in each moment.
+    """Return a modulator of pixels open at different moments of an exposure; samples are the light in each moment.
 
     Parameters
     ----------
     open_shares
-        Shares ``(rows, columns, moments)`` of each moment that a pixel of the super-pixel is open, 0 … 1.
+        Share of each moment in which a pixel of the super-pixel is open, ``(rows, columns, moments)``, 0 … 1.
     name
-        For tables and plots.
+        Name in tables and plots.
 
     Examples
     --------
@@ -72,11 +73,13 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
 
 
 def camera_array(rows: int, columns: int) -> Modulator:
-    """Return an array of cameras that see one view each; their frames are parts of one (`interleave`).
+    """Return an array of cameras with one view each as a modulator; combine their frames with `interleave`.
 
-    Filters, shutters or polarisers of the single cameras are a factor of the same super-pixel:
-    ``camera_array(2, 2) * ...`` where every view is wanted with every colour, or the colours' modulator alone where all
-    cameras see the same view (a distant scene).
+    Filters, shutters or polarizers of the single cameras are a factor of the same super-pixel. Use ``camera_array(2,
+    2) *
+    ...`` for every view in every colour, or only the modulator of the colours if all cameras see the same view (a
+    distant
+    scene).
 
     Examples
     --------
@@ -90,7 +93,7 @@ def camera_array(rows: int, columns: int) -> Modulator:
     ('view 0,0', 'view 0,1')
     """
     side = check_tuple("cameras (rows, columns)", (rows, columns), 2, at_least=1, at_most=64, integer=True)
-    identity = math.prod(side) * np.eye(math.prod(side))  # a camera has its light to itself, as a lenslet
+    identity = math.prod(side) * np.eye(math.prod(side))  # a camera collects all its light, like a lenslet
     return modulator_from_matrix(
         f"cameras {rows} x {columns}",
         (rows, columns),
@@ -102,14 +105,14 @@ def camera_array(rows: int, columns: int) -> Modulator:
 
 
 def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np.float32] | Array:
-    """Return frames of as many cameras (or moments) as one mosaic ``(rows * side[0], columns * side[1])``.
+    """Combine frames of several cameras (or moments) into one mosaic ``(rows * side[0], columns * side[1])``.
 
-    Frame k gives pixel k, by rows, of every super-pixel: what holds for super-pixels holds for cameras side by side.
+    Frame k gives pixel k, by rows, of every super-pixel, so that an array of cameras is treated like super-pixels.
 
     Raises
     ------
     InputError
-        If the number of frames is not that of the super-pixel's pixels, or their shapes differ.
+        If the number of frames is not the number of pixels of the super-pixel, or their shapes differ.
 
     Examples
     --------

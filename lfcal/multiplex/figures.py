@@ -42,13 +42,13 @@ def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float
     Parameters
     ----------
     folder
-        Made if it does not exist.
+        Folder for the figures; created if it does not exist.
     raw
-        RAW frame for figure 3; None: a drawn scene.
+        RAW frame for figure 3; None: a synthetic scene.
     marks
-        chi^2 of cameras to mark in figure 6, by their names.
+        chi^2 of cameras to mark in figure 6, by name.
     seed
-        Of the noise in figure 7.
+        Random seed of the noise in figure 7.
     """
     folder.mkdir(parents=True, exist_ok=True)
     draws: list[Callable[[Path], None]] = [

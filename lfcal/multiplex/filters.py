@@ -1,4 +1,4 @@
-"""Reconstruction filters: which samples of a measurement channel are weighed for a place between them."""
+"""Reconstruction filters: weights for interpolation between the samples of a measurement channel."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EDGE_PRESERVING = "bilateral"
 SPATIAL_FILTERS = (*LINEAR_FILTERS, EDGE_PRESERVING)
 """Filters for every modulator."""
 COLOUR_FILTERS = ("lmmse", "directional")
-"""Filters that know how colours of images hang together: for colour filter arrays only."""
+"""Filters that use the correlation of colours in images: only for colour filter arrays."""
 
 _TAPS = {"nearest": 1, "linear": 2, "cubic": 4, "lanczos": 6}
 
@@ -34,7 +34,7 @@ _TAPS = {"nearest": 1, "linear": 2, "cubic": 4, "lanczos": 6}
 def kernel(name: str, x: Array) -> Array:
     """Return the filter's value at distances ``x`` in samples of a channel.
 
-    ``cubic`` is Keys' kernel with a = -1/2, ``lanczos`` has three lobes a side.
+    ``cubic`` is Keys' kernel with a = -1/2, ``lanczos`` has three lobes on each side.
     """
     check_choice("filter", name, tuple(_TAPS))
     d = np.abs(np.asarray(x, float))
@@ -52,8 +52,9 @@ def kernel(name: str, x: Array) -> Array:
 def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDArray[np.intp], Array]:
     """Return first taps and weights along one axis for output sample n of channel row a.
 
-    Output sample n lies (n + 1/2) side/samples - 1/2 pixels from the super-pixel's first pixel, so that one per
-    pixel falls on the pixels and a single one in the middle.
+    Output sample n is at (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. One sample per
+    pixel
+    is therefore on the pixels, and a single one in the middle.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     side
         Pixels of the super-pixel along the axis.
     positions
-        Where each of its rows samples the light ``(side,)`` (pixels).
+        Position at which each row of the super-pixel samples the light ``(side,)`` (pixels).
     samples
         Output samples per super-pixel.
 
@@ -76,22 +77,22 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     taps = _TAPS[name]
     wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
     place = (wanted[:, None] - positions[None, :]) / side
-    # a place on a sample takes that sample alone: the weights that rounding left to others are dropped
+    # at the place of a sample, only that sample counts: drop weights of others due to rounding
     place = np.where(np.abs(place - np.rint(place)) < 1e-12, np.rint(place), place)
     first = np.floor(place + 0.5 if taps == 1 else place).astype(np.intp) - (taps - 1) // 2
     weights = (
         kernel(name, place[..., None] - first[..., None] - np.arange(taps)) if taps > 1 else np.ones((*place.shape, 1))
     )
     weights[np.abs(weights) < 1e-14] = 0.0
-    # truncated kernels do not add up to one: even light would ripple
+    # truncated kernels do not add up to one, and uniform light would show ripples
     return first, weights / weights.sum(-1, keepdims=True)
 
 
 def dirichlet_table(count: int, side: int, positions: Array, samples: int) -> Array:
-    """Return the periodic sinc: weights ``(side, count * samples, count)`` of each channel row's ``count`` samples.
+    """Return the weights ``(side, count * samples, count)`` of the periodic sinc for ``count`` samples of a channel.
 
-    sin(pi t)/(count tan(pi t/count)) for even counts, with the highest frequency half at each end, and
-    sin(pi t)/(count sin(pi t/count)) for odd ones.
+    It is sin(pi t)/(count tan(pi t/count)) for even counts, with half of the highest frequency at each end, and
+    sin(pi t)/(count sin(pi t/count)) for odd counts.
     """
     wanted = (np.arange(count * samples) + 0.5) * side / samples - 0.5
     t = (wanted[None, :, None] - positions[:, None, None]) / side - np.arange(count)

@@ -1,10 +1,11 @@
 """The general route: any modulator m(x, p), periodic or not, separable or not, by regularised least squares.
 
 If every pixel has different transmissions, no measurement channel can be interpolated, and super-pixels share no
-decorrelation. The samples are then found on a separate grid, linear between its nodes, from all pixels together.
-Conjugate gradients minimise sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration costs about 14
-multiply-adds per pixel and sample (`GeneralModel.operations`), where the routes of super-pixels take one pass. Usual
-are 20 to 200 iterations.
+decorrelation. The samples are then computed on a separate grid, linear between its nodes, from all pixels together.
+Conjugate gradients minimize sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration takes about 14
+multiply-adds per pixel and sample (`GeneralModel.operations`), while the routes for super-pixels take one pass.
+Usually
+20 to 200 iterations are needed.
 """
 
 from __future__ import annotations
@@ -28,16 +29,16 @@ MAX_SHARE = 1e6
 
 
 class GeneralModel:
-    """The linear model of a frame: ``forward`` makes it from samples on their grid, ``adjoint`` is its transpose.
+    """Linear model of a frame: ``forward`` computes it from samples on their grid, ``adjoint`` is the transpose.
 
     Parameters
     ----------
     transmissions
-        ``(N, rows, columns)``: share of each sample that each pixel takes; or a periodic modulator, with ``shape``.
+        ``(N, rows, columns)``: share of each sample that each pixel measures; or a periodic modulator, with ``shape``.
     spacing
         Pixels per node of the grid (rows, columns).
     shape
-        Frame ``(rows, columns)``, for a modulator.
+        Rows and columns of the frame, for a periodic modulator.
     """
 
     def __init__(
@@ -67,30 +68,30 @@ class GeneralModel:
 
     @property
     def operations(self) -> int:
-        """Multiply-adds of one iteration, a forward and an adjoint."""
+        """Multiply-adds of one iteration: one forward and one adjoint."""
         (n, ny, nx), (rows, columns) = self.grid, self.shape
         return int(2 * n * (2 * rows * nx + 2 * rows * columns + rows * columns) + 4 * n * ny * nx)
 
     @property
     def bytes(self) -> int:
-        """Memory of the transmissions and of the solver's six copies of the samples."""
+        """Memory of the transmissions and of the solver's six copies of the samples (bytes)."""
         return int(self.transmissions.nbytes + 6 * 8 * np.prod(self.grid))
 
 
 @dataclass(frozen=True, eq=False)
 class GeneralSamples:
-    """What the general route found, and what it took.
+    """Result of the general route, and its cost.
 
     Attributes
     ----------
     samples
         ``(N, nodes down, nodes across)``.
     iterations
-        Of the conjugate gradients.
+        Number of iterations of the conjugate gradients.
     residual
-        Rms of the frame less its prediction, weighted, over the rms of the frame.
+        Weighted rms of the frame minus its prediction, relative to the rms of the frame.
     operations
-        Multiply-adds in all.
+        Total number of multiply-adds.
     """
 
     samples: Array = field(repr=False)
@@ -118,12 +119,13 @@ def iter_demultiplex_generally(
     transmissions
         Response of each pixel to each sample ``(N, rows, columns)``; or a modulator, repeated over the frame.
     spacing
-        Pixels per node of the samples' grid, or (rows, columns): about the root of N to measure all samples.
+        Pixels per node of the samples' grid, one number or (rows, columns); about sqrt(N) to measure all samples.
     weights
         Inverse variances of the pixels, 0 for saturated and dead ones.
     smoothness
-        Weight of the squared differences between neighbouring nodes, relative to the mean measured share. It decides
-        the samples where pixels leave them open. It must be small compared with the signal-to-noise ratio.
+        Weight of the squared differences between neighbouring nodes, relative to the mean measured share. It
+        determines
+        samples that pixels do not measure. It must be small compared with the signal-to-noise ratio.
     tolerance
         The iterations end when the norm of the gradient falls below this share of its first value.
     most
@@ -149,7 +151,7 @@ def iter_demultiplex_generally(
     check_number("iterations", most, at_least=1, integer=True)
     check_number("tolerance", tolerance, above=0, below=1)
     known = known / known.max()
-    # in units of what a node's pixels measure of it, so that the same number means the same for every modulator
+    # relative to the measured share of a node, so that a number has the same effect for every modulator
     share = model.adjoint(known * model.forward(np.ones(model.grid))).mean()
     rough = smoothness * float(share)
     right, clock = model.adjoint(known * image), Clock("demultiplex", most)
@@ -189,20 +191,20 @@ demultiplex_generally = drained(
 
 
 def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, int], shift_px: float) -> Array:
-    """Return what pixels see through a mask that need not repeat: ``(views, rows, columns)``, m(x - s v) of equation 9.
+    """Return the transmissions ``(views, rows, columns)`` of any mask, periodic or not: m(x - s v) of equation 9.
 
-    Each pixel takes the mean of the mask's cells (a pixel wide) over its area; beyond the pattern the mask is closed.
+    Each pixel averages the mask's cells (one pixel wide) over its area. Beyond the pattern, the mask is closed.
 
     Parameters
     ----------
     pattern
-        Transmissions 0 … 1 ``(rows, columns)``, its middle over the middle of the frame for the middle view.
+        Transmissions 0 … 1 ``(rows, columns)``; for the middle view, its middle is above the middle of the frame.
     shape
         Frame ``(rows, columns)``.
     views
         Views ``(down, across)``.
     shift_px
-        Pixels that the shadow moves from view to view.
+        Shift of the shadow from one view to the next (pixels).
 
     Examples
     --------

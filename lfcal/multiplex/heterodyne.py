@@ -1,4 +1,4 @@
-"""Both routes on a real lattice: super-pixels of any pitch, turned and sheared, in the frame's own pixels.
+"""Apply both routes to a real lattice: super-pixels of any pitch, rotated and sheared, without resampling the frame.
 
 With reciprocal vectors g of the lattice (cycles per pixel) a frame behind a periodic modulator is ``i(x) = sum_k
 exp(2 pi i g_k x) c_k(x)`` (equations 5 to 7). Theorem 2 crops each ``c_k`` from the spectrum about ``g_k`` and brings
@@ -31,18 +31,18 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 PROFILES = ("cells", "sinusoids")
-"""What lies between a modulator's values: even cells with sharp borders, or the smoothest profile through them."""
+"""Profile between a modulator's values: uniform cells with sharp borders, or the smoothest curve through them."""
 
 TAPS = 24
 SHAPE = 27.7
-"""Taps and shape of the Kaiser window: 260 dB for tiles that fill a third of the sensor's band or less."""
+"""Taps and shape of the Kaiser window: 260 dB for tiles that cover at most a third of the sensor's band."""
 
 SUB = 8
-"""Points along a pixel over which the mean of a mask's cells is taken."""
+"""Number of points along a pixel for the mean of a mask's cells."""
 
 MOST_CELLS = 4096
 MOST_BENT_PX = 0.05
-"""Of the centre twenty rows and columns off, from where the first steps lead (pixels)."""
+"""Largest deviation of a centre twenty rows and columns away from a straight lattice (pixels)."""
 
 VALUES_AT_ONCE = 2_000_000
 
@@ -50,24 +50,25 @@ VALUES_AT_ONCE = 2_000_000
 def lattice_transmissions(
     shape: tuple[int, int], lattice: MicroImageLattice, modulator: Modulator, *, profile: str = "cells"
 ) -> Array:
-    """Return what each pixel of a frame takes of each sample behind a modulator on a lattice ``(N, rows, columns)``.
+    """Return the share of each sample that each pixel measures behind a modulator on a lattice ``(N, rows, columns)``.
 
     Parameters
     ----------
     shape
         Rows and columns of the frame.
     lattice
-        Where the super-pixels lie; the middle of a super-pixel is on a centre of the lattice.
+        Positions of the super-pixels; the middle of each is a centre of the lattice.
     modulator
         Its values are at equal steps of the lattice's vectors.
     profile
-        ``"cells"``: a mask of even cells, each pixel the mean over its area (to 1/64 of it), within the mask's own
-        values; ``"sinusoids"``: the trigonometric polynomial through the values, as in optical heterodyning.
+        ``"cells"``: a mask of uniform cells, averaged over the area of each pixel (to 1/64 of it), so that values stay
+        within those of the mask. ``"sinusoids"``: the trigonometric polynomial through the values, as in optical
+        heterodyning.
 
     Raises
     ------
     InputError
-        If the profile is not known or the frame's size is none.
+        If the profile is unknown or the size of the frame is invalid.
 
     Examples
     --------
@@ -79,7 +80,7 @@ def lattice_transmissions(
     """
     check_choice("profile", profile, PROFILES)
     rows, columns = check_tuple("frame (rows, columns)", shape, 2, at_least=1, at_most=20_000, integer=True)
-    # rounding of bases, such as Fourier ones, is no light
+    # rounding errors of bases, such as Fourier ones, are not light
     table = np.round(modulator.matrix, 12).reshape(*modulator.side, -1)
     out = np.empty((modulator.count, rows, columns))
     for top in range(0, rows, max(1, VALUES_AT_ONCE // (columns * modulator.pixels))):
@@ -135,7 +136,7 @@ def sample_places(grid: ViewGrid) -> Array:
 
 
 def is_straight(lattice: MicroImageLattice) -> bool:
-    """Return whether the centres of a lattice lie in straight rows, as both routes of waves take them."""
+    """Return whether the centres of a lattice are in straight rows, as both routes with waves assume."""
     origin, along, across = _steps(lattice)
     far = lattice.centres_px(20, 20)
     return bool(np.abs(origin + 20 * (along + across) - far).max() <= MOST_BENT_PX)
@@ -149,7 +150,7 @@ def _steps(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
 def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
     """Return origin, along and across of a lattice as (row, column); it must be straight to be a lattice of waves."""
     if not is_straight(lattice):
-        raise InputError.expected("lattice", "a straight one", "a distorted one", "take route spatial, filter cubic")
+        raise InputError.expected("lattice", "a straight one", "a distorted one", "choose route spatial, filter cubic")
     return _steps(lattice)
 
 
@@ -158,8 +159,9 @@ def lattice_by_spectrum(
 ) -> Array:
     """Return the samples ``(N, n)`` at places (row, column) by theorem 2: tiles about each g_k, then decorrelation.
 
-    One transform of the frame and one per pixel of the super-pixel; frames are taken as periodic, so that samples less
-    than two super-pixels from the border see across it.
+    It takes one transform of the frame and one per pixel of the super-pixel. Frames are assumed to be periodic, so
+    samples
+    within two super-pixels of the border depend on the opposite border.
     """
     from scipy import fft
 
@@ -172,7 +174,7 @@ def lattice_by_spectrum(
         for k2, w2 in zip(*_harmonics(px), strict=True):
             inside = _tile(image.shape, along, across, int(k1), int(k2))
             tile = _demodulated(fft.ifft2(spectrum * inside), g @ np.array([k1, k2], float), origin)
-            # the super-pixel's first pixel lies (n - 1)/2n of a period before its middle
+            # the super-pixel's first pixel is (n - 1)/2n of a period before its middle
             phase = np.exp(-2j * np.pi * (k1 * (py - 1) / (2 * py) + k2 * (px - 1) / (2 * px)))
             tiles[(k1 % py) * px + k2 % px] += w1 * w2 * phase * _interpolated(tile, places)
     return np.asarray((_decorrelation(modulator, rcond) @ tiles).real)
@@ -181,7 +183,7 @@ def lattice_by_spectrum(
 def _tile(shape: tuple[int, ...], along: Array, across: Array, k1: int, k2: int) -> Array:
     """Return which share of each frequency of a frame (order of the transform) lies in the tile about g_k."""
     inside = np.zeros(shape)
-    for turn_y in (-1, 0, 1):  # a tile at the end of the band wraps to its other end
+    for turn_y in (-1, 0, 1):  # a tile at the end of the band wraps around
         for turn_x in (-1, 0, 1):
             fy, fx = (np.fft.fftfreq(n) + t for n, t in zip(shape, (turn_y, turn_x), strict=True))
             down = _share(fy[:, None] * across[0] + fx * across[1] - k1)  # in cycles per step of the lattice
@@ -226,14 +228,16 @@ def lattice_by_sinc(
 ) -> Array:
     """Return the samples ``(N, n)`` at places (row, column) by theorem 1 with a sinc.
 
-    The frame is sampled at each pixel of the super-pixels between the sensor's (by its trigonometric polynomial), each
-    channel is interpolated to the places by the waves of the lattice's cell, and decorrelated there. Takes about
+    The frame is evaluated at each pixel of the super-pixels, between those of the sensor, by its trigonometric
+    polynomial.
+    Each channel is interpolated to the places by the waves of the lattice's cell, and decorrelated there. It takes
+    about
     pixels x super-pixels operations for each channel, for up to 4096 super-pixels.
 
     Raises
     ------
     InputError
-        If the frame holds more super-pixels than that.
+        If the frame has more super-pixels than that.
     """
     image = np.asarray(frame, float)
     origin, along, across = _vectors(lattice)
@@ -261,7 +265,7 @@ def _cells(shape: tuple[int, ...], origin: Array, along: Array, across: Array) -
         raise InputError.expected("super-pixels for the sinc filter", f"up to {MOST_CELLS}", "more", "use filter cubic")
     q, r = (v.ravel() for v in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
     centres = origin + q[:, None] * along + r[:, None] * across
-    slack = 1e-6  # a lattice that closes over the frame has its first cell at the end as well
+    slack = 1e-6  # on a lattice that is periodic over the frame, the first cell also appears at the end
     inside = ((centres > -0.5 - slack) & (centres < np.array(shape) - 0.5 - slack)).all(1)
     return np.asarray(centres[inside])
 
@@ -282,7 +286,7 @@ def _off_grid(image: Array, places: Array) -> Array:
 
 def _dirichlet(t: Array, count: int) -> Array:
     """Return the periodic sinc of ``count`` samples at distances t."""
-    away = t - count * np.rint(t / count)  # within half a period, where only zero is a pole
+    away = t - count * np.rint(t / count)  # within half a period, where zero is the only pole
     on = np.abs(away) < 1e-12
     angle = np.pi * np.where(on, 0.5, away) / count
     bottom = np.sin(angle) if count % 2 else np.tan(angle)

@@ -1,8 +1,9 @@
 """Super-pixels of any pitch and angle: light fields behind a real lenslet lattice or mask.
 
-A channel of a sample is read linearly between pixels and between super-pixels, each pixel by its share h and its
-weight w: ``c = sum h w f / sum h w``. Where none of its pixels carries weight, those of the same channel within two
-super-pixels count. Decorrelation is weighted least squares; its noise is followed back to the pixels, of which
+A channel of a sample is interpolated linearly between pixels and between super-pixels. Each pixel counts by its share
+h
+and its weight w: ``c = sum h w f / sum h w``. If none of its pixels has weight, those of the same channel within two
+super-pixels are used. Decorrelation is weighted least squares. Its noise is computed from the pixels, because
 neighbouring channels may share some.
 """
 
@@ -43,7 +44,7 @@ class Offsets(NamedTuple):
     step_px: tuple[float, float]
 
     def of(self, channel: int) -> Array:
-        """Return where a channel, counted by rows, lies from its super-pixel's centre ``(row, column)``."""
+        """Return the offset ``(row, column)`` of a channel, counted by rows, from its super-pixel's centre."""
         place = np.divmod(channel, self.number[1])
         return np.array([(k - (n - 1) / 2) * s for k, n, s in zip(place, self.number, self.step_px, strict=True)])
 
@@ -78,20 +79,20 @@ def weighted_samples(
     matrix: Array | None = None,
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the samples ``(N, rows, columns)`` of a grid of super-pixels, and their deviation.
+    """Return the samples ``(N, rows, columns)`` of a grid of super-pixels, and their standard deviation.
 
     Parameters
     ----------
     frame, weights
-        ``(rows, columns)``; inverse variances, 0 where nothing was measured.
+        Frame ``(rows, columns)``, and inverse variances of its pixels, 0 where nothing was measured.
     grid
-        The super-pixels.
+        Grid of the super-pixels.
     offsets
-        Their channels.
+        Channels of each super-pixel.
     matrix
-        ``(channels, N)``: what the channels measured; None: the channels are the samples.
+        ``(channels, N)``: response of the channels to the samples; None: the channels are the samples.
     rcond
-        Of the decorrelation, as in `lfcal.multiplex.weighted.least_squares`.
+        Cut-off of the decorrelation, as in `lfcal.multiplex.weighted.least_squares`.
     """
     scale = float(weights.max())
     light, known = np.where(weights > 0, frame, 0.0).ravel(), (weights / scale).ravel()
@@ -226,9 +227,8 @@ def lattice_channels(
         Distance of channels (pixels), one number or (down, across). None: the pitch divided by ``size``.
     filter
         ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels; between super-pixels it is linear.
-    axes
-        ``"lattice"``: rows of super-pixels as they are, in the largest box of the lattice's own axes; ``"frame"``:
-        upright in the frame, between super-pixels (`lfcal.lattice.view_grid`).
+    ``"lattice"``: the super-pixels as they are, in the largest box along the lattice's axes. ``"frame"``: parallel to
+    the frame, interpolated between super-pixels (`lfcal.lattice.view_grid`).
     weights
         Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
         `lfcal.multiplex.pixel_weights`). The filter is then linear. `lattice_channels_weighted` also returns the
@@ -241,7 +241,7 @@ def lattice_channels(
     Raises
     ------
     InputError
-        If no super-pixel lies wholly in the frame, or an option is out of range.
+        If no super-pixel is completely inside the frame, or an option is out of range.
 
     Examples
     --------
@@ -273,7 +273,7 @@ def lattice_channels(
 def _check_linear(route: str, filter: str) -> None:
     """Raise unless the route and the filter are those that take weights."""
     if (route, filter) != ("spatial", "linear"):
-        remedy = "take route spatial, filter linear, or leave the weights out"
+        remedy = "choose route spatial, filter linear, or omit the weights"
         raise InputError.expected("route with weights", "spatial, linear", f"{route}, {filter}", remedy)
 
 
@@ -286,22 +286,23 @@ def lattice_channels_weighted(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> WeightedSamples:
-    """Return measurement channels ``(size, size, rows, columns)`` from what the pixels that count measured.
+    """Return measurement channels ``(size, size, rows, columns)`` from pixels with weight.
 
-    Linear between pixels and super-pixels, each pixel by its weight; where none of a channel's has any, those of the
-    super-pixels within two rows and columns count.
+    Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If no pixel of a channel
+    has
+    weight, those of the super-pixels within two rows and columns are used.
 
     Parameters
     ----------
     weights
-        Inverse variances ``(rows, columns)``, 0 where nothing was measured, which may then be anything.
+        Inverse variances ``(rows, columns)``, 0 where nothing was measured; the frame may have any value there.
     frame, lattice, size, spacing_px, axes
         As in `lattice_channels`.
 
     Returns
     -------
     WeightedSamples
-        With the standard deviation of each; infinite where nothing was measured.
+        Samples with their standard deviations, which are infinite where nothing was measured.
 
     Examples
     --------
@@ -330,7 +331,7 @@ def channel_grid(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> ViewGrid:
-    """Return which super-pixels of a frame of ``shape`` `lattice_channels` takes; raises as it does.
+    """Return the super-pixels of a frame of ``shape`` that `lattice_channels` uses; raises the same errors.
 
     Examples
     --------
@@ -407,7 +408,7 @@ def demultiplex_lattice(
     frame, lattice, axes, workers
         As in `lattice_channels`.
     modulator
-        Modulator of one super-pixel of a light field; its values lie at equal steps of the lattice's vectors.
+        Modulator of one super-pixel of a light field; its values are at equal steps of the lattice's vectors.
     route
         ``"spatial"`` (theorem 1) or ``"fourier"`` (theorem 2): tiles of the spectrum around the lattice's frequencies,
         for any pitch and angle. This equals the spatial route with a sinc filter if the frame has no content between
@@ -425,7 +426,7 @@ def demultiplex_lattice(
     Raises
     ------
     InputError
-        If the modulator is not a single super-pixel of a light field, or the frame holds none.
+        If the modulator is not a single super-pixel of a light field, or none is inside the frame.
 
     Examples
     --------
@@ -475,15 +476,15 @@ def demultiplex_lattice_weighted(
     axes: str = "lattice",
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the views ``(N, rows, columns)`` behind a real lattice and their deviation, by weighted least squares.
+    """Return the views ``(N, rows, columns)`` behind a real lattice, and their deviation, by weighted least squares.
 
-    Channels are read as `lattice_channels_weighted` does and decorrelated with the weights that follow (theorem 1 with
-    noise). The deviation counts that neighbouring channels share pixels where the pitch is no whole number.
+    Channels are computed as in `lattice_channels_weighted` and decorrelated with the resulting weights (theorem 1 with
+    noise). The deviation includes that neighbouring channels share pixels if the pitch is not a whole number.
 
     Parameters
     ----------
     weights
-        Inverse variances ``(rows, columns)``, 0 where nothing was measured, which may then be anything.
+        Inverse variances ``(rows, columns)``, 0 where nothing was measured; the frame may have any value there.
     frame, lattice, modulator, axes, rcond
         As in `demultiplex_lattice`.
 

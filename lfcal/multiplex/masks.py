@@ -1,6 +1,6 @@
 """Light-field modulators: pinholes, lenslets, MURA and sum-of-sinusoids masks, masks at a distance.
 
-Their gain is compared with a bound that no mask exceeds, and with the best of all small open-or-closed masks.
+Their gain can be compared with an upper bound for any mask, and with the best of all small binary masks.
 """
 
 from __future__ import annotations
@@ -32,27 +32,29 @@ MASKS = ("pinhole", "lenslet", "MURA", "sum_of_sinusoids")
 MAX_SIZE = math.isqrt(MAX_SAMPLES)
 
 MAX_SHIFT_PX = 1e4
-"""Largest motion of the shadow from view to view; the blur of a view is summed over as many periods."""
+"""Largest shift of the shadow from view to view (pixels); the blur of a view is summed over as many periods."""
 
 
 def mask(kind: str, size: int) -> Modulator:
-    """Return a light-field modulator of ``size`` x ``size`` pixels and as many views (Ihrke et al., section 4.2).
+    """Return a light-field modulator with ``size`` x ``size`` pixels and as many views (Ihrke et al., section 4.2).
 
-    Attenuation masks lie where neighbouring views shift their shadow by one pixel: A is the circulant matrix of the
-    mask's pattern, Sigma = F^-1 M-hat and Pi^T = F (equation 9). The pinhole's is the identity; the lenslet's is N
-    times the identity, as it gathers the light of the whole super-pixel for each view.
+    Attenuation masks are at a distance at which neighbouring views shift their shadow by one pixel. A is then the
+    circulant
+    matrix of the mask's pattern, Sigma = F^-1 M-hat and Pi^T = F (equation 9). For the pinhole it is the identity.
+    For the
+    lenslet it is N times the identity, because it collects the light of the whole super-pixel for each view.
 
     Parameters
     ----------
     kind
         ``"MURA"``, ``"pinhole"``, ``"lenslet"`` or ``"sum_of_sinusoids"``.
     size
-        Pixels along a side: an odd prime for MURA, odd for sinusoids, anything from 1 for the others.
+        Side in pixels: an odd prime for MURA, an odd number for sinusoids, any number for the others.
 
     Raises
     ------
     InputError
-        If there is no such mask.
+        If no such mask exists.
 
     Examples
     --------
@@ -127,7 +129,7 @@ def _sinusoids(p: int) -> Array:
 
 
 def dirichlet_minimum(p: int) -> float:
-    """Return the least value of D(x) = sin(pi x)/sin(pi x/p) over real x, ``p`` odd (1 for p = 1)."""
+    """Return the minimum of D(x) = sin(pi x)/sin(pi x/p) over real x, for odd ``p`` (1 for p = 1)."""
     if p == 1:
         return 0.0
     from scipy.optimize import minimize_scalar
@@ -143,23 +145,26 @@ def dirichlet_minimum(p: int) -> float:
 def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float = 0.0, name: str = "mask") -> Modulator:
     """Return the modulator of a periodic mask in front of the sensor, i(x) = sum_v l(x, v) m(x - s v) (equation 9).
 
-    The mask is made of cells of one pixel, and a transmission is the mean of the shadow over the pixel and over the
-    directions of the view: it stays within the mask's own, and each view's light through a whole super-pixel is that
-    through the mask, whatever the shift. Sigma = F^-1 M-hat, and Pi^T holds the Fourier transform of a moved cell as
-    a pixel and a view see it: exp(-2 pi i s v w), the Fourier basis itself for s = 1, for whole shifts and views
-    without extent. With s = 0 (mask on the sensor) all views pass the same mask and only their sum can be recovered.
+    The mask consists of cells of one pixel. A transmission is the mean of the shadow over the pixel and over the
+    directions of the view. It therefore stays within the mask's values, and each view's light through a whole
+    super-pixel
+    is that through the mask for any shift. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a moved
+    cell for
+    a pixel and a view: exp(-2 pi i s v w), the Fourier basis for s = 1, for whole shifts and views without extent.
+    With
+    s = 0 (mask on the sensor), all views pass the same mask and only their sum can be recovered.
 
     Parameters
     ----------
     pattern
         Transmission ``(rows, columns)`` of one period, one value per pixel.
     shift_px
-        s: by how many pixels the mask's shadow moves from one view to the next (`shadow_shift_px`).
+        Shift s of the mask's shadow from one view to the next (pixels, `shadow_shift_px`).
     view_width
-        Share of the step from one view to the next that a view spans, 0 … 1. 0: one direction each, as in the
-        paper's sum; 1: views that touch, as behind an aperture without gaps, whose shadows are blurred by s pixels.
+        Extent of a view, relative to the step between views, 0 … 1. 0: a single direction, as in the paper's sum. 1:
+        adjacent views without gaps, as behind a full aperture, whose shadows are blurred by s pixels.
     name
-        For tables and plots.
+        Name in tables and plots.
 
     Raises
     ------
@@ -208,7 +213,7 @@ def _moved_cell(n: int, shift: float, view_width: float) -> NDArray[np.complex12
     distance = np.arange(n) - shift * views[:, None]  # from the shadow of the first cell to each pixel
     nearest = distance - n * np.rint(distance / n)
     seen = np.zeros((n, n))
-    reach = math.ceil((1 + width / 2) / n) + 1  # periods of the mask that one pixel may see
+    reach = math.ceil((1 + width / 2) / n) + 1  # number of mask periods that one pixel may see
     for period in range(-reach, reach + 1):
         seen += cell_overlap(nearest + n * period, width)
     result: NDArray[np.complex128] = seen @ _fourier(n)
@@ -216,13 +221,14 @@ def _moved_cell(n: int, shift: float, view_width: float) -> NDArray[np.complex12
 
 
 def cell_overlap(distance: ArrayLike, blur: float) -> Array:
-    """Return which share of a pixel one mask cell of a pixel's width covers, blurred over ``blur`` pixels.
+    """Return the share of a pixel covered by a mask cell of one pixel's width, blurred over ``blur`` pixels.
 
-    The convolution of three boxes at ``distance`` (pixels) between their middles: cell, pixel and the way that the
-    shadow moves within a view. Over all pixels it adds up to one.
+    It is the convolution of three boxes (cell, pixel, and movement of the shadow within a view) at ``distance``
+    between
+    their middles (pixels). The sum over all pixels is one.
     """
     t = np.asarray(distance, float)
-    if blur < 1e-6:  # below, the difference of the integrals would be rounding
+    if blur < 1e-6:  # below this, the difference of the integrals would be rounding errors
         return np.asarray(np.maximum(0.0, 1.0 - np.abs(t)))
     ends = [np.clip(t + sign * blur / 2, -1.0, 1.0) for sign in (1, -1)]
     # the integral of the triangle 1 - |t| up to each end
@@ -237,14 +243,14 @@ def _range_words(values: Array) -> str:
 
 
 def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> float:
-    """Return by how many pixels the shadow of a mask moves per view: z dv / pixel.
+    """Return the shift of a mask's shadow per view in pixels: z dv / pixel.
 
     Parameters
     ----------
     distance_um
         Distance z of mask and sensor (µm).
     view_step
-        Step dv between views, tangent of the angle.
+        Step dv between views (tangent of the angle).
     pixel_um
         Pixel pitch (µm).
 
@@ -261,11 +267,11 @@ def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> fl
 
 
 MAX_EXHAUSTIVE = 4
-"""Side up to which all open-or-closed masks are tried: 65 536 of 4 x 4 px."""
+"""Side up to which all binary masks are tried: 65 536 with 4 x 4 px."""
 
 
 def noise_shares(chi2: float) -> tuple[float, float]:
-    """Return the shares of additive and of photon noise at chi^2, 0 … inf."""
+    """Return the shares of additive and of photon noise at ``chi2``, 0 … inf."""
     if not chi2 >= 0:
         raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
     additive = 1.0 / (1.0 + chi2)
@@ -273,18 +279,20 @@ def noise_shares(chi2: float) -> tuple[float, float]:
 
 
 def mask_gain_bound(size: int, chi2: float) -> float:
-    """Return a gain over the pinhole (dB) that no mask of ``size`` x ``size`` pixels exceeds at ``chi2``.
+    """Return an upper bound on the gain over the pinhole (dB) of any mask of ``size`` x ``size`` pixels at ``chi2``.
 
-    Of the N Fourier weights of a mask that lets the share tau through, the zeroth is N tau, and the others add up to
-    at most N^2 tau (1 - tau) in square, as transmissions lie within 0 and 1. The noise adds up their inverse squares,
-    which are least where all others are equal; tau is then chosen best. Masks of cyclic difference sets reach it.
+    Consider the N Fourier weights of a mask with transmission tau. The zeroth is N tau. The sum of squares of the
+    others
+    is at most N^2 tau (1 - tau), because transmissions are between 0 and 1. The noise is the sum of their inverse
+    squares,
+    which is smallest if all others are equal; tau is then optimized. Masks of cyclic difference sets reach this bound.
 
     Parameters
     ----------
     size
-        Pixels along a side, as many as views.
+        Side of the mask, and number of views along a side (pixels).
     chi2
-        The camera's, 0 … inf.
+        Ratio chi^2 of the camera, 0 … inf.
 
     Examples
     --------
@@ -307,7 +315,7 @@ def mask_gain_bound(size: int, chi2: float) -> float:
         amplified = (1 / tau + (n - 1) ** 2 * (1 / (1 - tau))) / tau / n**3
         return math.log(amplified * (additive + photon * tau))
 
-    # 1/tau^2 + c/(tau (1 - tau)) times a line has one minimum; the grid keeps the search in its valley
+    # 1/tau^2 + c/(tau (1 - tau)) times a line has one minimum; the grid brackets it
     grid = (np.arange(4 * n) + 0.5) / (4 * n)
     k = int(np.argmin([log_noise(tau) for tau in grid]))
     step = 1 / (4 * n)
@@ -318,7 +326,7 @@ def mask_gain_bound(size: int, chi2: float) -> float:
 
 
 def best_binary_mask(size: int, chi2: float) -> Array:
-    """Return the pattern ``(size, size)`` of open and closed pixels with most gain, by trying all.
+    """Return the binary pattern ``(size, size)`` with the largest gain, by trying all.
 
     Raises
     ------
@@ -341,7 +349,7 @@ def best_binary_mask(size: int, chi2: float) -> Array:
     for part in np.array_split(codes, -(-len(codes) // 8192)):
         masks = ((part[:, None] >> np.arange(n)) & 1).astype(float).reshape(-1, size, size)
         power = np.abs(np.fft.fft2(masks)) ** 2
-        # a weight of zero is a sample lost: rounding must not make a large number of it
+        # a weight of zero means a lost sample; rounding must not turn its inverse into a large number
         lost = (power < 1e-9).any((1, 2))
         noise = (1 / np.where(power < 1e-9, 1.0, power)).sum((1, 2)) * (additive + photon * masks.mean((1, 2)))
         noise[lost] = math.inf

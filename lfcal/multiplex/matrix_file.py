@@ -1,4 +1,4 @@
-"""Modulators of one's own from files: matrices as ``.npy`` or ``.json``."""
+"""Read and write modulators as matrices in ``.npy`` or ``.json`` files."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light
 
 
 def load_modulator(path: str | os.PathLike[str]) -> Modulator:
-    """Return the modulator of a file.
+    """Read a modulator from a file.
 
     ``.npy``: transmissions ``(rows, columns, N)`` of a super-pixel, or ``(K, N)`` of a square one. ``.json``: the same
-    as nested lists, or an object with them as ``matrix`` and, where wanted, ``side``, ``name``, ``views``, ``colours``,
+    as nested lists, or an object with the entry ``matrix`` and optionally ``side``, ``name``, ``views``, ``colours``,
     ``cell``, ``lenslets``, ``light`` as in `lfcal.multiplex.Modulator`.
 
     Raises
     ------
     FileFormatError
-        If it holds no such matrix.
+        If the file does not contain such a matrix.
     StorageError
-        If there is no such file.
+        If the file does not exist.
 
     Examples
     --------
@@ -65,18 +65,18 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
 
 
 def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
-    """Write a modulator, whole or not at all; `load_modulator` reads it.
+    """Write a modulator to a file that `load_modulator` reads; a failed write leaves no partial file.
 
-    ``.json`` keeps all of it, views and colours too; ``.npy`` its transmissions ``(rows, columns, N)`` alone.
+    ``.json`` stores everything, including views and colours; ``.npy`` only the transmissions ``(rows, columns, N)``.
 
     Raises
     ------
     InputError
-        If the name ends otherwise.
+        If the file name has another suffix.
     """
     file = Path(path)
     if file.suffix.lower() not in MATRIX_SUFFIXES:
-        raise InputError.expected("file of a modulator", " or ".join(MATRIX_SUFFIXES), file.name, "name it so")
+        raise InputError.expected("file of a modulator", " or ".join(MATRIX_SUFFIXES), file.name, "use one of these")
     if file.suffix.lower() == ".json":
         kept = {key: getattr(modulator, key) for key in sorted(KEYS)}
         text = json.dumps(plain(kept), indent=None, allow_nan=False)

@@ -1,4 +1,4 @@
-"""Plenoptic modulators as separable bases: what each pixel of a super-pixel measures."""
+"""Plenoptic modulators as separable bases, which define the measurement of each pixel of a super-pixel."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 Basis = NDArray[Any]
 
 MAX_SAMPLES = 4096
-"""Plenoptic samples (and pixels of a super-pixel) up to which dense matrices are kept."""
+"""Largest number of plenoptic samples, and of pixels of a super-pixel."""
 
 
 def default_rcond(shape: tuple[int, int]) -> float:
-    """Return the share of the largest singular value below which one counts as zero: larger side times epsilon."""
+    """Return the threshold, relative to the largest singular value, below which singular values count as zero."""
     return max(shape) * float(np.finfo(float).eps)
 
 
@@ -30,14 +30,15 @@ def default_rcond(shape: tuple[int, int]) -> float:
 class Modulator:
     """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., equation 2).
 
-    Conventions: the light at a pixel is one, spread as `light` over the N plenoptic samples, by default 1/N each. A
-    pixel that takes a sample whole has entry 1 in `matrix`; a lenslet gathers for its pixel the light of the whole
-    super-pixel and has N.
+    Conventions: the light at a pixel is one, distributed over the N plenoptic samples as in `light`, by default 1/N
+    each. A
+    pixel that measures a sample completely has the entry 1 in `matrix`. A lenslet collects the light of the whole
+    super-pixel for its pixel and has the entry N.
 
     Attributes
     ----------
     name
-        For tables and plots.
+        Name in tables and plots.
     side
         Pixels ``(rows, columns)`` of the super-pixel; K = rows * columns, counted by rows.
     spatial
@@ -45,16 +46,16 @@ class Modulator:
     plenoptic
         Pi ``(N, J)``: columns are the plenoptic basis functions over the N samples.
     views
-        Directions ``(rows, columns)`` among the samples.
+        Number of directions ``(rows, columns)`` in the samples.
     colours
         Names of the samples of each direction: colours, spectral bands, Stokes parameters, moments, or products of
         these; empty for a light field of one colour.
     cell
         Pixels ``(rows, columns)`` of one super-pixel of the light field; (1, 1) for a colour filter array.
     lenslets
-        Whether all pixels of a cell sample the light where its lenslet is, not each at its own place.
+        Whether all pixels of a cell sample the light at the place of their lenslet, instead of each at its own place.
     light
-        Samples ``(N,)`` of unmodulated light that a bare pixel records as one; 1/N each by default.
+        Samples ``(N,)`` of unmodulated light, which a bare pixel records as one; 1/N each by default.
 
     Samples are ordered by view, by rows, and within a view by colour.
 
@@ -132,7 +133,7 @@ class Modulator:
 
     @property
     def positions(self) -> tuple[Array, Array]:
-        """Where the rows and the columns of the super-pixel sample the light (pixels from its first pixel)."""
+        """Positions at which rows and columns of the super-pixel sample the light (pixels from its first pixel)."""
         rows, columns = (
             np.asarray(np.arange(n) // c * c + (c - 1) / 2 if self.lenslets else np.arange(n), float)
             for n, c in zip(self.side, self.cell, strict=True)
@@ -145,7 +146,7 @@ class Modulator:
         product = self.spatial @ self.plenoptic.T
         if np.iscomplexobj(product):
             worst = float(np.abs(product.imag).max(initial=0.0))
-            # complex bases (Fourier) must multiply to a real transmission; more than rounding is an error of the
+            # complex bases (Fourier) must have a real product; an imaginary part above rounding is an error of the
             # bases
             if worst > 1e-9 * max(1.0, float(np.abs(product).max(initial=0.0))):
                 raise InputError.expected(
@@ -159,7 +160,7 @@ class Modulator:
     @cached_property
     def _decomposition(self) -> tuple[Basis, Array, Basis]:
         """Singular value decomposition of `matrix`, largest value first; the bases themselves where orthogonal."""
-        # columns of orthogonal bases are the singular vectors already: a mask of 4096 samples needs no decomposition
+        # columns of orthogonal bases are already the singular vectors, so no decomposition is needed
         if not (_orthogonal(self.spatial) and _orthogonal(self.plenoptic)):
             left, values, right = np.linalg.svd(self.matrix, full_matrices=False)
             return left, values, right
@@ -182,17 +183,17 @@ class Modulator:
         return kept
 
     def rank(self, rcond: float | None = None) -> int:
-        """Return how many independent combinations of the samples are measured."""
+        """Return the number of independent combinations of the samples that are measured."""
         return int(self._kept(rcond).sum())
 
     @property
     def condition(self) -> float:
-        """Largest over smallest singular value over the N samples; infinite where some are not recoverable."""
+        """Ratio of the largest to the smallest singular value; infinite if some samples cannot be recovered."""
         values = self.singular_values
         return float(values[0] / values[-1]) if self.rank() == self.count else math.inf
 
     def inverse(self, rcond: float | None = None) -> Array:
-        """Return the pseudo-inverse A^+ ``(N, K)``: least squares, of least norm where something is not measured.
+        """Return the pseudo-inverse A^+ ``(N, K)``: the least-squares solution of smallest norm.
 
         Parameters
         ----------
@@ -207,7 +208,7 @@ class Modulator:
         return result
 
     def lost(self, rcond: float | None = None) -> Array:
-        """Return for each sample the share ``(N,)`` of it that cannot be recovered: 0 wholly there, 1 not measured."""
+        """Return the unrecoverable share ``(N,)`` of each sample: 0 fully recovered, 1 not measured."""
         right = self._decomposition[2][self._kept(rcond)]
         share: Array = np.clip(1.0 - (np.abs(right) ** 2).sum(0), 0.0, 1.0)
         share[share < 1e-12] = 0.0
@@ -233,7 +234,7 @@ class Modulator:
         return result
 
     def shifted(self, rows: int, columns: int) -> Modulator:
-        """Return the same modulator with its pattern moved down and to the right by whole pixels."""
+        """Return the modulator with its pattern moved down and to the right by whole pixels."""
         if self.lenslets and (rows % self.cell[0] or columns % self.cell[1]):
             raise InputError.expected(
                 f"shift of {self.name}",
@@ -265,7 +266,7 @@ def _orthogonal(basis: Basis) -> bool:
 def _product(one: Modulator, two: Modulator) -> Modulator:
     side = (math.lcm(one.side[0], two.side[0]), math.lcm(one.side[1], two.side[1]))
     _check_factors(one, two, max(math.prod(side), one.count * two.count))
-    # a pattern of transmissions of both: every pair of basis functions multiplies
+    # product of two transmission patterns: multiply every pair of basis functions
     spatial = (_tiled(one, side)[:, :, None] * _tiled(two, side)[:, None, :]).reshape(math.prod(side), -1)
     order = _order(one, two)
     return Modulator(
@@ -333,7 +334,7 @@ def modulator_from_matrix(
     lenslets: bool = False,
     light: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a modulator of which only the transmissions ``matrix`` ``(K, N)`` are known: Sigma = A, Pi = identity.
+    """Return a modulator from its transmissions ``matrix`` ``(K, N)``: Sigma = A, Pi = identity.
 
     The other arguments are those of `Modulator`.
 

@@ -1,4 +1,4 @@
-"""Modulators by the names people write."""
+"""Create modulators from names."""
 
 from __future__ import annotations
 
@@ -22,24 +22,26 @@ GRAMMAR = (
     "Bayer, RG/GB, MURA:11, lenslet:5, nd:1,0.25/0.0625,0.25, polarisers:0,45/135,90, bands:RG/GB:3, "
     "shutter:100,010/001,111, cameras:2x2, FILE.npy, FILE.json, or these joined by *"
 )
-"""How modulators are written."""
+"""Examples of names, for messages."""
 
 BAND_TABLES = ("filters", "efficiency", "illuminant")
-"""Tables of one's own that ``bands:`` takes: files of `read_spectra`, or what ships (silicon, A, D65)."""
+"""Tables that ``bands:`` accepts: files for `read_spectra`, or those included in lfcal (silicon, A, D65)."""
 
 
 def is_whole(text: str) -> bool:
-    """Return whether a text is a whole number as people write sizes: plain digits, fewer than ten."""
+    """Return whether a text is a whole number of fewer than ten plain digits."""
     return text.isascii() and text.isdigit() and len(text) < 10
 
 
 def modulator_of(text: str) -> Modulator:
-    """Return the modulator written as `GRAMMAR` says: a name, a matrix file, or several of these joined by ``*``.
+    """Create a modulator from a name, a matrix file, or several of these joined by ``*`` (see `GRAMMAR`).
 
-    ``nd:`` gives transmissions, ``polarisers:`` angles in degrees, by rows parted by slashes; ``bands:PATTERN:N`` the
-    shipped model filters over N bands of 400 … 700 nm behind silicon, or with tables of one's own (`spectral_array`,
-    `read_spectra`) as in ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``; ``shutter:`` for
-    each pixel in which moments it is open; ``cameras:2x2`` an array of cameras.
+    ``nd:`` gives transmissions and ``polarisers:`` angles in degrees, in rows separated by slashes.
+    ``bands:PATTERN:N``
+    uses the included model filters for N bands of 400 … 700 nm on silicon; other tables (`spectral_array`,
+    `read_spectra`) are given as in ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``.
+    ``shutter:``
+    gives the moments in which each pixel is open, and ``cameras:2x2`` an array of cameras.
 
     Examples
     --------
@@ -90,7 +92,7 @@ def _bands(text: str) -> Modulator:
         what, _, table = (word.strip() for word in words.partition("="))
         if what not in BAND_TABLES or what in tables or not table:
             wanted = " or ".join(f"{name}=FILE.csv" for name in BAND_TABLES)
-            raise InputError.expected("tables of the bands", wanted, repr(words)[:60], "name each once, with commas")
+            raise InputError.expected("tables of the bands", wanted, repr(words)[:60], "give each once, with commas")
         tables[what] = _spectra(table)
     tables.setdefault("efficiency", shipped_spectra("silicon"))
     filters, efficiency, illuminant = (tables.get(what) for what in BAND_TABLES)

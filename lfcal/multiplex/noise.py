@@ -1,6 +1,6 @@
-"""Noise of multiplexed acquisition: transmission, amplification, gain of signal to noise (equations 12 to 14).
+"""Noise of multiplexed acquisition: transmission, noise amplification, and gain of SNR (equations 12 to 14).
 
-Beyond equation 14: gains of each sample, and of the user's sensor with all of its noise.
+In addition to equation 14: gains of each sample, and for a sensor with all of its noise.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ __all__ = [
 Array = NDArray[np.float64]
 
 PAPER_CAMERAS: Mapping[str, float] = {"PG Dragonfly": 10**-0.93}
-"""chi^2 of the camera whose value the paper prints (section 5)."""
+"""chi^2 of the camera in the paper (section 5)."""
 
 
 def transmission(modulator: Modulator) -> float:
-    """Return tau: mean share of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12).
+    """Return tau, the mean share of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12).
 
     Examples
     --------
@@ -58,10 +58,11 @@ def transmission(modulator: Modulator) -> float:
 
 
 def amplification(modulator: Modulator, *, rcond: float | None = None, recoverable: bool = False) -> float:
-    """Return alpha = sqrt(trace((Pi Sigma^T Sigma Pi^T)^-1) / N): rms noise of a sample per noise of a pixel.
+    """Return alpha = sqrt(trace((Pi Sigma^T Sigma Pi^T)^-1) / N), the ratio of a sample's rms noise to that of a pixel.
 
-    Infinite where some combination of samples is not measured at all; with ``recoverable`` the rms over the
-    combinations that are. Singular values up to ``rcond`` of the largest count as zero.
+    It is infinite if some combination of samples is not measured; with ``recoverable``, it is the rms over the
+    measured
+    combinations. Singular values up to ``rcond`` times the largest count as zero.
 
     Examples
     --------
@@ -86,23 +87,24 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float) -> float: 
 @overload
 def snr_gain(modulator: Modulator, reference: Modulator, chi2: Sequence[float] | Array) -> Array: ...
 def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[float] | Array) -> float | Array:
-    """Return the gain of signal to noise over ``reference`` (dB), 10 log10(alpha_ref s_ref / (alpha s)) (equation 14).
+    """Return the SNR gain over ``reference`` (dB), 10 log10(alpha_ref s_ref / (alpha s)) (equation 14).
 
-    s^2 = s_c^2 + tau s_p^2 with chi^2 = s_p^2 / s_c^2 (equation 12). Super-pixels of unlike size are compared per
-    pixel: alpha is taken times sqrt(K), so that a pattern written twice gains nothing; for equal super-pixels this
-    is the printed equation. A modulator that does not recover every sample has gain minus infinity.
+    s^2 = s_c^2 + tau s_p^2 with chi^2 = s_p^2 / s_c^2 (equation 12). Super-pixels of different size are compared per
+    pixel: alpha is multiplied by sqrt(K), so that repeating a pattern gains nothing. For equal super-pixels, this is
+    the
+    printed equation. A modulator that does not recover every sample has a gain of minus infinity.
 
     Parameters
     ----------
     modulator, reference
-        Of the same number of plenoptic samples.
+        Modulators with the same number of plenoptic samples.
     chi2
         Ratio of signal-dependent to signal-independent noise variance, 0 … inf; a number or an array.
 
     Raises
     ------
     InputError
-        If the two recover unlike samples, the reference does not recover all, or chi2 is negative.
+        If the two have different samples, the reference does not recover all of them, or chi2 is negative.
 
     Examples
     --------
@@ -127,28 +129,29 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
             reference.rank(),
             "choose one that recovers every sample",
         )
-    # 10 log10 of a ratio of deviations is 5 log10 of one of variances
+    # 10 log10 of a ratio of deviations is 5 log10 of that of variances
     result = 5 * (np.log10(_variance(reference, ratios)) - np.log10(_variance(modulator, ratios)))
     return result if result.ndim else float(result)
 
 
 def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
-    """Return the decorrelation ``(N, K)`` of least noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss and Markov).
+    """Return the decorrelation ``(N, K)`` with the smallest noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss and Markov).
 
-    For square super-pixels of full rank it is the plain inverse; where there are more pixels than samples it trusts
-    the quieter ones.
+    For square super-pixels of full rank, it is the plain inverse. If there are more pixels than samples, it gives less
+    noisy pixels more weight.
 
     Parameters
     ----------
     modulator
-        What the pixels measured.
+        Modulator of the pixels.
     covariance
-        Of the noise of the pixels of a super-pixel: variances ``(K,)`` above 0, or a positive definite ``(K, K)``.
+        Noise covariance of a super-pixel's pixels: positive variances ``(K,)``, or a positive definite matrix ``(K,
+        K)``.
 
     Raises
     ------
     InputError
-        If it is no covariance of the super-pixel's pixels.
+        If it is not a covariance of the super-pixel's pixels.
 
     Examples
     --------
@@ -172,7 +175,7 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
 def pixel_variance(modulator: Modulator, chi2: float) -> Array:
     """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a share of s_c^2 + s_p^2.
 
-    Equation 12 with each pixel's own light in place of the mean.
+    Equation 12 with the light of each pixel instead of the mean.
 
     Examples
     --------
@@ -190,7 +193,7 @@ def pixel_variance(modulator: Modulator, chi2: float) -> Array:
 
 
 def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
-    """Return how much the noise-optimal decorrelation gains over the plain one (dB, 0 or more) in unmodulated light.
+    """Return the gain of the noise-optimal decorrelation over the plain one (dB, 0 or more) in unmodulated light.
 
     Examples
     --------
@@ -203,7 +206,7 @@ def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
     variance = pixel_variance(modulator, chi2)
     plain, best = modulator.inverse(), noise_optimal_inverse(modulator, variance)
     gain = 5 * math.log10(float((plain**2 @ variance).sum()) / float((best**2 @ variance).sum()))
-    # none is a rounding below where the plain inverse is the best already
+    # rounding may give a negative gain if the plain inverse is already optimal
     return max(0.0, gain)
 
 
@@ -223,11 +226,11 @@ def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -
     Parameters
     ----------
     sensor
-        Its full well, read noise, dark current and quantisation are used (`sensor_noise`); inf without any of these.
+        Sensor with full well, read noise, dark current and quantization (`sensor_noise`); without noise, chi^2 is inf.
     gain
         Amplifier gain: full scale is reached at full well over gain (electrons).
     exposure_s
-        Time in which dark current gathers (s).
+        Exposure time, for the dark current (s).
 
     Examples
     --------
@@ -249,13 +252,13 @@ class GainCurves:
     Attributes
     ----------
     names
-        Of the modulators.
+        Names of the modulators.
     reference
         Name of the reference.
     chi2
-        ``(n,)``.
+        Values of chi^2 ``(n,)``.
     gains
-        ``(len(names), n)`` in dB.
+        Gain of each modulator ``(len(names), n)`` (dB).
     alpha, tau
         Amplification and transmission of each modulator.
     cameras
@@ -286,9 +289,9 @@ def gain_curves(
     *,
     cameras: Mapping[str, float] | None = None,
 ) -> GainCurves:
-    """Return `GainCurves` of ``modulators`` over ``reference``; by default chi^2 from 1e-4 to 1e4.
+    """Return the gains of ``modulators`` over ``reference``, by default for chi^2 from 1e-4 to 1e4.
 
-    ``cameras`` adds markers, name to chi^2 (`camera_chi2`), to those of the paper.
+    ``cameras`` maps names to chi^2 (`camera_chi2`) and adds markers to those of the paper.
 
     Examples
     --------
@@ -321,16 +324,16 @@ def monte_carlo_gain(
     trials: int = 4000,
     noise: str = "mean",
 ) -> float:
-    """Return the gain (dB) measured on simulated acquisitions of unmodulated light, each decorrelated by least squares.
+    """Measure the gain (dB) on simulated acquisitions of unmodulated light, each decorrelated by least squares.
 
     Parameters
     ----------
     modulator, reference, chi2
         As in `snr_gain`.
     rng
-        Source of the noise.
+        Random generator for the noise.
     trials
-        Super-pixels acquired with each modulator.
+        Number of super-pixels acquired with each modulator.
     noise
         Noise model. ``"mean"``: every pixel has the variance of equation 12. ``"pixel"``: each pixel has the shot
         noise of the light it receives.
@@ -358,7 +361,7 @@ def _error(modulator: Modulator, chi2: float, rng: np.random.Generator, trials: 
     deviation = np.sqrt(additive + (1.0 - additive) * level)
     inverse = modulator.inverse()
     total = 0.0
-    for start in range(0, trials, 512):  # bounded memory: a large mask has thousands of pixels
+    for start in range(0, trials, 512):  # limits memory, because a large mask has thousands of pixels
         n = min(512, trials - start)
         seen = light + deviation * rng.standard_normal((n, len(light)))
         total += float(((seen @ inverse.T - even) ** 2).sum())
@@ -375,13 +378,13 @@ class GainMap:
     Attributes
     ----------
     modulator, reference
-        Names.
+        Names of both modulators.
     samples
-        Names of the samples: wavelengths where these are bands.
+        Names of the samples; wavelengths for spectral bands.
     chi2
-        ``(n,)``.
+        Values of chi^2 ``(n,)``.
     gains
-        ``(N, n)`` in dB; minus infinity where the modulator does not recover the sample.
+        Gain of each sample ``(N, n)`` (dB); minus infinity if the modulator does not recover it.
 
     Examples
     --------
@@ -401,17 +404,18 @@ class GainMap:
 
 
 def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None = None) -> GainMap:
-    """Return the gain of each sample over ``reference`` (dB), of which `snr_gain` is the mean in variance.
+    """Return the gain of each sample over ``reference`` (dB); `snr_gain` is their mean in variance.
 
-    The noise of sample n is that of its row of the decorrelation, s^2 sum_k (A^+)_nk^2 with equation 12's s; unlike
+    The noise of sample n is that of its row of the decorrelation, s^2 sum_k (A^+)_nk^2, with s of equation 12.
+    Different
     super-pixels are compared per pixel.
 
     Parameters
     ----------
     modulator, reference
-        Of the same samples; the reference must recover all.
+        Modulators with the same samples; the reference must recover all.
     chi2
-        0 … inf; by default from 1e-4 to 1e4.
+        Values of chi^2, 0 … inf; by default from 1e-4 to 1e4.
 
     Examples
     --------
@@ -444,11 +448,11 @@ def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation:
     Parameters
     ----------
     modulator
-        Samples that are not recovered have an infinite deviation.
+        The modulator; samples that it does not recover have an infinite deviation.
     noise
-        The camera's, `lfcal.multiplex.sensor_noise`.
+        Noise of the camera, `lfcal.multiplex.sensor_noise`.
     decorrelation
-        ``"plain"``: least squares; ``"optimal"``: `lfcal.multiplex.noise_optimal_inverse` of this noise.
+        ``"plain"``: least squares; ``"optimal"``: `lfcal.multiplex.noise_optimal_inverse` for this noise.
 
     Examples
     --------
@@ -459,7 +463,7 @@ def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation:
     """
     check_choice("decorrelation", decorrelation, DECORRELATIONS)
     variance = noise.variance(modulator.matrix @ modulator.light * noise.full_e) / noise.full_e**2
-    if decorrelation == "optimal":  # shot noise of a pixel in the dark is none: rounding keeps it a variance
+    if decorrelation == "optimal":  # a dark pixel has no shot noise; a tiny value keeps its variance positive
         inverse = noise_optimal_inverse(modulator, np.maximum(variance, 1e-12 * variance.max()))
     else:
         inverse = modulator.inverse()
@@ -473,7 +477,7 @@ def sensor_gain(
 ) -> float:
     """Return the gain over ``reference`` (dB) for a camera's own noise, at equal exposure, compared per pixel.
 
-    Equation 14 with the noise of every pixel's own light, where `snr_gain` takes the mean light of all pixels.
+    It is equation 14 with the noise of each pixel's own light; `snr_gain` uses the mean light of all pixels.
 
     Examples
     --------

@@ -30,11 +30,11 @@ SIDE = 11
 UPSAMPLED = 7
 FACTOR = 3
 BLUR = 0.45
-"""Of the edges in figure 5, rms in super-pixels."""
+"""Width of the edges in figure 5 (rms, super-pixels)."""
 
 CELLS = (30, 36)
 INNER = np.s_[6:-6, 6:-6]
-"""Away from the border, in samples of figure 5."""
+"""Distance from the border that is excluded in figure 5 (samples)."""
 
 PATTERNS = ("CYMG", "CYYM", "Sony", "RGBW", "CMYW", "Bayer")
 LIGHT_FIELD = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
@@ -69,13 +69,13 @@ class PaperFigure:
     Attributes
     ----------
     number
-        As in the paper.
+        Number in the paper.
     title
-        What it shows.
+        Title of the figure.
     panels
         Pictures, by rows of `columns`.
     columns
-        Pictures side by side.
+        Number of pictures side by side.
     curves
         Titles and gains of figure 6.
     """
@@ -88,16 +88,16 @@ class PaperFigure:
 
 
 def paper_figure(number: int, *, camera: str = "", chi2: float | None = None, seed: int = 1) -> PaperFigure:
-    """Return one of the paper's figures of scenes made here; the paper's own images are not included.
+    """Reproduce one of the paper's figures with synthetic scenes; the paper's own images are not included.
 
     Parameters
     ----------
     number
         3, 5, 6 or 7.
     camera, chi2
-        Name and chi^2 of a camera: marked in figure 6, and whose noise figure 7 has in place of the PG Dragonfly's.
+        Name and chi^2 of a camera; it is marked in figure 6 and replaces the noise of the PG Dragonfly in figure 7.
     seed
-        Of scene and noise in figure 7.
+        Random seed of scene and noise in figure 7.
     """
     makers: dict[int, Callable[[], PaperFigure]] = {
         3: _routes,
@@ -121,7 +121,11 @@ def _routes() -> PaperFigure:
     top = float(truth.max())
     spectrum = log_spectrum(frame)
     panels = [
-        PaperPanel("recorded frame, magnified", mosaic_picture(frame, modulator)[zoom[1:]], "each pixel its filter"),
+        PaperPanel(
+            "recorded frame, magnified",
+            mosaic_picture(frame, modulator)[zoom[1:]],
+            "pixels in filter colours",
+        ),
         PaperPanel("spectrum", spectrum, "log10, relative", (-6.0, 0.0)),
         PaperPanel("truth, magnified", colour_picture(truth[zoom], top=top), "the scene"),
     ]
@@ -141,14 +145,14 @@ def _upsampling() -> PaperFigure:
     import cv2
     from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
 
-    # edges as sharp as a super-pixel: sharper ones are no light that any modulator of this size can be asked for
+    # edges as sharp as a super-pixel, because no modulator of this size can resolve sharper ones
     sharp = view_edges(UPSAMPLED, CELLS)
     truth = np.stack([cv2.GaussianBlur(view, (0, 0), BLUR * UPSAMPLED) for view in sharp])
     middle = len(truth) // 2
     places = [(np.arange(n * FACTOR) + 0.5) * UPSAMPLED / FACTOR - 0.5 for n in CELLS]
     wanted = map_coordinates(truth[middle], np.meshgrid(*places, indexing="ij"), order=1, mode="nearest")
     levels, span = (float(truth[middle].min()), float(truth[middle].max())), float(np.ptp(truth[middle]))
-    size = 2 * FACTOR + 1  # even over a super-pixel to each side: what is there is ringing
+    size = 2 * FACTOR + 1  # uniform within a super-pixel on each side, so any variation there is ringing
     even = (maximum_filter(wanted, size) - minimum_filter(wanted, size) < 0.02 * span)[INNER]
     kinds = ("sum_of_sinusoids", "MURA")
     ways: list[list[PaperPanel]] = [[], [], []]
@@ -184,7 +188,7 @@ def _acquired(camera: str, chi2: float | None, seed: int) -> PaperFigure:
     scene = filament_light_field(SIDE, CELLS, rng)
     results = acquire_light_field(scene, modulators, chi2=max(ratio, 1e-6), signal_e=1e7, rng=rng)
     middle = SIDE * SIDE // 2
-    scale = SIDE * SIDE  # a view's light in shares of the mean view's
+    scale = SIDE * SIDE  # light of a view relative to the mean view
     high = 1.1 * scale * max(float(r.truth[middle].max()) for r in results)
     close, views = [], []
     for r in results:
@@ -212,7 +216,7 @@ def _contrast(frame: Array, modulator: Modulator) -> Array:
 
 
 def save_paper_figure(found: PaperFigure, path: str | os.PathLike[str]) -> None:
-    """Write the pictures of a figure; figure 6 is `lfcal.multiplex.drawing.save_gain_curves`."""
+    """Write the pictures of a figure; for figure 6, use `lfcal.multiplex.drawing.save_gain_curves`."""
     rows = -(-len(found.panels) // found.columns)
     with figure(3.7 * found.columns, 3.5 * rows + 0.4, dpi=140) as fig:
         grid = fig.subplots(rows, found.columns, squeeze=False).ravel()

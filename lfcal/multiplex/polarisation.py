@@ -1,4 +1,4 @@
-"""Modulators over polarisation: what pixels behind polarisers and retarders record of the Stokes parameters."""
+"""Modulators for polarisation: response of pixels behind polarisers and retarders to the Stokes parameters."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 __all__ = ["STOKES", "degree_of_polarisation", "polarisers"]
 
 STOKES = ("S0", "S1", "S2", "S3")
-"""Stokes parameters: all light, horizontal less vertical, +45° less -45°, right less left circular."""
+"""Stokes parameters: all light, horizontal minus vertical, +45° minus -45°, right minus left circular."""
 
 
 def polarisers(
     angles_deg: ArrayLike, *, retardance_deg: ArrayLike | None = None, extinction: float = math.inf
 ) -> Modulator:
-    """Return a super-pixel of linear polarisers over the Stokes parameters S0, S1, S2, with retarders also S3.
+    """Return a super-pixel of linear polarisers for the Stokes parameters S0, S1, S2; with retarders, also S3.
 
-    A polariser at angle a lets pass ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator): half
-    of unpolarised light, which is S0 alone. A pixel's share is within 0 and 1 for every state of light.
+    A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator), half
+    of
+    unpolarised light, which has only S0. The share of a pixel is between 0 and 1 for any polarisation.
 
     Parameters
     ----------
@@ -32,13 +33,13 @@ def polarisers(
         Retardance of a plate with its fast axis along 0° before each polariser, same shape (degrees); 90: a quarter
         wave. None: no plates.
     extinction
-        Light passed along over across the polariser, the larger the better; the shares are (1 ± e)/2 with
-        e = (x - 1)/(x + 1).
+        Ratio of the light transmitted along the polariser to that across it, the larger the better. The shares are
+        (1 ± e)/2 with e = (x - 1)/(x + 1).
 
     Raises
     ------
     InputError
-        If the arrays are no super-pixel.
+        If the arrays do not define a super-pixel.
 
     Examples
     --------
@@ -83,7 +84,7 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the polarised share of light from Stokes parameters ``(3 or 4, ...)``; 0 where there is no light.
+    """Return the polarised share of light from Stokes parameters ``(3 or 4, ...)``; 0 without light.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How good and how fast: ringing, error, seconds and modulation transfer of reconstruction routes and filters."""
+"""Measure ringing, error, time and modulation transfer of reconstruction routes and filters."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ __all__ = [
 ]
 
 WAYS = (*(("spatial", name) for name in SPATIAL_FILTERS), ("fourier", "sinc"))
-"""Every route with the filters for every modulator."""
+"""All pairs of route and filter that suit every modulator."""
 
 
 def ways_of(modulator: Modulator) -> tuple[tuple[str, str], ...]:
-    """Return `WAYS`, and for colour filter arrays the filters for these before the Fourier route."""
+    """Return `WAYS`; for colour filter arrays, their special filters are inserted before the Fourier route."""
     colour = can_estimate(modulator, modulator.side)
     return (*WAYS[:-1], *(("spatial", name) for name in COLOUR_FILTERS if colour), WAYS[-1])
 
 
 @dataclass(frozen=True, slots=True)
 class Ringing:
-    """Oscillation about sharp edges, as shares of the scene's range.
+    """Oscillation at sharp edges, relative to the scene's range.
 
     Attributes
     ----------
     flat
-        Rms error where the scene is flat within two super-pixels around, averaged over the samples.
+        Rms error in places where the scene is uniform within two super-pixels, averaged over the samples.
     overshoot
-        Mean over the samples of the farthest excursion beyond the scene's own values.
+        Largest excursion beyond the scene's values, averaged over the samples.
     """
 
     flat: float
@@ -53,19 +53,19 @@ class Ringing:
 
 
 def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringing:
-    """Return the `Ringing` of reconstructed samples ``(N, rows, columns)`` against the scene at the same places.
+    """Return the `Ringing` of reconstructed samples ``(N, rows, columns)``, compared with the scene.
 
     Parameters
     ----------
     result, truth
-        One value per pixel.
+        Reconstructed samples and samples of the scene, one value per pixel.
     side
-        Pixels of a super-pixel.
+        Side of a super-pixel (pixels).
 
     Raises
     ------
     InputError
-        If the shapes differ or the scene has no flat parts.
+        If the shapes differ, or the scene has no uniform parts.
 
     Examples
     --------
@@ -117,11 +117,11 @@ class FilterTrial:
     route, filter
         Route and filter of the reconstruction.
     seconds
-        Shortest time of the rounds.
+        Shortest time of all rounds (s).
     error
         Rms error divided by the scene's range, away from the border.
     ringing
-        `Ringing`, None where the scene has no flat parts.
+        `Ringing`; None if the scene has no uniform parts.
     efficient
         Whether no other way is both faster and more accurate.
 
@@ -144,7 +144,7 @@ class FilterTrial:
 
     @property
     def name(self) -> str:
-        """For tables."""
+        """Name in tables."""
         return "Fourier" if self.route == "fourier" else f"spatial, {self.filter}"
 
 
@@ -157,7 +157,7 @@ def iter_measure_filters(
     rounds: int = 3,
     workers: int | None = None,
 ) -> Work[list[FilterTrial]]:
-    """Return error and seconds of each way to reconstruct a scene at every pixel.
+    """Measure error and time of each way to reconstruct a scene at every pixel.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def iter_measure_filters(
     noise
         Noise added to the frame.
     rounds
-        Number of timed runs of each way, after one run to compile; the shortest time counts.
+        Number of timed runs of each way, after one run for compilation; the shortest time is used.
     workers
         Number of threads.
 
@@ -228,7 +228,7 @@ def _marked(trial: FilterTrial, trials: list[FilterTrial]) -> FilterTrial:
 Array = NDArray[np.float64]
 
 CELLS = 24
-"""Super-pixels along the wave; a frequency is rounded to whole waves over these."""
+"""Number of super-pixels along the wave; frequencies are rounded to whole waves over this length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,12 +238,13 @@ class Transfer:
     Attributes
     ----------
     frequencies
-        Cycles per pixel, as measured ``(n,)``.
+        Measured frequencies ``(n,)`` (cycles per pixel).
     transfer
-        Reconstructed amplitude over that shown, for each sample ``(N, n)``.
+        Ratio of reconstructed to shown amplitude for each sample ``(N, n)``.
     aliased
-        Rms of everything else that the wave produces (other frequencies, other samples), over the wave's rms ``(N,
-        n)``.
+        Rms of everything else that the wave produces (other frequencies, other samples), relative to the rms of the
+        wave
+        ``(N, n)``.
 
     Examples
     --------
@@ -268,14 +269,14 @@ def modulation_transfer(
     filter: str | None = None,
     axis: str = "x",
 ) -> Transfer:
-    """Return how much of sine waves the reconstruction preserves; the waves are equal in all samples.
+    """Measure the modulation transfer of a reconstruction with sine waves that are equal in all samples.
 
     Parameters
     ----------
     modulator
         Modulator that records the waves, without noise.
     frequencies
-        Cycles per pixel, 0 … 1/2; taken to the nearest whole number of waves over 24 super-pixels.
+        Cycles per pixel, 0 … 1/2; rounded to whole waves over 24 super-pixels.
     route, filter
         As in `lfcal.multiplex.demultiplex`.
     axis
@@ -314,7 +315,7 @@ def _answer(
     length = shape[0 if axis == "y" else 1]
     place = np.arange(length)
     results = []
-    # a cosine and a sine: their mean transfer does not hang on where the pattern begins
+    # a cosine and a sine, whose mean transfer does not depend on the phase of the pattern
     for shift in (0.0, 0.25) if 0 < waves < length / 2 else (0.0,):
         wave = np.cos(2 * np.pi * (waves * place / length + shift))
         field_ = np.broadcast_to(wave[:, None] if axis == "y" else wave, shape)

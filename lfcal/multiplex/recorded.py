@@ -1,4 +1,4 @@
-"""Frames as files state them: samples, colour filters, and the level of no light."""
+"""Read frames with the metadata of their files: samples, colour filters, and black level."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["RecordedFrame", "read_recorded"]
 
 
 class RecordedFrame(NamedTuple):
-    """A frame as recorded, its colour filters if the file names them, and its black level if it states one."""
+    """A recorded frame, with its colour filters and black level if the file states them."""
 
     raw: NDArray[Any]
     filters: str
     black_level: Any
 
     def level(self, given: float | None = None, sensor: Sensor | None = None) -> Any:
-        """Return the level of no light: the one given, else the file's, else the sensor's, else 0."""
+        """Return the black level: the given one, else that of the file, of the sensor, or 0."""
         if given is not None:
             return given
         if self.black_level is not None:
@@ -34,9 +34,9 @@ class RecordedFrame(NamedTuple):
     def weights(
         self, level: Any, sensor: Sensor | None, dead: str | os.PathLike[str] | None, **how: Any
     ) -> NDArray[Any] | None:
-        """Return the weight of every pixel by a sensor and an image of dead pixels; None where all count alike.
+        """Return the weight of every pixel from a sensor and an image of dead pixels; None if all weights are equal.
 
-        ``how`` as of `lfcal.multiplex.pixel_weights`.
+        ``how`` contains options of `lfcal.multiplex.pixel_weights`.
         """
         bad = None if dead is None else read_image(dead)
         if bad is not None and bad.shape != self.raw.shape:
@@ -48,7 +48,7 @@ class RecordedFrame(NamedTuple):
 
 
 def read_recorded(path: str | os.PathLike[str], page: int = 0) -> RecordedFrame:
-    """Return one page of a file with what the file says of it."""
+    """Read one page of a file with its metadata."""
     image = open_image(path)
     try:
         frame: NDArray[Any] = image.read(image.check_page(page))

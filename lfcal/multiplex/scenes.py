@@ -1,4 +1,4 @@
-"""Scenes to try modulators on: a light field of bright filaments, colour charts with sharp and smooth parts."""
+"""Synthetic scenes for testing modulators: a light field of bright filaments, and colour charts."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ DEPTHS = (-0.8, -0.3, 0.2, 0.7)
 
 
 def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Return a light field of curved filaments in four layers, at every pixel ``(views^2, rows, columns)``.
+    """Return a light field of curved filaments in four layers, sampled at every pixel ``(views^2, rows, columns)``.
 
     Parameters
     ----------
     views
-        Views along a side, and pixels along a side of a super-pixel.
+        Number of views along a side, and side of a super-pixel (pixels).
     cells
         Super-pixels ``(rows, columns)``.
     rng
-        Places the filaments.
+        Random generator for the filaments.
 
     Returns
     -------
     NDArray
-        Samples of a plenoptic function that adds up to one where it is brightest, smooth over two super-pixels.
+        Samples of a plenoptic function, smooth over two super-pixels; their sum is one at the brightest place.
     """
     import cv2
 
@@ -68,9 +68,9 @@ def _filaments(shape: tuple[int, int], width: float, rng: np.random.Generator) -
 
 
 def zone_plate(shape: tuple[int, int], highest: float = 0.5) -> Array:
-    """Return red, green and blue ``(3, rows, columns)`` of a zone plate in 0 … 1, shifted in phase by colour.
+    """Return red, green and blue ``(3, rows, columns)`` of a zone plate in 0 … 1, with a phase shift between colours.
 
-    Its frequency grows from zero in the middle to ``highest`` cycles per pixel at the nearer edges.
+    Its frequency increases from zero in the middle to ``highest`` cycles per pixel at the nearer edges.
     """
     y, x = np.ogrid[: shape[0], : shape[1]]
     r2 = (y - (shape[0] - 1) / 2) ** 2 + (x - (shape[1] - 1) / 2) ** 2
@@ -79,7 +79,7 @@ def zone_plate(shape: tuple[int, int], highest: float = 0.5) -> Array:
 
 
 def colour_edges(shape: tuple[int, int]) -> Array:
-    """Return red, green and blue ``(3, rows, columns)`` in 0 … 1: flat patches with sharp, slanted borders."""
+    """Return red, green and blue ``(3, rows, columns)`` in 0 … 1: uniform patches with sharp, slanted borders."""
     y, x = np.ogrid[: shape[0], : shape[1]]
     h, w = shape
     image = np.zeros((3, *shape)) + np.array([0.25, 0.3, 0.35])[:, None, None]

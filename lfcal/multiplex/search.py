@@ -1,4 +1,4 @@
-"""Beyond the paper: filter sets and masks searched for the best gain at a camera's chi^2."""
+"""Search for filter sets and masks with the best gain at a camera's chi^2 (beyond the paper)."""
 
 from __future__ import annotations
 
@@ -44,27 +44,27 @@ ROUNDING_DB = 1e-9
 """Difference of gains below which they count as equal."""
 
 CHANGES = 6
-"""Changed masks to each random one: near a good mask there are better ones more often than elsewhere."""
+"""Number of changed masks per random mask, because better masks are more often near a good one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frontier:
-    """Candidates, their gain where additive and where photon noise rules, and which of them nothing beats.
+    """Candidates with their gains for additive and for photon noise, and which of them are efficient.
 
     Attributes
     ----------
     modulators
-        The candidates.
+        Modulators that are compared.
     reference
         Name of the reference.
     additive, photon, chosen
         Gain ``(n,)`` at chi^2 = 0, at infinity and at `chi2` (dB).
     chi2
-        The camera's.
+        Ratio chi^2 of the camera.
     efficient
-        ``(n,)``: no other has more gain in both limits.
+        ``(n,)``: whether no other candidate has more gain in both limits.
     bound
-        Gain at `chi2` that no candidate of this kind can exceed (dB), None where none is known.
+        Upper bound on the gain at `chi2` for candidates of this kind (dB); None if unknown.
 
     Examples
     --------
@@ -87,19 +87,19 @@ class Frontier:
 
     @property
     def best(self) -> Modulator:
-        """The candidate of most gain at `chi2`; of several as good the first."""
+        """The candidate with the largest gain at `chi2`; the first, if several are equal."""
         return self.modulators[self.best_index]
 
     @property
     def best_index(self) -> int:
-        """Where `best` stands among the candidates."""
+        """Index of `best` among the candidates."""
         return int(np.flatnonzero(self.chosen >= self.chosen.max() - ROUNDING_DB)[0])
 
 
 def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float) -> Frontier:
     gains = np.array([snr_gain(m, reference, [0.0, math.inf, chi2]) for m in modulators])
     additive, photon, chosen = gains.T.copy()
-    # a candidate is efficient where no other is as good in both limits and better in one
+    # a candidate is efficient if no other is as good in both limits and better in one
     over = np.stack([gain[None] - gain[:, None] for gain in (additive, photon)])
     better = np.all(over >= -ROUNDING_DB, axis=0) & np.any(over > ROUNDING_DB, axis=0)
     return Frontier(tuple(modulators), reference.name, additive, photon, chosen, chi2, ~better.any(1))
@@ -108,18 +108,18 @@ def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float
 def filter_set_frontier(
     chi2: float, *, reference: Modulator | None = None, letters: str = FREE_LETTERS, filters: int = 4
 ) -> Frontier:
-    """Return every choice of ``filters`` filters among ``letters`` that recovers all colours, with its gains.
+    """Return all sets of ``filters`` filters among ``letters`` that recover all colours, with their gains.
 
     Parameters
     ----------
     chi2
-        The camera's (`camera_chi2`), 0 … inf.
+        Ratio chi^2 of the camera (`camera_chi2`), 0 … inf.
     reference
-        Bayer by default.
+        Modulator to compare with; Bayer by default.
     letters
         Filters to choose from, see `lfcal.multiplex.colour_filters.FILTERS`.
     filters
-        Number in the super-pixel; their places do not matter for the noise.
+        Number of filters in the super-pixel; their places do not affect the noise.
 
     Examples
     --------
@@ -154,9 +154,10 @@ def _layout(filters: int) -> tuple[int, int]:
 def best_filter_set(
     chi2: float, *, filters: int = 4, starts: int = 12, rng: np.random.Generator | None = None
 ) -> Modulator:
-    """Return the filters with most gain at ``chi2`` for red, green and blue, of any transmission in 0 … 1.
+    """Return the filters with the largest gain at ``chi2`` for red, green and blue, with any transmissions in 0 … 1.
 
-    Projected quasi-Newton steps minimise the noise of the recovered colours, with the shot noise of each pixel. They
+    Projected quasi-Newton steps minimize the noise of the recovered colours, including the shot noise of each pixel.
+    They
     start from the best set of ideal filters and from random ones.
 
     Parameters
@@ -168,7 +169,7 @@ def best_filter_set(
     starts
         Number of random starts.
     rng
-        Source of the starts; seeded by default.
+        Random generator for the starts; with a fixed seed by default.
 
     Examples
     --------
@@ -240,7 +241,7 @@ def best_mask(
     begin: Sequence[Array] = (),
     rng: np.random.Generator | None = None,
 ) -> Modulator:
-    """Return the attenuation mask ``size`` x ``size`` with most gain at ``chi2`` that the search finds.
+    """Search for the attenuation mask ``size`` x ``size`` with the largest gain at ``chi2``.
 
     The search starts from the known masks, from random ones with various shares of open pixels, and from the best so
     far with a few pixels inverted. Up to `MAX_EXHAUSTIVE` pixels a side it also starts from the best of all masks of
@@ -249,7 +250,7 @@ def best_mask(
     Parameters
     ----------
     size
-        Pixels along a side, as in `mask`.
+        Side of the mask (pixels), as in `mask`.
     chi2
         Ratio chi^2 of the camera, 0 … inf.
     starts
@@ -257,7 +258,7 @@ def best_mask(
     begin
         Further patterns ``(size, size)`` to start from.
     rng
-        Source of the starts; seeded by default.
+        Random generator for the starts; with a fixed seed by default.
 
     Examples
     --------
@@ -279,7 +280,7 @@ def best_mask(
         first.append(some if k % 2 else (some < random.uniform(0.05, 0.6)).astype(float))
     least, found = min((_descend(_mask_cost, m, chi2) for m in first), key=lambda pair: pair[0])
     for _ in range(CHANGES * starts):
-        # few enough pixels to stay near, and enough to leave the minimum
+        # few enough pixels to stay near the mask, but enough to leave its local minimum
         change = random.random(found.shape) < max(random.uniform(0.04, 0.25), 1 / found.size)
         value, other = _descend(_mask_cost, np.where(change, 1 - found, found), chi2)
         if value < least:
@@ -294,19 +295,19 @@ def _known(size: int) -> list[str]:
             mask_pattern(kind, size)
         except InputError:
             continue
-        if kind != "lenslet":  # no mask: it gathers light, a mask only takes some away
+        if kind != "lenslet":  # a lenslet is not a mask: it collects light, while a mask only absorbs it
             fits.append(kind)
     return fits
 
 
 @dataclass(frozen=True, slots=True)
 class SearchProgress(Progress):
-    """How far a search is, and what it found so far: it may be stopped at any record.
+    """Progress of a search with its result so far; the search may be stopped at any record.
 
     Attributes
     ----------
     found
-        The known masks, and those searched so far.
+        Known masks, and masks found so far.
     """
 
     found: Frontier = field(kw_only=True, compare=False, repr=False)
@@ -315,12 +316,12 @@ class SearchProgress(Progress):
 def iter_mask_frontier(
     size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
-    """Return the known masks and those searched for chi^2 from 0 to infinity, with their gains over a pinhole.
+    """Return known masks and searched masks for chi^2 from 0 to infinity, with their gains over a pinhole.
 
     Parameters
     ----------
     size
-        Pixels along a side.
+        Side of the masks (pixels).
     chi2
         Ratio chi^2 of the camera; one mask is searched for it.
     points
@@ -349,7 +350,7 @@ def iter_mask_frontier(
     known = len(found)
     for k, ratio in enumerate(ratios):
         yield at(k, f"chi^2 = {ratio:.3g}")
-        # what was good for one camera is a good start for the next
+        # a mask that is good for one chi^2 is a good start for the next
         begin = [m.matrix[:, 0].reshape(m.side) for m in found[known:]]
         found.append(best_mask(size, float(ratio), starts=starts, begin=begin, rng=random))
     yield at(len(ratios))

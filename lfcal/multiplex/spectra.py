@@ -1,6 +1,6 @@
-"""Filter arrays over any number of spectral bands, from tables over wavelength.
+"""Create filter arrays for any number of spectral bands, from tables over wavelength.
 
-Tables of filters, illuminants and quantum efficiencies are read from files, or are those shipped with their sources.
+Tables of filters, illuminants and quantum efficiencies are read from files, or are included in lfcal.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 TABLES = ("filters", "illuminants", "silicon")
-"""Tables that ship: filter transmissions R G B C M Y W, illuminants A and D65, quantum efficiency of silicon."""
+"""Included tables: filter transmissions R G B C M Y W, illuminants A and D65, quantum efficiency of silicon."""
 
 FOLDER = Path(__file__).with_name("tables")
 LARGEST_FILE = 4_000_000
@@ -44,13 +44,13 @@ class Spectra:
     Attributes
     ----------
     names
-        One per curve.
+        Names of the curves.
     wavelengths_nm
-        Rising ``(n,)`` (nm).
+        Increasing wavelengths ``(n,)`` (nm).
     values
-        ``(len(names), n)``.
+        Values of the curves ``(len(names), n)``.
     source
-        Where the values come from, as the file says.
+        Source of the values, as stated in the file.
 
     Examples
     --------
@@ -81,12 +81,12 @@ class Spectra:
             object.__setattr__(self, name, array)
 
     def on(self, wavelengths_nm: ArrayLike) -> Array:
-        """Return the curves ``(len(names), n)`` at wavelengths (nm), linear between the table's.
+        """Interpolate the curves ``(len(names), n)`` linearly at wavelengths (nm).
 
         Raises
         ------
         InputError
-            If the table does not reach there: nothing is known beyond its ends.
+            If a wavelength is outside the table.
         """
         wanted = np.atleast_1d(np.asarray(wavelengths_nm, float))
         low, high = self.wavelengths_nm[[0, -1]]
@@ -101,21 +101,21 @@ class Spectra:
         return np.stack([np.interp(wanted, self.wavelengths_nm, row) for row in self.values])
 
     def named(self, name: str) -> Spectra:
-        """Return one curve by name."""
+        """Return the curve with this name."""
         if name not in self.names:
             raise InputError.expected("spectrum", " or ".join(self.names), repr(name), "choose one of these")
         return Spectra((name,), self.wavelengths_nm, self.values[[self.names.index(name)]], self.source)
 
 
 def read_spectra(path: str | os.PathLike[str]) -> Spectra:
-    r"""Read a CSV: a first row ``wavelength_nm,NAME,…``, then numbers; lines that begin with # state the source.
+    r"""Read a CSV file: a first row ``wavelength_nm,NAME,…``, then numbers; lines that begin with # state the source.
 
     Raises
     ------
     FileFormatError
-        If it is no such table.
+        If the file is not such a table.
     StorageError
-        If there is no such file.
+        If the file does not exist.
 
     Examples
     --------
@@ -144,7 +144,7 @@ def read_spectra(path: str | os.PathLike[str]) -> Spectra:
 
 
 def shipped_spectra(name: str) -> Spectra:
-    """Return one of `TABLES`; its `Spectra.source` says what the numbers are.
+    """Return one of `TABLES`; its `Spectra.source` states the origin of the numbers.
 
     Examples
     --------
@@ -158,14 +158,14 @@ def shipped_spectra(name: str) -> Spectra:
 
 
 def daylight(temperature_k: float) -> Spectra:
-    """Return CIE daylight of a correlated colour temperature, relative power, 100 at 560 nm (CIE 15).
+    """Return the relative power of CIE daylight at a correlated colour temperature, 100 at 560 nm (CIE 15).
 
-    ``S0 + M1 S1 + M2 S2`` with M1 and M2 from the chromaticity of the daylight locus. D65 is the one of 6504 K.
+    ``S0 + M1 S1 + M2 S2`` with M1 and M2 from the chromaticity of the daylight locus. D65 is that at 6504 K.
 
     Parameters
     ----------
     temperature_k
-        4000 … 25 000 K.
+        Correlated colour temperature, 4000 … 25 000 K.
     """
     if not 4000 <= temperature_k <= 25_000:
         raise InputError.expected("colour temperature (K)", "4000 … 25 000", temperature_k, "use illuminant A below")
@@ -184,7 +184,7 @@ def daylight(temperature_k: float) -> Spectra:
 
 
 def colour_matching(wavelengths_nm: ArrayLike) -> Array:
-    """Return colour matching functions x, y, z ``(3, n)`` as the fit of lobes of Wyman, Sloan and Shirley 2013.
+    """Return colour matching functions x, y, z ``(3, n)``, as fitted by Wyman, Sloan and Shirley 2013.
 
     "Simple Analytic Approximations to the CIE XYZ Color Matching Functions", Journal of Computer Graphics Techniques
     2(2):1, multi-lobe fit to the CIE 1931 observer; its peaks are within 1 % of the tables.
@@ -206,11 +206,11 @@ def colour_matching(wavelengths_nm: ArrayLike) -> Array:
 
 VISIBLE_NM = (400.0, 700.0)
 POINTS = 16
-"""Wavelengths over which each band's mean is taken."""
+"""Number of wavelengths for the mean over each band."""
 
 
 def band_edges(bands: int | Sequence[float]) -> Array:
-    """Return the edges (nm) of a number of equal bands of 400 … 700 nm, or the edges given, checked."""
+    """Return the edges (nm) of a number of equal bands in 400 … 700 nm, or check the given edges."""
     if isinstance(bands, int | np.integer) and not isinstance(bands, bool):
         check_number("spectral bands", int(bands), at_least=1, at_most=MAX_SAMPLES, integer=True)
         return np.linspace(*VISIBLE_NM, int(bands) + 1)
@@ -221,7 +221,7 @@ def band_edges(bands: int | Sequence[float]) -> Array:
 
 
 def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
-    """Return Gaussian filters named F0, F1, … of a full width at half maximum, 1 at their middles: a model.
+    """Return model filters F0, F1, …: Gaussians of a given full width at half maximum, with peak 1.
 
     Examples
     --------
@@ -240,7 +240,7 @@ def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
 def cosine_basis(bands: int, count: int) -> Array:
     """Return the ``count`` smoothest cosines over ``bands`` bands as columns ``(bands, count)``.
 
-    Spectra of most surfaces lie near their span: with this basis a few filters recover many bands.
+    Spectra of most surfaces are close to their span, so that a few filters recover many bands in this basis.
 
     Examples
     --------
@@ -270,15 +270,16 @@ def spectral_array(
     Parameters
     ----------
     pattern
-        Rows parted by slashes: names of ``filters`` parted by commas, or single letters, such as ``"RG/GB"``.
+        Rows separated by slashes: names of ``filters`` separated by commas, or single letters, such as ``"RG/GB"``.
     bands
         Number of equal bands of 400 … 700 nm, or their edges (nm).
     filters
-        Transmissions 0 … 1; by default the model filters R G B C M Y W that ship.
+        Transmissions 0 … 1; by default the included model filters R G B C M Y W.
     illuminant
-        Relative power of the light on the scene (one curve): the samples are then reflectances, each times its band's
-        share of the spectrum (`Modulator.light`), and its photons count, with a mean of one over the bands. None: the
-        samples are photons in each band.
+        Relative power of the light on the scene (one curve). Samples are then reflectances, each times its band's
+        share
+        of the spectrum (`Modulator.light`); photons are counted, with a mean of one over the bands. None: samples are
+        the photons in each band.
     efficiency
         Electrons per photon (one curve); None: one.
     basis
@@ -287,7 +288,7 @@ def spectral_array(
     Raises
     ------
     InputError
-        If a filter is not known, a table does not reach over the bands, or shares are outside 0 … 1.
+        If a filter is unknown, a table does not cover the bands, or shares are outside 0 … 1.
 
     Examples
     --------
@@ -309,7 +310,7 @@ def spectral_array(
     shares = np.stack([_shares(table.named(kind), waves)[0] for kind in kinds])
     seen = shares * _one_curve(efficiency, waves, "quantum efficiency", most=1.0)
     if illuminant is not None:
-        photons = _one_curve(illuminant, waves, "illuminant") * waves  # power over the energy of a photon
+        photons = _one_curve(illuminant, waves, "illuminant") * waves  # power divided by the energy of a photon
         seen = seen * photons / (photons.mean(1) @ np.diff(edges) / (edges[-1] - edges[0]))
     plenoptic, names, light = _samples(seen.mean(2), edges, basis)
     spatial = np.array([[float(name == kind) for kind in kinds] for row in rows for name in row])
@@ -319,7 +320,7 @@ def spectral_array(
 
 def _samples(seen: Array, edges: Array, basis: ArrayLike | None) -> tuple[Array, tuple[str, ...], Array]:
     """Return Pi ``(N, kinds)``, names of the samples, and the samples of even light."""
-    width = np.diff(edges) / (edges[-1] - edges[0])  # even light: each band holds its share of the spectrum
+    width = np.diff(edges) / (edges[-1] - edges[0])  # uniform light: each band has its share of the spectrum
     if basis is None:
         middles = (edges[1:] + edges[:-1]) / 2
         return seen.T, tuple(f"{middle:.0f} nm" if len(edges) < 60 else f"{middle:.1f} nm" for middle in middles), width
@@ -334,7 +335,7 @@ def _shares(curve: Spectra, waves: Array) -> Array:
     values = curve.on(waves.ravel()).reshape(len(curve.names), *waves.shape)
     if values.min() < 0 or values.max() > 1:
         told = f"{values.min():.3g} … {values.max():.3g}"
-        raise InputError.expected(f"transmission of {curve.names[0]}", "0 … 1", told, "per cent are no shares")
+        raise InputError.expected(f"transmission of {curve.names[0]}", "0 … 1", told, "give shares, not per cent")
     return values
 
 

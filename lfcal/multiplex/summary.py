@@ -1,4 +1,4 @@
-"""What there is to say about a modulator in numbers."""
+"""Summarize a modulator in numbers."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from lfcal.multiplex.spectra import shipped_spectra
 __all__ = ["Merits", "ModulatorNumbers", "describe", "merits"]
 
 MOST_ENTRIES = 40_000
-"""Pixels times samples of a modulator up to which its MTF is measured: masks of 13 x 13 px."""
+"""Largest product of pixels and samples for which the MTF is measured: masks of 13 x 13 px."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModulatorNumbers:
-    """One modulator's numbers.
+    """Key figures of a modulator.
 
     Attributes
     ----------
     name
-        Its name.
+        Name of the modulator.
     side
         Pixels ``(rows, columns)`` of the super-pixel.
     pixels, samples, rank
-        K, N, and how many combinations of the N samples are measured.
+        K, N, and the number of measured combinations of the N samples.
     condition
-        Largest over smallest singular value; infinite where rank < N.
+        Ratio of the largest to the smallest singular value; infinite if rank < N.
     transmission, amplification
-        tau and alpha.
+        Transmission tau and noise amplification alpha.
     lost
-        Names of the samples that are not recovered whole, and the share of each that is lost.
+        Names of the samples that are not fully recovered, and the lost share of each.
     gain_additive_db, gain_photon_db, gain_db
         Gain over the reference at chi^2 = 0, infinity, and the camera's (dB); None without a reference.
     """
@@ -60,14 +60,14 @@ class ModulatorNumbers:
 def describe(
     modulator: Modulator, reference: Modulator | None = None, chi2: float | None = None, rcond: float | None = None
 ) -> ModulatorNumbers:
-    """Return the numbers of a modulator, with its gains where a reference of as many samples is given.
+    """Return the key figures of a modulator, with its gains if a reference with as many samples is given.
 
     Parameters
     ----------
     modulator, reference
         As in `lfcal.multiplex.snr_gain`.
     chi2
-        The camera's.
+        Ratio chi^2 of the camera.
     rcond
         Singular values up to this share of the largest count as zero.
     """
@@ -94,18 +94,18 @@ def describe(
 
 
 class Merits(NamedTuple):
-    """What a modulator is worth to a sensor; None of what does not apply to it.
+    """Benefit of a modulator for a sensor; None for values that do not apply.
 
     Attributes
     ----------
     gain_plain_db, gain_optimal_db
-        Gain over the reference by the sensor's own noise, decorrelated plainly and with least noise (dB).
+        Gain over the reference with the sensor's noise, for plain and noise-optimal decorrelation (dB).
     worst_noise_percent
-        Largest deviation of a sample, of full scale.
+        Largest standard deviation of a sample (% of full scale).
     mtf_low, mtf_high, false_detail
-        Mean over samples: what waves of 0.1 and 0.25 cycles per pixel keep, and false detail with the finer one.
+        Mean over samples of the MTF at 0.1 and 0.25 cycles per pixel, and of aliasing with the finer one.
     delta_e, delta_e_noise
-        Colour error (CIEDE2000) of 100 smooth reflectances behind the filters that ship, and what noise adds.
+        Colour error (CIEDE2000) of 100 smooth reflectances with the included filters, and the error due to noise.
     """
 
     gain_plain_db: float | None
@@ -127,20 +127,20 @@ def merits(
     filter: str | None = None,
     most_entries: int = MOST_ENTRIES,
 ) -> Merits:
-    """Return what a modulator is worth to a sensor.
+    """Return the benefit of a modulator for a sensor.
 
     Parameters
     ----------
     modulator, reference
         As in `lfcal.multiplex.sensor_gain`; without a reference there are no gains.
     noise
-        The sensor's.
+        Noise of the sensor.
     pattern
-        Colour filters by name or rows, of which there are curves; other modulators have no colour error.
+        Colour filters by name or rows, for which curves are included; other modulators have no colour error.
     filter
-        Of the reconstruction whose MTF is measured; default: that of `lfcal.multiplex.demultiplex`.
+        Filter of the reconstruction whose MTF is measured; default: that of `lfcal.multiplex.demultiplex`.
     most_entries
-        Pixels times samples of a modulator up to which the MTF is measured; above, it takes minutes and gigabytes.
+        Largest product of pixels and samples for which the MTF is measured; above, it takes minutes and gigabytes.
     """
     plain = optimal = low = high = false = None
     if reference is not None:
@@ -159,6 +159,6 @@ def _colour_errors(modulator: Modulator, pattern: str, noise: SensorNoise) -> tu
     try:
         rows = "/".join(parse_pattern(pattern))
         found = colour_error(rows, efficiency=shipped_spectra("silicon"), noise=noise)
-    except InputError:  # a matrix of one's own, or filters without curves such as emerald
+    except InputError:  # a user's matrix, or filters without curves, such as emerald
         return None, None
     return found.mean, found.noise

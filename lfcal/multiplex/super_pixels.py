@@ -1,4 +1,4 @@
-"""Where the super-pixels of a light field lie on the sensor: a straight lattice of any pitch, angle and shear."""
+"""Positions of the super-pixels of a light field on the sensor: a straight lattice of any pitch, angle and shear."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SuperPixelLattice:
-    """Where the super-pixels of a light field lie on the sensor.
+    """Lattice of the super-pixels of a light field on the sensor.
 
     Attributes
     ----------
     kind
         ``"square"`` or ``"hexagonal"``.
     origin_px
-        Centre ``(row, column)`` of one of them.
+        Centre ``(row, column)`` of one super-pixel.
     along_px
-        Vector (x, y) to the next one of the row (pixels).
+        Vector (x, y) to the next super-pixel in the row (pixels).
     across_px
-        Vector (x, y) to the next row (pixels); half a pitch further along where the lattice is hexagonal.
+        Vector (x, y) to the next row (pixels); half a pitch further along for a hexagonal lattice.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class SuperPixelLattice:
     def row_pitch_px(self) -> float:
         """Distance of neighbouring rows (pixels)."""
         (ax, ay), (bx, by) = self.along_px, self.across_px
-        # row distance is the cell's area over the pitch: it holds for any angle of the two vectors
+        # row distance is the cell's area divided by the pitch, for any angle of the two vectors
         return abs(ax * by - ay * bx) / self.pitch_px
 
     @property

@@ -1,4 +1,4 @@
-"""Super-pixels of any shape: a tile of pixels that two vectors repeat without gaps."""
+"""Super-pixels of any shape: a tile of pixels, repeated without gaps along two vectors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Index = NDArray[np.intp]
 
 
 def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, int]]) -> Index:
-    """Return which pixel of a tile each pixel of the smallest rectangular period is, ``(rows, columns)``.
+    """Return the tile's pixel number for each pixel of the smallest rectangular period, ``(rows, columns)``.
 
     Parameters
     ----------
     pixels
-        ``(row, column)`` of each pixel of the tile: an L, a cross, a hexagon, any.
+        ``(row, column)`` of each pixel of the tile: an L, a cross, a hexagon, or any other shape.
     vectors
         Two steps ``(rows, columns)`` that repeat the tile.
 
@@ -36,7 +36,7 @@ def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, 
     tile = [check_tuple("pixel of the tile", tuple(p), 2, integer=True) for p in pixels]
     if area != len(tile) or not area:
         raise InputError.expected("tile", f"{area} pixels, the area between its vectors", len(tile), "correct either")
-    # rows (columns) after which the lattice meets a straight line again
+    # number of rows (columns) after which the lattice repeats along an axis
     rows, columns = area // math.gcd(b, d), area // math.gcd(a, c)
     if rows * columns > MAX_SAMPLES:
         raise InputError.expected(
@@ -48,7 +48,9 @@ def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, 
     for k, (y, x) in enumerate(tile):
         for dy, dx in steps:
             if found[(y + dy) % rows, (x + dx) % columns] >= 0:
-                raise InputError.expected("tile", "pixels that do not meet when repeated", (y, x), "correct its shape")
+                raise InputError.expected(
+                    "tile", "pixels that never overlap when repeated", (y, x), "correct its shape"
+                )
             found[(y + dy) % rows, (x + dx) % columns] = k
     return found
 
@@ -62,10 +64,10 @@ def tiled_modulator(
     colours: tuple[str, ...] = (),
     light: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a modulator whose super-pixel is a tile of any shape: its matrix ``(pixels, N)`` over the period.
+    """Return a modulator whose super-pixel is a tile of any shape with the matrix ``(pixels, N)``.
 
-    Gains count pixels, not super-pixels, so that the period holds the tile several times at no gain or loss. The
-    reconstruction by channels takes each pixel of the period as one channel; where that wastes resolution take
+    Gains are per pixel, so a period that contains the tile several times does not change them. The reconstruction by
+    channels uses each pixel of the period as one channel. If that loses resolution, use
     `lfcal.multiplex.demultiplex_generally`.
 
     Examples

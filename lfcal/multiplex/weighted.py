@@ -1,4 +1,4 @@
-"""Reconstruction with weights: saturated and dead pixels left out, the others by their noise."""
+"""Reconstruct with weights: without saturated and dead pixels, and with the others weighted by their noise."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Array = NDArray[np.float64]
 
 VALUES_AT_ONCE = 4_000_000
 SINGULAR = 1e-10
-"""Smallest over largest eigenvalue of a place's equations below which it is solved by the pseudo-inverse."""
+"""Ratio of the smallest to the largest eigenvalue below which the pseudo-inverse solves a place's equations."""
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedSamples:
-    """Samples with what is known of their noise.
+    """Samples with their noise.
 
     Attributes
     ----------
     samples
         ``(N, rows, columns)``.
     deviation
-        Standard deviation of each, where weights are inverse variances; infinite where a sample is not measured.
+        Standard deviation of each sample, if weights are inverse variances; infinite if it is not measured.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class WeightedSamples:
 
 
 def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return weights of a frame's pixels as float64, or raise."""
+    """Check weights of a frame's pixels, and return them as float64."""
     array = np.asarray(weights, float)
     if array.shape != shape or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or not array.any():
         told = f"shape {array.shape}" if array.shape != shape else f"{array.min():.3g} … {array.max():.3g}"
@@ -58,7 +58,7 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def measured(frame: ArrayLike, weights: ArrayLike | None) -> tuple[NDArray[Any], Array]:
-    """Return a frame with 0 where it has no weight, which may be NaN, and the weights checked; None: 1 everywhere."""
+    """Return a frame with 0 where it has no weight, and its checked weights (None: 1 everywhere)."""
     raw = np.asarray(frame)
     known = np.ones(raw.shape) if weights is None else check_weights(weights, raw.shape)
     return (np.where(known > 0, raw, 0) if raw.dtype.kind in "uif" else raw), known
@@ -75,8 +75,9 @@ def reconstruct_weighted(
 
     Each measurement channel is interpolated linearly from the samples with weight, ``c = sum h w f / sum h w``. Its
     variance is ``sum h^2 w / (sum h w)^2`` if w are inverse variances. Then ``(A^T W A) x = A^T W c`` is solved
-    (theorem 1 with the weights of Gauss and Markov). Where no sample has weight, those within two super-pixels count;
-    where these have none either, the channel is left out. What the other channels do not determine is the least-norm
+    (theorem 1 with the weights of Gauss and Markov). If no sample has weight, those within two super-pixels are used.
+    If
+    these have none either, the channel is omitted. Parts that the other channels do not determine are the least-norm
     solution.
 
     Parameters
@@ -159,8 +160,9 @@ def _weighed(f: Array, w: Array, down: Any, across: Any) -> tuple[Array, Array]:
 def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | None = None) -> tuple[Array, Array]:
     """Return weighted least squares ``(N, places)`` and its variances for channels ``(K, places)``.
 
-    Where the weighted equations have not full rank, the answer of least norm, with infinite variance of every sample
-    that has a part in what is not measured.
+    If the weighted equations do not have full rank, the result has the least norm; every sample that depends on
+    unmeasured
+    parts then has infinite variance.
     """
     inverse, lost = weighted_inverse(matrix, weights, rcond)
     found = np.einsum("pij,pj->ip", inverse, (weights * values).T @ matrix)
@@ -170,9 +172,9 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
 
 
 def weighted_inverse(matrix: Array, weights: Array, rcond: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """Return ``(A^T W A)^+`` at each place ``(places, N, N)`` for weights ``(K, places)``, and what is lost there.
+    """Return ``(A^T W A)^+`` at each place ``(places, N, N)`` for weights ``(K, places)``, and the lost samples.
 
-    The second says which samples have a part in what is not measured ``(places, N)``.
+    The second array marks samples that depend on unmeasured parts ``(places, N)``.
     """
     count = matrix.shape[1]
     pairs = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1)
