@@ -1,6 +1,6 @@
-"""Adaptive acquisition: record some positions, fit, choose the next ones, until the error of H is as small as wanted.
+"""Adaptive acquisition: record some positions, fit, choose the next ones, until the error of H is small enough.
 
-Everything recorded is in the session, and nothing else is kept: after a crash the next choice is made again from it.
+All state is in the recorded session; after a crash, the next choice is made again from it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def iter_session_patterns(folder: Path) -> Work[Measured]:
     Raises
     ------
     InputError
-        If the frames certainly do not lie as the plan says, or their noise is not known.
+        If the frames are certainly not oriented as planned, or their noise is unknown.
     StorageError, FileFormatError
         If there is no session, or it is damaged.
     """
@@ -67,35 +67,35 @@ def iter_session_patterns(folder: Path) -> Work[Measured]:
         noise = matrix.facts.noise
         known = None if noise is None else noise[tuple(index.T)]
         if known is None or not np.isfinite(known).all() or (known[:, 0] < 0).any():
-            got, remedy = "none", "record single exposures with dark frames, of a camera whose noise is stated"
+            got, remedy = "none", "record single exposures with dark frames, with a camera whose noise is known"
             raise InputError.expected(f"{folder}, noise of the frames", "a variance", got, remedy)
         aside = source.metadata.kept_aside
         return measured_of(matrix, held_out=[list(p) for p in aside])
 
 
 FIRST = 12
-"""Positions before the first fit."""
+"""Smallest number of positions before the first fit."""
 
 FEWEST = 5
-"""Fewest positions that are added at a time: each time there is a fit to wait for."""
+"""Smallest number of positions added at a time, because a fit follows each time."""
 
 
 ENDS = {
-    "reached": "the wanted error of H is reached, by the estimate of the fit",
-    "used up": "no positions are left: the wanted error of H is not reached",
-    "incomplete": "the model does not suffice: more patterns do not lower the error of H",
+    "reached": "the target error of H is reached, according to the fit",
+    "used up": "no positions are left, but the target error of H is not reached",
+    "incomplete": "the model is incomplete: more patterns do not reduce the error of H",
 }
-"""What each way to end means."""
+"""Meaning of each way in which the session can end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Stopping rule, and what to fit.
+    """Stopping rule, and the unknowns to fit.
 
     Attributes
     ----------
     error
-        Target relative error (L2) of H, at least that of the computation of patterns.
+        Target relative error (L2) of H; at least the error of the simulated patterns.
     most
         Largest number of positions; None: all of the plan.
     first
@@ -122,8 +122,8 @@ class Goal:
     def __post_init__(self) -> None:
         """Check every value."""
         least = ERRORS[Fineness.finest]
-        remedy = f"for example 0.005; the computation of patterns itself errs by {format_share(least)}"
-        check_number("wanted error of H", self.error, at_least=least, below=1, remedy=remedy)
+        remedy = f"for example 0.005; the simulation of patterns itself has an error of {format_share(least)}"
+        check_number("target error of H", self.error, at_least=least, below=1, remedy=remedy)
         check_number("positions before the first fit", self.first, at_least=FEWEST, integer=True)
         if self.most is not None:
             check_number("most positions", self.most, at_least=self.first, integer=True)
@@ -131,7 +131,7 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveStep:
-    """Result after one fit.
+    """State of an adaptive session after one fit.
 
     Attributes
     ----------
@@ -142,11 +142,11 @@ class AdaptiveStep:
     held_out_error
         Error from held-out patterns: a value, or a limit.
     chi2, complete
-        Chi-square of the fit; whether the model suffices.
+        Chi-square of the fit, and whether the model is complete.
     groups
         Groups of unknowns that were fitted.
     outliers
-        Number of patterns that were left out.
+        Number of patterns that were excluded.
     """
 
     positions: int
@@ -160,12 +160,10 @@ class AdaptiveStep:
     def __str__(self) -> str:
         """Return the error against the number of positions, as one line."""
         said = f"{self.positions} positions: error of H {format_share(self.expected_error)} expected"
-        return f"{said}, {self.held_out_error} at positions kept aside" + (
-            "" if self.complete else "; model incomplete"
-        )
+        return f"{said}, {self.held_out_error} at held-out positions" + ("" if self.complete else "; model incomplete")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values; an error that is not known is None."""
+        """Return all values as plain JSON types; unknown errors are None."""
         error = self.held_out_error
         left = {"left_out_error": error.value if error.known else None, "left_out_limit": error.limit}
         return {key: value for key, value in asdict(self).items() if key != "held_out_error"} | left
@@ -178,13 +176,14 @@ class AdaptiveStep:
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """How an adaptive session ended.
+    """Result of an adaptive session.
 
     Attributes
     ----------
     how
-        ``"reached"``; ``"used up"``: no positions are left; ``"incomplete"``: the model does not suffice, and more
-        patterns do not help; ``"stopped"`` or ``"aborted"``.
+        ``"reached"``: the target error is reached. ``"used up"``: no positions are left. ``"incomplete"``: the model
+        is
+        incomplete, and more patterns do not help. ``"stopped"`` or ``"aborted"``: by the user.
     outcome
         Outcome of the whole recording.
     steps
@@ -204,7 +203,7 @@ class Adapted:
         return ENDS.get(self.how, "")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return how it ended and what each fit said, as plain values; the recording and the fit are left out."""
+        """Return the end and the results of each fit as plain JSON types, without the recording and the fit."""
         return {"ended": self.how, "steps": [step.to_dict() for step in self.steps]}
 
 
@@ -238,7 +237,7 @@ def iter_adaptive(
     plan, rig, options, control, preview, observers, task
         As in `lfcal.acquire.iter_record`.
     goal
-        Stopping rule, and what to fit.
+        Stopping rule, and the unknowns to fit.
     seen
         Function called with every step after its fit.
     workers
@@ -247,8 +246,8 @@ def iter_adaptive(
     Raises
     ------
     InputError
-        Before anything moves, if the noise of frames will be unknown, or if the session to continue is a whole scan.
-        Also if patterns do not fit such a camera.
+        If the noise of frames will be unknown, or the session to continue is a whole scan; nothing was moved. Also if
+        the patterns do not fit such a camera.
     AcquisitionStopped
         If recording had to end early; it can be resumed.
 
@@ -315,25 +314,25 @@ class _Campaign:
 
     @property
     def ended(self) -> str:
-        """How it ended if recording was interrupted."""
+        """How the session ended, if recording was interrupted."""
         return "aborted" if self._control.aborting else "stopped"
 
     def begin(self, *, resume: bool) -> Work[Outcome | None]:
-        """Record the first positions, or finish what an interrupted session was to record."""
+        """Record the first positions, or the remaining ones of an interrupted session."""
         if resume:
             session = SessionFile.read(self._folder)
             if not session.redo[0]:
                 got, remedy = "a scan of all of them", "resume it as a whole scan, or record into another folder"
                 raise InputError.expected(f"{self._folder}", "a session of chosen positions", got, remedy)
             return (yield from self._record(resume=True))
-        # what takes time comes after what may be refused
+        # do slow work only after all checks
         check_new(self._folder)
         if check_devices(self._plan, self._rig).optics == "pattern":
             got, remedy = "the simulator's quick pattern, which has no lenslets", "open it with its default optics"
-            raise InputError.expected("devices", "those of a camera that a fit explains", got, remedy)
+            raise InputError.expected("devices", "a camera that a fit can model", got, remedy)
         options = self._options or Options()
         if not options.plain:
-            got, remedy = "several exposures that make one", "record without a bracket"
+            got, remedy = "frames merged from several exposures", "record without a bracket"
             raise InputError.expected("exposures", "single ones, whose noise is known", got, remedy)
         if stated_noise(self._plan.camera) is None:
             raise InputError.expected(
@@ -355,8 +354,8 @@ class _Campaign:
         return (yield from self._record(only=_positions(design.positions), kept_aside=_positions(design.held_out)))
 
     def more(self, design: PositionDesign, step: AdaptiveStep) -> Work[Outcome]:
-        """Record as many of the positions of ``design`` as the goal is expected to need."""
-        # the design's errors are those up to the brightness of each plane, the fit's have it in them
+        """Record the positions of ``design`` that are expected to be sufficient for the goal."""
+        # errors of the design exclude the brightness of each plane; those of the fit include it
         scale = step.expected_error / design.start_error if design.start_error else 1.0
         enough = design.enough_for(self._goal.error / max(1.0, scale))
         count = len(design.positions) if enough is None else max(enough.positions, min(FEWEST, len(design.positions)))
@@ -374,7 +373,7 @@ class _Campaign:
         kept_aside: Sequence[Position] = (),
     ) -> Work[Outcome]:
         options = self._options
-        if redo is not None:  # the stage was checked with the first positions
+        if redo is not None:  # the stage was already checked with the first positions
             options = replace(options or SessionFile.read(self._folder).options, check_stage=False)
         outcome = yield from iter_record(
             self._folder,
@@ -400,10 +399,10 @@ class _Campaign:
         return fit, measured
 
     def choice(self, fit: Fit, measured: Measured) -> Work[PositionDesign]:
-        """Choose at most as many further positions as there are already."""
+        """Choose further positions, at most as many as already recorded."""
         left = self._most - len(self._recorded())
         sensor = self._plan.camera.sensor
-        # as bright as the patterns are: exposure and lamp are what they are
+        # with the brightness of the recorded patterns, which includes exposure and lamp
         full = float(measured.patterns.max()) / (sensor.max_value - sensor.black_level)
         design = yield from iter_next_positions(
             self._plan,
@@ -417,7 +416,7 @@ class _Campaign:
         return design
 
     def step(self, fit: Fit) -> AdaptiveStep:
-        """Return what is known after a fit."""
+        """Return the state after a fit."""
         error, count = fit.held_out_error, len(self._recorded())
         return AdaptiveStep(count, error.statistical, error, fit.chi2, fit.complete, fit.groups, len(fit.outliers))
 
@@ -428,13 +427,13 @@ class _Campaign:
             return "reached"
         if now.positions + FEWEST > self._most:
             return "used up"
-        # what is as sure as wanted and yet is not as good lies in the model
+        # if the expected error is small enough but the actual one is not, the model is wrong
         if now.expected_error <= self._goal.error:
             return "incomplete"
         return "incomplete" if not now.complete and _gained_nothing(steps) else ""
 
     def whole(self, last: Outcome | None) -> Outcome:
-        """Return how the recording ended, over all of its stretches."""
+        """Return how the recording ended, summed over all of its runs."""
         how = self.ended if last is None else last.how
         there = (self._folder / "session.json").exists()
         count = len(self._recorded()) if there else 0
@@ -443,7 +442,7 @@ class _Campaign:
         return Outcome(how, count, total, self._seconds, damaged, self._notes)
 
     def stoppable(self, work: Work[R]) -> Work[R | None]:
-        """Do work that can be stopped between its reports; None where it was."""
+        """Do work that can be stopped between its reports; return None if it was stopped."""
         while True:
             try:
                 record = next(work)

@@ -1,7 +1,7 @@
-"""H of the points of a target's frames that show positions of the scan.
+"""Assemble H from those points in frames of a target that show positions of the scan.
 
-Each such point becomes a frame at its position. What the frames say of the target goes into the provenance of H, which
-the metrics of quality read.
+Each such point becomes a frame at its position. Results about the target are stored in the provenance of H, for the
+quality metrics.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def shown_positions(
     Parameters
     ----------
     points
-        The points found.
+        Points found in the frames.
     tolerance_px
-        Largest deviation of either, in rows and in columns; None: that of the plan.
+        Largest deviation of phase and chief ray, in rows and in columns; None: that of the plan.
     resampled
         Whether patterns are moved by the fraction of a pixel between chief ray and pixel centre. Then only the phase
         counts, and the deviation is that fraction. This requires pixels fine enough for all of the light
@@ -68,9 +68,9 @@ class PointFrames(SourceView):
     Parameters
     ----------
     source
-        The whole frames that ``points`` were found in.
+        Whole frames in which ``points`` were found.
     points
-        The points found.
+        Points found in the frames.
     tolerance_px
         As in `shown_positions`.
     resampled
@@ -123,7 +123,7 @@ class PointFrames(SourceView):
         return len(self.points)
 
     def info(self, index: int) -> FrameInfo:
-        """Return which position a point shows, and how far off it is."""
+        """Return the position that a point shows, and its deviation from it."""
         points = self.points
         info = self.source.info(int(points.frame[index]))
         row, column = points.holes[index].tolist()
@@ -136,13 +136,13 @@ class PointFrames(SourceView):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return a point's frame, as bright as the median hole's."""
+        """Return the frame of a point, scaled to the brightness of the median hole."""
         values = self.source.read(int(self.points.frame[index]), region)
         scaled: NDArray[Any] = np.asarray(values, np.float32) / np.float32(self.points.brightness[index])
         return scaled
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the same with its noise; where neighbours reach, or pixels are saturated, no sample is valid."""
+        """Return the frame of a point with its noise; samples reached by neighbours, or saturated, are invalid."""
         share = float(self.points.brightness[index])
         found = self.source.samples(int(self.points.frame[index]), region)
         values = np.asarray(found.values, np.float32) / np.float32(share)
@@ -164,10 +164,10 @@ class PointFrames(SourceView):
 
 
 DOUBTFUL = 0.6
-"""Confidence below which a label is doubtful."""
+"""Confidence below which the label of a hole is doubtful."""
 
 MOST = 20
-"""Mistakes that are kept."""
+"""Largest number of stored mistakes."""
 
 
 def target_facts(points: Points) -> dict[str, Any]:
@@ -217,7 +217,7 @@ def _stage_error_px(points: Points) -> float:
     for k, one in points.found.items():
         z = int(points.z[points.frame == k][0]) if (points.frame == k).any() else 0
         step = scan.camera.step_um(scan.depths_um[z])
-        # the prior of a pose is where this frame was planned
+        # the prior of a pose is its planned value in this frame
         row, column = one.moved_px
         away.setdefault(z, []).append((one.fit.pose.down_um / step - row, one.fit.pose.right_um / step - column))
     squares = [np.square(np.array(own) - np.mean(own, axis=0)).sum(1) for own in away.values()]
@@ -225,7 +225,7 @@ def _stage_error_px(points: Points) -> float:
 
 
 class AssembledPoints(NamedTuple):
-    """H of a target's frames: what was made, the points found, how many showed no position, what frames say."""
+    """H of a target's frames, the points found, the number of points without a position, and results for the target."""
 
     report: AssemblyReport
     points: Points
@@ -253,7 +253,7 @@ def iter_assemble_points(
     Raises
     ------
     InputError
-        If frames and plan do not belong together, or no point shows a position.
+        If the frames do not belong to the plan, or no point shows a position.
     """
     points = yield from iter_points_of(view, plan)
     single = PointFrames(view, points)

@@ -1,11 +1,11 @@
-"""One camera fitted to the points of a target, each at its real place on the sensor and in its part of the field.
+"""Fit one camera to the points of a target, each at its actual place on the sensor and in the field.
 
 A part of the field is computed with the optics of its middle, so that derivatives by all unknowns need only one set of
 tables per part. The remaining difference of a point's pattern hardly changes while the unknowns move. It is therefore
 computed from time to time and kept constant in between (`Measured.extra_light`); at the end it is that of the fitted
 camera.
 
-The diameter of the holes is an unknown that all points share. The fit is written as a camera with its effects, H of
+The diameter of the holes is an unknown shared by all points. The fit is written as a camera with its effects, H of
 regions of the field, and the numbers.
 """
 
@@ -82,7 +82,7 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PointOptics:
-    """Facts about single points: cutouts, depths, and the size of the holes.
+    """Optics of single points: cutouts, depths, and the size of the holes.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class PointOptics:
 
     @classmethod
     def of(cls, points: Points, measured: Regional) -> PointOptics:
-        """Return what is known of ``measured`` points, which are made of ``points`` in any order."""
+        """Return the optics of ``measured`` points, which are ``points`` in any order."""
         scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
         for plan, part, _ in measured.parts():
             middles[part] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[part, 1:]
@@ -123,7 +123,7 @@ class PointOptics:
 
     @property
     def regions(self) -> tuple[RegionPlace, ...]:
-        """The parts of the field as a setup has them."""
+        """Parts of the field, in the form of a setup."""
         return tuple(RegionPlace(farther_um=float(farther)) for farther in self.parts_um)
 
 
@@ -151,7 +151,7 @@ def iter_with_point_light(
     optics
         Facts about the single points.
     u, offsets_px
-        The unknowns, and each point's displacement.
+        Vector of the unknowns, and the displacement of each point.
     sampling
         Sampling of the computation.
     note
@@ -211,11 +211,11 @@ class _Holes:
         if setup.hole_um is None:
             return cls(optics.hole_um, 0.0, fitted=False)
         least = setup.camera.step_um(0.0)
-        # to the point source, which takes one run; a smaller hole hardly differs from that
+        # to a point source, which needs one run and hardly differs from a small hole
         return cls(setup.hole_um, 0.0 if setup.hole_um > 0.5 * least else least, fitted=True)
 
     def put(self, setup: Setup, um: float | None = None) -> Setup:
-        """Return a setup with holes of this diameter, or another."""
+        """Return a setup with holes of this diameter."""
         size = self.um if um is None else um
         return setup.with_effect(FiniteSource(size)) if size > 0 else setup
 
@@ -224,23 +224,22 @@ HOLE = "hole"
 """Group of unknowns (`lfcal.fit.groups.light.Holes`)."""
 
 NEEDED_SHARE = 0.1
-"""Share of the residual beyond noise, of patterns that were never fitted, that another size must explain."""
+"""Share of the residual beyond noise in held-out patterns that another size must explain."""
 
 VAGUE = 0.5
-"""Standard deviation of the squared diameter, over that of the description, above which it is undetermined."""
+"""Standard deviation of the squared diameter, relative to the described one, above which it is undetermined."""
 
 SAME = 0.02
-"""Change of the squared diameter, relative, that needs no other light of the holes."""
+"""Relative change of the squared diameter below which the light of the holes is not computed again."""
 
 SHOWN = 3.0
-"""Standard deviations by which a squared diameter must differ from the description's to be determined all the same."""
+"""Standard deviations by which a squared diameter must differ from the described one to count as determined."""
 
 
 def iter_hole_is_needed(finished: Finished) -> Work[bool]:
     """Return whether the size of the holes is needed as an unknown; yields progress in derivatives.
 
-    It is where chi² says that the model does not suffice, and another size lowers the residual of patterns that were
-    never fitted.
+    It is needed if chi² shows that the model is incomplete, and another size lowers the residual of held-out patterns.
     """
     problem, point, groups, columns, _ = finished
     hole = problem.vector.of_groups([HOLE]).tolist()
@@ -256,9 +255,9 @@ def iter_hole_is_needed(finished: Finished) -> Work[bool]:
 
 
 def hole_is_determined(finished: Finished) -> bool:
-    """Return whether the points determine the size of the holes, which is among the groups that were fitted.
+    """Return whether the points determine the size of the holes, which was fitted.
 
-    The image of a hole that is far smaller than the finest detail of a pattern blurs nothing.
+    A hole much smaller than the finest detail of a pattern causes no measurable blur.
     """
     problem, point, groups, columns, _ = finished
     which = problem.vector.of_groups(groups)
@@ -273,7 +272,7 @@ def hole_is_determined(finished: Finished) -> bool:
 
 
 def moved_far(finished: Finished) -> bool:
-    """Return whether the holes have another size than that of which their light was computed, by more than a trifle."""
+    """Return whether the size of the holes differs significantly from that for which their light was computed."""
     problem, point, groups, _, _ = finished
     if HOLE not in groups:
         return False
@@ -282,7 +281,7 @@ def moved_far(finished: Finished) -> bool:
 
 
 def without_hole(finished: Finished) -> Finished:
-    """Return what was found with the holes as described, at the same values of all else."""
+    """Return the fit with the described holes, at the same values of all other unknowns."""
     problem, point, groups, columns, outliers = finished
     u = point.u.copy()
     u[problem.vector.of_groups([HOLE])] = 0.0
@@ -298,11 +297,11 @@ def hole_words(fit: Fit, *, asked: bool = True) -> str:
     fit
         Fit of points.
     asked
-        Whether the size was requested by name; else an undetermined size is not mentioned.
+        Whether the size was requested by name; otherwise, an undetermined size is not mentioned.
     """
     if asked and HOLE in fit.unhelpful:
         stays = _described(fit.setup.hole_um or 0.0)
-        return f"size of the holes: undetermined, as their images are too small; kept as described: {stays}"
+        return f"size of the holes: undetermined, because their images are too small; fixed at the described {stays}"
     found = fit.parameters.get("hole_um")
     if found is None or abs(found.value - found.start) <= found.sigma:
         return ""
@@ -315,27 +314,27 @@ def _described(hole_um: float) -> str:
 
 
 def with_undetermined_hole(fit: Fit) -> Fit:
-    """Return the fit with the size of the holes among what was asked for and did not help."""
+    """Return the fit with the size of the holes among the requested unknowns that did not help."""
     return replace(fit, unhelpful=(*fit.unhelpful, HOLE))
 
 
 MOST = 72
-"""Points that are fitted: eight of each of nine parts of the field; what is left of the error is the computation's."""
+"""Number of fitted points: eight in each of nine parts of the field; the remaining error is that of the simulation."""
 
 OTHERS = ("region_places", "region_depths", "stage_scale", "stage_zero", "source")
-"""Groups of scans: a target's points have one lattice and one plane, each its own displacement, sources are holes."""
+"""Groups only for scans: points of a target share one lattice and one plane, and their sources are holes."""
 
 ALWAYS_FITTED = ("pitch", "plane_tilt")
-"""Groups that are always found: over the field a small error of either shows."""
+"""Groups that are always fitted, because small errors are visible over the field."""
 
 DEVIATION_PX, BRIGHTNESS = 0.5, 0.05
-"""Prior standard deviations: of a chief ray from the centroid of the light (pixels), and of a hole's brightness."""
+"""Prior standard deviations: offset of a chief ray from the centroid of the light (pixels), relative brightness."""
 
 ROUNDS = 4
-"""Of the fit that places the points."""
+"""Largest number of rounds of the fit that locates the points."""
 
 RESIZED = 2
-"""How often the light of holes is computed again at most, where another size was found than it was computed for."""
+"""Largest number of times that the light of holes is computed again after a change of their size."""
 
 
 def iter_fit_points(
@@ -349,11 +348,10 @@ def iter_fit_points(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Return the one camera that explains the points of a target's frames, each at its real place.
+    """Fit one camera to the points of a target's frames, each at its actual place.
 
-    Nothing is reduced modulo the array's period: patterns are computed at their own pixels, with the remaining
-    fractions of their positions, under the actual array. The field is divided into parts, each with the optics of its
-    middle.
+    Nothing is reduced modulo the array's period: patterns are computed at their own pixels, including the fractions of
+    their positions, under the actual array. The field is divided into parts, each with the optics of its middle.
 
     Parameters
     ----------
@@ -363,7 +361,7 @@ def iter_fit_points(
         As in `lfcal.fit.fit_camera`; the array's pitch is always fitted. ``hole`` is the diameter of the target's
         holes, which is also fitted if chi² requires it.
     parts
-        Parts of the sensor (rows, columns).
+        Number of parts of the sensor (rows, columns).
     most
         Largest number of points, spread evenly over the parts; None: all.
 
@@ -380,7 +378,7 @@ def iter_fit_points(
     check_stage(stage)
     measured = measured_points(source, points, parts, most=most)
     core, candidates = groups_of(unknowns)
-    # the source is a hole
+    # the source is a hole, not a point
     asked = not isinstance(unknowns, str) and (HOLE in core or "source" in core)
     core = tuple(
         name for name in dict.fromkeys((*core, *ALWAYS_FITTED, *((HOLE,) if asked else ()))) if name not in OTHERS
@@ -404,7 +402,7 @@ def iter_fit_points(
     if asked and HOLE not in groups:
         fits = tuple(with_undetermined_hole(fit) for fit in fits)
     names = [measured.regions[k].name for _, _, k in problem.measured.parts()]
-    # planes of H are where they were planned, however the target is tilted
+    # planes of H are at their planned depths, for any tilt of the target
     depths = problem.vector.setup_at(point.u).depth_errors_um
     level = [replace(fit, setup=replace(fit.setup, depth_errors_um=depths)) for fit in fits]
     return FieldFit(dict(zip(names, level, strict=True)))
@@ -465,7 +463,7 @@ def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finishe
     if not asked and (yield from iter_hole_is_needed(finished)):
         problem, point, groups, columns, outliers = finished
         finished = yield from _with_light_as_found((problem, point, (*groups, HOLE), columns, outliers), optics)
-    # their light changes with the square of the diameter only nearly
+    # their light is only approximately proportional to the square of the diameter
     for _ in range(RESIZED):
         if not moved_far(finished):
             break
@@ -542,7 +540,10 @@ def _iter_h(
     """Write H of a region, or of several."""
     if isinstance(scan, ScanPlan):
         return (yield from iter_write_model(fit.fit_at(scan), out, provenance=known, workers=workers))
-    from lfcal.campaign.regions import save_parts, temporary_parts  # here: a fit of one region loads no devices
+    from lfcal.campaign.regions import (
+        save_parts,
+        temporary_parts,
+    )  # imported here: it needs devices
 
     with temporary_parts(out, scan.names) as parts:
         for k, name in enumerate(scan.names):

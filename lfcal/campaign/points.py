@@ -1,6 +1,6 @@
-"""The points of a target's frames: labelled, located on the sensor, and as patterns of parts of the field.
+"""Find the points in frames of a target: their labels, places on the sensor, and patterns for a fit.
 
-Repeats, the same hole at the same place, are averaged, and their variance falls.
+Repeats of a hole at the same place are averaged, which reduces their variance.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ __all__ = ["Points", "iter_points_of", "measured_modulo", "measured_points", "po
 F8 = NDArray[np.float64]
 
 DIM = 0.2
-"""Light over that of the median hole below which a point is not used."""
+"""Light, relative to the median hole, below which a point is not used."""
 
 SURE = 0.3
-"""Least confidence in a label."""
+"""Smallest confidence of a label."""
 
 MOST_DEVIATION_PX = 0.5
-"""Largest offset of the light's centroid from the lattice (pixels), or six times the rms: more is not one hole's."""
+"""Largest offset of a centroid from the lattice (pixels, or six times the rms if larger); other light is not a hole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +42,15 @@ class Points:
     plan
         The recorded plan.
     frame, z
-        Frame and plane of each ``(n,)``.
+        Frame and plane of each point ``(n,)``.
     holes
         Labels ``(n, 2)`` as (row, column).
     pixels
-        Sensor position ``(n, 2)`` of each chief ray (row, column); the cutout lies about the nearest pixel.
+        Sensor position ``(n, 2)`` of each chief ray (row, column); the cutout is centred on the nearest pixel.
     brightness
-        Light of each, relative to the median hole in its frame ``(n,)``.
+        Light of each point, relative to the median hole in its frame ``(n,)``.
     away_um
-        Depth of each, by the pose of the target in its frame ``(n,)`` (µm).
+        Depth of each point from the pose of the target in its frame ``(n,)`` (µm).
     found
         Results for each frame, by its number.
     """
@@ -78,12 +78,12 @@ class Points:
 
     @property
     def residuals(self) -> F8:
-        """What is left of each position ``(n, 2)`` (pixels)."""
+        """Fraction of each position that remains after rounding ``(n, 2)`` (pixels)."""
         rest: F8 = self.pixels - self.middles
         return rest
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Points:
-        """Return some of them."""
+        """Return the chosen points."""
         names = ("frame", "z", "holes", "pixels", "brightness", "away_um")
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
@@ -94,7 +94,7 @@ class Points:
         return slice(top, top + nt), slice(left, left + ns)
 
     def alone(self, k: int) -> NDArray[np.bool_]:
-        """Return which pixels of the cutout of point ``k`` no neighbour's pattern reaches ``(nt, ns)``."""
+        """Return a mask of the pixels in the cutout of point ``k`` that no neighbour's pattern reaches ``(nt, ns)``."""
         found, scan = self.found[int(self.frame[k])], self.plan.scan
         rows, columns = (np.arange(part.start, part.stop) for part in self.region(k))
         radius = half_extent_px(scan.camera, scan.depths_um[int(self.z[k])])
@@ -107,14 +107,14 @@ class Points:
 
     @property
     def known(self) -> str:
-        """How many points were found, and how well they lie on the target's lattice, for a verdict."""
+        """Sentence on the number of points and their deviation from the target's lattice."""
         rms = float(np.median([one.fit.rms_px for one in self.found.values()]))
         seen = f"{format_count(len(self), 'point', 'points')} in {format_count(len(self.found), 'frame', 'frames')}"
         return f"found: {seen}, their light {rms:.2f} px (rms) from its lattice"
 
     @property
     def mistakes(self) -> tuple[tuple[Finding, int], ...]:
-        """What is not as described, each with the number of frames that show it; the most frequent first."""
+        """Deviations from the target's description with the number of frames that show them, most frequent first."""
         counts: dict[tuple[str, tuple[tuple[int, ...], ...]], tuple[Finding, int]] = {}
         for found in self.found.values():
             for one in found.mistakes:
@@ -144,7 +144,7 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
     Raises
     ------
     InputError
-        If frames and plan do not belong together, or a frame's points cannot be labelled.
+        If the frames do not belong to the plan, or the points of a frame cannot be labelled.
     """
     order = frames_of(source, plan)
     chosen = list(range(len(source))) if frames is None else list(frames)
@@ -175,7 +175,7 @@ points_of = drained(iter_points_of)
 def _of_frame(source: FrameSource, plan: TargetPlan, k: int, at: tuple[int, int]) -> FoundPoints:
     z, number = at
     scan, label = plan.scan, source.info(k).label or f"frame {k}"
-    # saturated pixels are the brightest: the middle of the light is nearer with them than without
+    # use saturated pixels too: they are the brightest, and the centroid is more accurate with them
     values = np.asarray(source.samples(k).values, np.float64)
     try:
         return find_points(values, plan.target, scan.camera, scan.depths_um[z], offset_px=plan.offsets_px[z][number])
@@ -194,23 +194,23 @@ def _usable(found: FoundPoints, plan: TargetPlan) -> NDArray[np.intp]:
 
 
 HELD_OUT_EVERY = 5
-"""Number of points of which one is held out."""
+"""One point in this many is held out."""
 
 SAME_PX = 0.05
-"""Positions of one hole nearer than this are repeats."""
+"""Distance below which positions of one hole are repeats (pixels)."""
 
 Tile = tuple[slice, slice]
 
 
 def tile_plan(scan: ScanPlan, corner: tuple[float, float], shape: tuple[int, int]) -> ScanPlan:
-    """Return a scan's plan whose positions are the pixels of a part of the sensor, from its first pixel on."""
+    """Return a scan plan whose positions are the pixels of a part of the sensor, from its first pixel on."""
     return replace(scan, period=shape, anchor=(float(corner[0]), float(corner[1])))
 
 
 def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int, int]) -> tuple[Tile, ...]:
-    """Return the parts of the sensor, row by row, in each of which the optics are those of its middle.
+    """Return the parts of the sensor, row by row; each is computed with the optics of its middle.
 
-    Together they hold every pixel about which a cutout is on the sensor whole.
+    Together they contain every pixel whose cutout is completely on the sensor.
     """
     parts = check_tuple("parts of the field (rows, columns)", parts, 2, integer=True, at_least=1, at_most=16)
     edges = []
@@ -224,21 +224,21 @@ def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int,
 def measured_points(
     source: FrameSource, points: Points, parts: tuple[int, int] = (3, 3), *, most: int | None = None
 ) -> Regional:
-    """Return points as the patterns of parts of the field, each at its place.
+    """Return the patterns of points, each at its place in a part of the field.
 
     Parameters
     ----------
     source, points
         The frames, with their dark level subtracted, and the points found in them.
     parts
-        Parts of the sensor (rows, columns), in each of which the optics are those of its middle.
+        Number of parts of the sensor (rows, columns); each is computed with the optics of its middle.
     most
         Largest number of points, spread evenly over the parts; None: all.
 
     Raises
     ------
     InputError
-        If the noise of the frames is not known.
+        If the noise of the frames is unknown.
     """
     scan = points.plan.scan
     tiles = tiles_of(scan.camera.sensor.shape, scan.cutout, parts)
@@ -269,8 +269,9 @@ def measured_points(
 def measured_modulo(source: FrameSource, points: Points, *, most: int | None = None) -> Measured:
     """Return points as patterns of the scan of one period, as if the array repeated itself after whole pixels.
 
-    That is what many points in one frame are not, and a fit's chi² says so: positions are rounded, and taken modulo the
-    period from wherever they are.
+    This is only an approximation, and chi² of a fit shows the difference: positions are rounded, and reduced modulo
+    the
+    period.
     """
     scan = points.plan.scan
     firsts = _firsts(points)
@@ -322,7 +323,7 @@ def _cut(source: FrameSource, points: Points, chosen: NDArray[np.intp]) -> _Cut:
         total = weight.sum(0)
         out.patterns[at] = (weight * np.stack([v for v, _, _ in cuts])).sum(0) / np.maximum(total, 1)
         out.valid[at] = total > 0
-        # as many as most pixels have
+        # the number that most pixels have
         out.noise[at] = np.mean([two for _, _, two in cuts], axis=0) / max(1.0, float(np.median(total)))
     return out
 
@@ -358,6 +359,6 @@ def _spread(part: NDArray[np.intp], most: int | None) -> NDArray[np.intp]:
     check_number("points that are fitted", most, at_least=3, integer=True)
     used: Sequence[int] = np.unique(part).tolist()
     own = [order[part[order] == k][: max(1, most // len(used))] for k in used]
-    # parts take turns, so that what is kept aside is of all of them
+    # take parts in turn, so that held-out points come from all parts
     turns = max(map(len, own))
     return np.array([one[j] for j in range(turns) for one in own if j < len(one)], np.intp)

@@ -1,7 +1,7 @@
-"""Several regions of the field in one session: a folder of sessions, one per region, begun and resumed as one.
+"""Record several regions of the field as one session: a folder with a session per region.
 
-Each region is read out on its part of the sensor, with separate darks, and is as safe as any session. Together they
-are one plan, one command and one H file.
+Each region is read out on its part of the sensor, with separate dark frames, and is as safe as any session. Together
+they have one plan, one command and one H file.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 REGIONS_FILE = "regions.json"
-"""The plan of a session of several regions, in its folder."""
+"""File of the plan in the folder of a session of several regions."""
 
 
 def is_regions(folder: Path) -> bool:
@@ -53,7 +53,7 @@ def is_regions(folder: Path) -> bool:
 
 
 def read_regions(folder: Path) -> RegionPlan:
-    """Return the plan of the session in ``folder``.
+    """Read the plan of the session in ``folder``.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def read_regions(folder: Path) -> RegionPlan:
 def first_begun(folder: Path) -> Path | None:
     """Return the folder of the first region that was started, which has the options of the session.
 
-    None: no region.
+    None if no region was started.
     """
     return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
 
@@ -84,7 +84,7 @@ def first_begun(folder: Path) -> Path | None:
 def forecast_regions(
     plan: RegionPlan, rig: Rig, options: Options, folder: Path, *, frames_per_s: float | None = None
 ) -> SessionForecast:
-    """Return what all regions cost together, each checked as `lfcal.acquire.forecast` does."""
+    """Return the cost of all regions together, after checking each as in `lfcal.acquire.forecast`."""
     names = enumerate(plan.names)
     found = [forecast(plan.plan(k), rig, options, folder / name, frames_per_s=frames_per_s) for k, name in names]
     summed = ["positions", "other_frames", "seconds", "recording_bytes"]
@@ -104,7 +104,7 @@ def iter_record_regions(
     observers: Callable[[int], tuple[Observer, ...]] = lambda _: (),
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
-    """Record every region of ``plan`` into a separate session below ``folder``; return how all ended.
+    """Record every region of ``plan`` into a separate session in ``folder``; return the common outcome.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:
         if not is_regions(folder):
             raise InputError.expected(str(folder), f"a session of regions ({REGIONS_FILE})", "none", "check the path")
         if read_regions(folder) != plan:
-            raise InputError.expected(str(folder), "the plan that was recorded", "another", "record with the same plan")
+            raise InputError.expected(str(folder), "the recorded plan", "another plan", "record with the same plan")
         return
     check_new(folder)
     if is_regions(folder):
@@ -184,7 +184,7 @@ def _shown(work: Work[Outcome], name: str, before: int, total: int) -> Work[Outc
 
 
 def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Iterate over the regions of a session as name and folder; raises `InputError` where one was not begun."""
+    """Iterate over the regions of a session as name and folder; raises `InputError` if one was not started."""
     for name in read_regions(folder).names:
         if not (folder / name / NAME).exists():
             raise InputError.expected(f"{folder}: region {name}", "a recording", "none", "resume the session")
@@ -193,13 +193,13 @@ def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
 
 @contextmanager
 def temporary_parts(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]]:
-    """Give a path for H of each region, in a folder next to ``out`` that is removed at the end."""
+    """Provide a path for H of each region, in a folder next to ``out`` that is removed at the end."""
     with storage_errors(out), TemporaryDirectory(prefix=f".{out.name}.regions-", dir=out.parent) as place:
         yield {name: Path(place) / f"{name}.h5" for name in names}
 
 
 def save_parts(parts: dict[str, Path], out: Path, **settings: Any) -> Path:
-    """Write H of several regions, each in a separate file, to one file by name."""
+    """Combine H of several regions from separate files into one file, by name."""
     with ExitStack() as stack:
         matrices: dict[str, PSFMatrix] = {name: stack.enter_context(open_psf(path)) for name, path in parts.items()}
         return save_regions(matrices, out, **settings)

@@ -1,4 +1,4 @@
-"""Whether frames of a scan are those of their camera flipped or turned: a few patterns in all eight orientations."""
+"""Detect flipped or rotated frames of a scan: compare a few patterns with the camera in all eight orientations."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from lfcal.simulate.engines import EnergyError
 __all__ = ["SeenPattern", "TurnedFrames", "find_turned_frames", "seen_patterns"]
 
 REACH = 2
-"""Distance from the centre of light within which the image's place is looked for (pixels)."""
+"""Largest distance of the image's place from the centre of light (pixels)."""
 
 EXPLAINED = 0.2
-"""Share of the light that may be unexplained where an orientation is named."""
+"""Largest unexplained share of the light in a reported orientation."""
 
 BETTER = 0.5
-"""Share of what is unexplained as the frames lie that may be left in an orientation that is named."""
+"""Largest ratio of the residual in a reported orientation to that as delivered."""
 
 EQUALLY_GOOD = 1.25
 """Largest residual, relative to the best orientation's, of an orientation that explains patterns equally well."""
@@ -33,7 +33,7 @@ EQUALLY_GOOD = 1.25
 
 @dataclass(frozen=True, eq=False)
 class SeenPattern:
-    """A frame less its level, its plane, and the centre of its light (row, column)."""
+    """A frame without its background, its plane, and the centre of its light (row, column)."""
 
     frame: NDArray[np.float32]
     z: int
@@ -58,10 +58,10 @@ class TurnedFrames:
 
     @property
     def words(self) -> str:
-        """How the frames lie, with the evidence."""
+        """Orientation of the frames, with the evidence."""
         ways = " or ".join(turn.words for turn in self.turns)
-        left = f"{100 * self.residual:.0f} % of the light unexplained so, {100 * self.as_is:.0f} % as they lie"
-        return f"{ways} against the camera ({left})"
+        left = f"{100 * self.residual:.0f} % of the light unexplained then, {100 * self.as_is:.0f} % as delivered"
+        return f"{ways} relative to the camera ({left})"
 
     @property
     def options(self) -> str:
@@ -72,16 +72,16 @@ class TurnedFrames:
 def seen_patterns(
     read: Callable[[int], NDArray[Any]], positions: NDArray[np.intp], plan: ScanPlan
 ) -> list[SeenPattern]:
-    """Return the patterns of four frames: two of the first and two of the last plane, apart in the period.
+    """Return the patterns of four frames: two in the first and two in the last plane, far apart in the period.
 
     Parameters
     ----------
     read
-        Returns frame k of the list.
+        Function that returns frame k of the list.
     positions
-        Position ``(n, 3)`` as (z, y, x) of each of its frames.
+        Position ``(n, 3)`` of each frame as (z, y, x).
     plan
-        The scan's.
+        Plan of the scan.
     """
     ny, nx = plan.period
     found = []
@@ -100,17 +100,17 @@ def seen_patterns(
 
 
 def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFrames | None:
-    """Return the orientations in which patterns are their camera's; None where they are so as they lie, or in none.
+    """Return the orientations in which patterns match their camera; None if they match as delivered, or never.
 
     Parameters
     ----------
     seen
-        From `seen_patterns`.
+        Patterns from `seen_patterns`.
     plan
-        The scan's, as the frames lie.
+        Plan of the scan, for the frames as delivered.
     """
     sensor, marks = plan.camera.sensor.shape, plan.camera.marks
-    # an array of unknown place cannot be mirrored
+    # an array with an unknown position cannot be mirrored
     if not seen or marks["lattice.offset_um"] == "assumed" or any(one.frame.shape != sensor for one in seen):
         return None
     setup = Setup(plan.camera, (), (0.0,) * plan.shape[0])
@@ -119,7 +119,7 @@ def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFra
         if turn.shape(sensor) == sensor:
             try:
                 alike = float(np.median([_alike(one, turn, plan, setup) for one in seen]))
-            except (InputError, EnergyError):  # a camera that no engine computes gives no evidence
+            except (InputError, EnergyError):  # a camera that cannot be simulated gives no evidence
                 return None
             left[turn.name] = 1 - alike**2
     best = min(left.values())

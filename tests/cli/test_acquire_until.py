@@ -40,7 +40,7 @@ def until(lfcal: Lfcal, *more: str) -> Run:
 def test_a_session_ends_by_the_error_of_h(lfcal: Lfcal, place: Path) -> None:
     run = until(lfcal, "--until-error", "0.3%")
     assert run.code == 0, run.err
-    assert "the wanted error of H is reached" in run.out and "lfcal fit s -o fit/" in run.out
+    assert "the target error of H is reached" in run.out and "lfcal fit s -o fit/" in run.out
     assert "12 positions: error of H 0." in run.err
     session = SessionFile.read(place / "s")
     assert len(session.redo[0]) == 12 and session.kept_aside
@@ -80,8 +80,8 @@ def test_goals_by_their_words() -> None:
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        ("--until-error 0", "wanted error of H"),
-        ("--until-error 200%", "wanted error of H"),
+        ("--until-error 0", "target error of H"),
+        ("--until-error 200%", "target error of H"),
         ("--until-error 0.01%", "the computation of patterns itself errs by 0.06 %"),
         ("--until-error 1% --most 3", "most positions"),
         ("--until-error 1% --unknowns gap", "--unknowns: expected auto or geometry or"),

@@ -150,7 +150,7 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
     press(page, "start", qtbot)
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
     ended(page, qtbot)
-    assert panel.status.text().startswith("The wanted error of H is reached")
+    assert panel.status.text().startswith("The target error of H is reached")
     steps = page.record.recorder.steps  # type: ignore[union-attr]
     curve, session = shown.error.curve, SessionFile.read(folder)
     assert curve is not None and curve.positions == tuple(one.positions for one in steps)
@@ -210,7 +210,7 @@ def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Conte
     assert editor.text() == "0.27 %"
     editor.setText("0.01%")
     editor.textEdited.emit("0.01%")
-    assert "wanted error of H" in panel.until.error and AcquireSettings.of(context.state).until_error == 0.0027
+    assert "target error of H" in panel.until.error and AcquireSettings.of(context.state).until_error == 0.0027
     editor.setText("0.5%")
     editor.textEdited.emit("0.5%")
     assert AcquireSettings.of(context.state).until_error == pytest.approx(0.005)
