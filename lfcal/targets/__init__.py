@@ -1,22 +1,23 @@
-"""Targets: many points in one frame instead of one.
+"""Targets with many points per frame instead of one.
 
 Points whose cutouts do not overlap are independent measurements. Each has a phase: its position in the period of the
 lenslet array. The steps of using a target, and their modules:
 
-1. Describe it: ``target`` (holes, marks; as written on the command line), ``pose`` (its pose, and the uncertainty of
+1. Describe it: ``target`` (holes, marks, and the notation of the command line), ``pose`` (its pose, and the
+uncertainty of
    the pose).
 2. Compute where its holes are imaged: ``images`` (chief rays, each hole at its depth), ``phases`` (counted in
 lenslets, so that an array may be rotated, distorted, or of fractional period).
-3. Plan: ``planning`` (which pitch, how close holes may be, and from there to the plan), ``offsets`` (which offsets
-   show all phases), ``expected`` (what noise leaves), ``plan`` (`TargetPlan`, a separate file that holds the scan),
-   ``facts`` (what its frames show and cost).
+3. Plan: ``planning`` (pitch, smallest spacing of holes, and the plan itself), ``offsets`` (offsets that show all
+   phases), ``expected`` (error due to noise), ``plan`` (`TargetPlan`, a separate file that contains the scan),
+   ``facts`` (contents and cost of its frames).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
-   A target whose points are switched: ``display`` (planned on its pixels), ``subsets`` (which frames may be shown
-   together), ``coded`` (the image of each alone, from frames that show several).
-5. Find its holes in a frame: ``_spots`` (points of light), ``finding`` (places of one lattice, and which hole each is),
-   ``_pose_fit`` (pose, pitch, distortion), ``_mistakes`` (what is not as described).
+      For a target with switched points: ``display`` (plans for its pixels), ``subsets`` (frames that may be shown
+      together), ``coded`` (the image of each frame alone, decoded from frames that show several).
+   5. Find its holes in a frame: ``_spots`` (points of light), ``finding`` (places on a lattice, and the label of each
+      hole), ``_pose_fit`` (pose, pitch, distortion), ``_mistakes`` (deviations from the description).
 
-A scan plan keeps its meaning: a `TargetPlan` holds one, whose positions it shows by other means. See docs/targets.md.
+A `TargetPlan` contains a scan plan, and shows its positions with a target. See docs/targets.md.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""The public names of `lfcal.targets`, loaded when the first of them is asked for."""
+"""The public names of `lfcal.targets`, loaded on first use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a target is not as it is described, by name."""
+"""Find deviations of a target from its description."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ Index = NDArray[np.intp]
 KINDS = ("missing row", "missing column", "missing holes", "bright", "dim", "displaced", "pitch")
 
 BRIGHT, DIM = 1.8, 0.5
-"""Light over that of the median hole beyond which a hole is called bright, below which dim."""
+"""Light, relative to the median hole, above which a hole is reported as bright, and below which as dim."""
 
 SURE = 5.0
 """Number of standard deviations above which a deviation is reported."""
 
 BESIDE_PX = 0.5
-"""A hole is not called displaced for less: the middle of its light is no chief ray."""
+"""Smallest reported displacement of a hole, because the centroid of its light differs from the chief ray."""
 
 PITCH = 0.01
-"""A pitch is not called wrong for less: no magnification is known better."""
+"""Smallest reported relative error of a pitch, because magnifications are not known better."""
 
 
 REMEDIES = {
     "missing row": "Check the target's description and its light.",
     "missing column": "Check the target's description and its light.",
-    "missing holes": "Clean the target, or leave these holes out.",
-    "bright": "Leave these holes out, or replace the target.",
+    "missing holes": "Clean the target, or exclude these holes.",
+    "bright": "Exclude these holes, or replace the target.",
     "dim": "Clean the target.",
-    "displaced": "Clean the target, or leave these holes out.",
+    "displaced": "Clean the target, or exclude these holes.",
     "pitch": "Measure the pitch and describe the target again.",
 }
-"""What to do about each kind."""
+"""Remedy for each kind of deviation."""
 
 
 def _mistake(kind: str, detail: str, holes: tuple[tuple[int, int], ...] = ()) -> Finding:
@@ -115,7 +115,7 @@ def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Finding]:
         own = _tuples(holes[sorted(group)])
         most = float(share[group].max())
         what = "neighbours" if len(own) > 1 else "a hole"
-        says = f"{_words(own)}, {what}, up to {most:.1f} times as bright as others: their tails are too"
+        says = f"{_words(own)}, {what}, up to {most:.1f} times as bright as others, and so are their tails"
         out.append(_mistake("bright", says, own))
     dim = np.flatnonzero(share < DIM)
     if len(dim):

@@ -1,4 +1,4 @@
-"""The pose of a target from the images of its holes, with the pitch and the distortion that they show."""
+"""Fit the pose of a target to the images of its holes, with pitch and distortion."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ ANGLES = ("rotation_rad", "tilt_right_rad", "tilt_down_rad")
 NAMES = tuple(field.name for field in fields(Pose))
 
 MOUNT = {"rotation_rad": math.radians(5.0), "tilt_right_rad": math.radians(3.0), "tilt_down_rad": math.radians(3.0)}
-"""How well a mount is known where nothing is stated (rad)."""
+"""Assumed uncertainty of the angles of a mount (rad)."""
 
 SCALE = 0.03
-"""How well pitch over distance is known: magnification and pitch as described."""
+"""Assumed relative uncertainty of the ratio of pitch to distance."""
 
 BENT = 0.01
-"""Distortion at the sensor's corner that lenses have."""
+"""Typical distortion of lenses at the sensor's corner."""
 
 LEAST_PX = 0.02
-"""What a middle of light is never better than, and a fit of few points seems to be."""
+"""Smallest error of a centroid (pixels); a fit of few points may suggest a smaller one."""
 
 FEW_PAIRS = 8
 """Smallest number of neighbours for measuring their correlation."""
@@ -67,7 +67,7 @@ class PoseFit:
     _spread: Array
 
     def images(self, target: Target, camera: Camera, z_um: float) -> HoleImages:
-        """Return where all holes are imaged, by this pose."""
+        """Return the images of all holes for this pose."""
         return _images(self._values, target, camera, z_um)
 
     def pixel_sigma(self, target: Target, camera: Camera, z_um: float) -> Array:
@@ -95,7 +95,7 @@ def fit_pose(
     centre = _values_of(target.pose)
     begin = _values_of(start or target.pose)
     prior = _prior(target, step)
-    # a single row, or hole, does not determine tilt or pitch across it: the prior applies
+    # a single row or hole does not determine tilt or pitch across it, so the prior applies
     noise = 0.2
 
     def residuals(values: Array) -> Array:
@@ -110,7 +110,7 @@ def fit_pose(
         usual = 1.4826 * float(np.median(np.abs(off)))
         freedom = max(0.2, 1 - 5 / (2 * len(pixels)))
         noise = max(LEAST_PX, usual / math.sqrt(freedom))
-    # a deviation shared by neighbours is not noise: the centroid of a phase is displaced from the chief ray
+    # a deviation shared by neighbours is not noise: the centroid depends on the phase
     slopes = np.asarray(found.jac, np.float64)
     spread: Array = np.asarray(np.linalg.inv(slopes.T @ slopes), np.float64) * _alike(np.asarray(holes, np.intp), off)
     sigma = np.sqrt(np.diag(spread))

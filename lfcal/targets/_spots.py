@@ -1,4 +1,4 @@
-"""Points of light in a frame: where the micro-images of one point have their middle, and how bright they are."""
+"""Find points of light in a frame: the centre of a point's micro-images, and its brightness."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ __all__ = ["Spots", "dark_level", "find_spots"]
 Array = NDArray[np.float64]
 
 ABOVE = 6.0
-"""Standard deviations of smoothed dark pixels above which there is a point."""
+"""Threshold for a point, in standard deviations of smoothed dark pixels."""
 
 DIM = 0.05
-"""Share of the light of a usual point below which there is none: tails of its neighbours have less."""
+"""Smallest light of a point, relative to a typical one; tails of neighbours have less."""
 
 ROUNDS = 4
-"""Of a centroid, each about the one before."""
+"""Number of centroid steps, each about the previous centroid."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """Points of light whose patterns are on the frame whole.
+    """Points of light whose patterns are completely in the frame.
 
     Attributes
     ----------
     pixels
-        Middle of the light ``(n, 2)`` as (row, column).
+        Centroid of the light ``(n, 2)`` as (row, column).
     light
         Sum of each pattern above the dark level ``(n,)``.
     dark
-        The dark level.
+        Dark level of the frame.
     """
 
     pixels: Array
@@ -52,10 +52,10 @@ class Spots:
 
 
 def dark_level(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the most frequent value, that of pixels without light, and the standard deviation about it.
+    """Return the mode of the values, which is the dark level, and the standard deviation about it.
 
-    Half samples (Robertson and Cryer 1974): the densest half of the values, of that the densest half, and so on. With
-    patterns over most of a frame its median would be light.
+    The mode is found from half samples (Robertson and Cryer 1974): the densest half of the values, the densest half of
+    that, and so on. With patterns over most of a frame, its median would contain light.
     """
     flat = np.sort(values[np.isfinite(values)].ravel())
     flat = flat[:: max(1, len(flat) // 50_000)]
@@ -66,7 +66,7 @@ def dark_level(values: NDArray[np.float64]) -> tuple[float, float]:
         first = int(width.argmin())
         part = part[first : first + half]
     mode = float(part.mean()) if len(part) else 0.0
-    # light lies above, noise on both sides; whole samples have their mode at one of them, their mean between
+    # light is above, noise on both sides; the mode of integer samples is an integer, their mean is not
     noise = 0.0
     for _ in range(3):
         below = mode - flat[flat < mode]
@@ -92,7 +92,7 @@ def find_spots(
     apart_px
         Smallest distance of neighbouring points.
     valid
-        Valid pixels; saturated ones may count as valid, because they are bright.
+        Mask of valid pixels; saturated ones may be valid, because they are bright.
 
     Raises
     ------
@@ -110,10 +110,10 @@ def find_spots(
     # a Gaussian of this width averages 4 pi width² pixels
     tops &= smooth > ABOVE * noise / math.sqrt(4 * math.pi * width**2)
     heights = smooth[tops]
-    # usual is what more than noise is usually: one hole may be many times as bright, many may be dirty
+    # a robust typical light: a hole may be much brighter, and many may be dirty
     usual = float(np.median(heights[heights > DIM * heights.max()])) if len(heights) else 0.0
     places = np.argwhere(tops & (smooth > DIM * usual)).astype(float)
-    # in a flat region every pixel is a peak: patterns need separate space
+    # in a flat region, every pixel is a peak, so require a distance between patterns
     if len(places) > above.size / max(1.0, (0.4 * apart_px) ** 2) + 1:
         places = places[:0]
     found = [_centred(above, place, min(radius_px + 2.0, apart_px / 2)) for place in places]
@@ -139,7 +139,7 @@ def _centred(above: Array, start: Array, reach: float) -> tuple[Array, float]:
         if not (len(rows) and len(columns)):
             break
         away = np.hypot(rows[:, None] - at[0], columns[None, :] - at[1])
-        # a soft rim: pixels that enter and leave would move the centroid in steps
+        # a soft edge, because pixels that enter and leave would move the centroid in steps
         part = above[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] * np.clip(reach + 0.5 - away, 0.0, 1.0)
         total = float(part.sum())
         if total <= 0:

@@ -1,4 +1,4 @@
-"""Frames of a target that are simulated: the light of all its holes on the whole sensor."""
+"""Simulate frames of a target: the light of all its holes on the whole sensor."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from lfcal.targets.target import Target
 __all__ = ["TargetCamera", "uneven"]
 
 DEPTH_PX = 0.05
-"""Change of a shadow's radius below which two holes are computed at one depth."""
+"""Change of the aperture shadow's radius below which two holes are computed at one depth."""
 
 REGIONS = 256
-"""Of the sensor at most, in each of which the optics are those of its middle."""
+"""Largest number of parts of the sensor; each is computed with the optics of its middle."""
 
 
 class _Hole(NamedTuple):
@@ -51,8 +51,8 @@ class TargetCamera(Frames):
     plan
         The target and its offsets.
     effects
-        As in `SimulatedCamera`, without motion. The target's ``hole_um`` is the size of sources, unless `FiniteSource`
-        is among effects that are given.
+        As in `SimulatedCamera`, without motion. The target's ``hole_um`` gives the size of sources, unless the effects
+        include `FiniteSource`.
     really
         The actual target, if it differs from the plan in pose, pitch or missing holes.
     brightness
@@ -109,7 +109,7 @@ class TargetCamera(Frames):
             wanted = f"{count} values of 0 or more, one for each hole"
             raise InputError.expected("brightness of holes", wanted, light.shape, "correct it")
         self.brightness: NDArray[np.float64] = light
-        # light alone; what the sensor does comes once for all holes
+        # only light; the sensor is applied once for all holes
         self.single = SimulatedCamera(
             scan,
             chosen,
@@ -133,12 +133,12 @@ class TargetCamera(Frames):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """uint16 sample values, or float32 where nothing rounds them."""
+        """uint16 for sample values, or float32 if they are not rounded."""
         return self.single.dtype
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Metadata of a `SimulatedCamera` of the scan, without their number of frames."""
+        """Metadata of a `SimulatedCamera` of the scan, without its number of frames."""
         return replace(self.single.metadata, plan_shape=None)
 
     def __len__(self) -> int:
@@ -158,15 +158,15 @@ class TargetCamera(Frames):
 
     # -- light -----------------------------------------------------------------------------------------
     def points(self, index: int) -> HoleImages:
-        """Return where the paraxial chief rays of all holes actually meet the sensor in frame ``index``.
+        """Return the actual places at which the paraxial chief rays of all holes meet the sensor in frame ``index``.
 
-        For a plan whose frames show several offsets together, only those of the offset with that number.
+        If frames of the plan show several offsets together, ``index`` is the number of a single offset.
         """
         z, k = self._at(index)
         return self._moved(z, self.plan.offsets_px[z][k])
 
     def light(self, index: int) -> NDArray[np.float32]:
-        """Return the photoelectrons of frame ``index`` before the sensor disturbs them, ``(rows, columns)``."""
+        """Return the photoelectrons of frame ``index`` before sensor noise, ``(rows, columns)``."""
         z, k = self._at(index)
         lit = self.plan.lit_in(z, k)
         found = self.light_at(z, self.plan.offsets_px[z][lit[0]])
@@ -177,7 +177,7 @@ class TargetCamera(Frames):
     def light_at(self, z: int, offset_px: tuple[float, float]) -> NDArray[np.float32]:
         """Return the photoelectrons of a frame of plane ``z`` at any offset of images (rows, columns) (pixels)."""
         out = np.zeros(self.shape, np.float32)
-        # one depth after the other: what is computed for one serves the next
+        # one depth after the other, to reuse results
         for hole in sorted(self._seen_holes(z, offset_px), key=lambda hole: hole.farther_um):
             responses = self._region(self._region_of(hole.pixel))
             self._add(out, z, hole, responses)
@@ -192,7 +192,7 @@ class TargetCamera(Frames):
         Parameters
         ----------
         frames
-            Numbers of the frames; None: all.
+            Indices of the frames; None: all.
         workers
             Number of threads; None: all processors.
         """
@@ -229,7 +229,7 @@ class TargetCamera(Frames):
         return out
 
     def exposed(self, light_e: NDArray[np.float32], index: int) -> NDArray[Any]:
-        """Return frame ``index`` in sample values, of the photoelectrons that `light` or `iter_lights` has of it."""
+        """Return frame ``index`` in sample values, from its photoelectrons as returned by `light` or `iter_lights`."""
         z, _ = self._at(index)
         return self.single.expose(light_e, self.plan.scan.exposures[z], FrameKind.LIGHT, index)
 
@@ -285,7 +285,7 @@ class TargetCamera(Frames):
         for k, at, n, side, own in zip(key, scan.anchor, scan.period, scan.cutout, self.shape, strict=True):
             least, most = (side - 1) // 2, own - 1 - (side - 1) // 2 - (n - 1)
             wanted = at + round((k + 0.5) * self._side - at - (n - 1) / 2)
-            # the cutout lies about the nearest pixel, halves go down
+            # the cutout is centred on the nearest pixel; halves are rounded down
             rest = at - math.floor(at + 0.5)
             moved.append(min(max(wanted, least + rest), most + rest))
         return moved[0], moved[1]
@@ -304,7 +304,7 @@ class TargetCamera(Frames):
 
     def _at(self, index: int) -> tuple[int, int]:
         if not 0 <= index < len(self):
-            raise InputError.expected("frame index", f"0 … {len(self) - 1}", index, "ask for a frame that is there")
+            raise InputError.expected("frame index", f"0 … {len(self) - 1}", index, "choose one in this range")
         return self._frames[index]
 
 

@@ -72,11 +72,11 @@ class DecodedFrames(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of the frames; their range is no longer the sensor's."""
+        """Return the metadata of the frames; their range is no longer that of the sensor."""
         return replace(known, saturation=None, bit_depth=None, decoded=True)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of the frames that are summed."""
+        """Return the combined metadata of the recorded frames in the sum."""
         parts = [self.source.info(k) for k, _, _ in self._parts(index)]
         masks = [one.mask for one in parts if one.mask is not None]
         counts = [one.saturated for one in parts]
@@ -88,12 +88,12 @@ class DecodedFrames(SourceView):
         return FrameInfo((), own.origin, own.exposure_s, None, saturated, label, mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return what an offset shows alone."""
+        """Return the decoded frame of a single offset."""
         parts = self._parts(index)
         return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the same with its noise; a sample counts where it does in all frames that are summed."""
+        """Return the decoded frame with its noise; a sample is valid if it is valid in all frames of the sum."""
         parts = [(self.source.samples(k, region), w, shown) for k, w, shown in self._parts(index)]
         values = sum(w * np.asarray(one.values, np.float64) for one, w, _ in parts)
         masks = [one.valid for one, _, _ in parts if one.valid is not None]
@@ -106,7 +106,7 @@ class DecodedFrames(SourceView):
         """Return the frames that are summed, each with its weight and whether it shows the offset."""
         z, m = self._frames[index]
         weights, shown, first = self._weights[z][m], self._shown[z][:, m], self._first[z]
-        # what rounding leaves of a frame of another group is none of this one's
+        # drop weights of frames in other groups, which are rounding errors
         used = np.flatnonzero(np.abs(weights) > 1e-9 * np.abs(weights).max())
         return [(first + int(f), float(weights[f]), float(shown[f])) for f in used]
 
@@ -123,7 +123,7 @@ def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise |
 
 
 def decoded(source: FrameSource, plan: TargetPlan) -> FrameSource:
-    """Return frames that show an offset each: those of a coded plan solved for, others as they are.
+    """Return frames that show a single offset each: decoded for a coded plan, otherwise unchanged.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A display as a target: its pixels are switched instead of moved, and may show several offsets together."""
+"""Use a display as a target: pixels are switched instead of moved, and may show several offsets together."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 DISC = 2 / math.sqrt(3)
-"""Diameter over the side of a square pixel of the disc that blurs as much: of the same rms width."""
+"""Ratio of the diameter of a disc to the side of a square pixel of the same rms width."""
 
 EXAMPLE = "for example display:2160x3840@8um"
 
@@ -43,9 +43,9 @@ class Display:
     Attributes
     ----------
     shape
-        Rows and columns.
+        Rows and columns of the display.
     pixel_um
-        Pitch of its pixels, as they appear there (µm).
+        Pitch of the pixels, as they appear in object space (µm).
 
     Examples
     --------
@@ -66,12 +66,12 @@ class Display:
 
 
 def parse_display(text: str) -> Display | None:
-    """Return the display of ``"display:ROWSxCOLUMNS@PITCH"``, the pitch in µm unless it ends in mm; None: no display.
+    """Parse ``"display:ROWSxCOLUMNS@PITCH"``, with the pitch in µm unless it ends in mm; None: not a display.
 
     Raises
     ------
     InputError
-        If it begins like one and is none.
+        If the text begins like a display but is invalid.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def parse_display(text: str) -> Display | None:
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
     """Plan which pixels of a display to light in each frame, so that few frames show all phases of a scan.
 
-    Points and offsets are whole pixels of the display. If these are wide in the image, phases are met as well as
+    Points and offsets are whole pixels of the display. If these are wide in the image, phases are reached as well as
     possible, and `TargetPlan.coverage` states the share.
 
     Raises
@@ -114,7 +114,7 @@ def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = 
     wishes = wishes or Wishes()
     proposed = propose_target(scan, wishes, hole_um=DISC * display.pixel_um)
     target = _on_display(scan, display, proposed)
-    # a plan of one frame: that holes are seen, and far enough apart
+    # a plan of one frame, which checks that holes are visible and far enough apart
     plan = yield from iter_plan_target(scan, target, replace(wishes, most_frames=1))
     phases, offsets = Phases.of(scan), []
     for depth in scan.depths_um:
@@ -135,7 +135,7 @@ def _on_display(scan: ScanPlan, display: Display, target: Target) -> Target:
     if min(shape) < 1 or max(shape) < 2:
         need = " x ".join(f"{math.ceil(p + 2 * period + 1)}" for p, period in zip(pitch, periods, strict=True))
         raise InputError.expected(
-            "display", f"room for two points and their way: {need} pixels", display.shape, "take a larger one"
+            "display", f"room for two points and their way: {need} pixels", display.shape, "choose a larger one"
         )
     return replace(target, shape=(shape[0], shape[1]), pitch_um=(pitch[0] * pixel, pitch[1] * pixel))
 
@@ -150,7 +150,7 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
     code
         Square matrix of 0 and 1 that selects the offsets of a group for each frame; an S-matrix.
     pixel_um
-        Pixel pitch of the display (µm); repeats are a period of the array away, in whole pixels.
+        Pixel pitch of the display (µm); repeats are displaced by a period of the array, in whole pixels.
 
     Examples
     --------
@@ -171,14 +171,14 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
         own += [(row + (-period if row > 0 else period), column) for row, column in own[:more]]
         if len(own) % len(code):
             wanted = f"{math.ceil(len(code) / 2)} offsets or more in plane {z}"
-            raise InputError.expected("frames that are shown together", wanted, len(plan.offsets_px[z]), "take fewer")
+            raise InputError.expected("frames that are shown together", wanted, len(plan.offsets_px[z]), "choose fewer")
         offsets.append(tuple(own))
         lit.append(lit_by(code, len(own)))
     return replace(plan, offsets_px=tuple(offsets), lit=tuple(lit))
 
 
 def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray[np.uint8]:
-    """Return the picture of the display in frame ``k`` of plane ``z`` ``(rows, columns)``, as the camera sees it.
+    """Return the picture on the display in frame ``k`` of plane ``z`` ``(rows, columns)``, as seen by the camera.
 
     Lit pixels are 255.
 
@@ -202,7 +202,7 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
     for offset in plan.offsets_um(z)[list(plan.lit_in(z, k))]:
         right, down = ((flat + offset) / display.pixel_um).T
         middle = (np.array(display.shape) - 1) / 2
-        # an even number of points about an odd number of pixels: all of them lie half a pixel aside
+        # an even number of points about an odd number of pixels: all are displaced by half a pixel
         rows, columns = (np.floor(np.stack([down, right]) + middle[:, None] + 0.5 + 1e-6)).astype(np.intp)
         inside = (rows >= 0) & (columns >= 0) & (rows < display.shape[0]) & (columns < display.shape[1])
         if not inside.all():
@@ -219,9 +219,9 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def write_pictures(plan: TargetPlan, display: Display, folder: Path) -> list[Path]:
-    """Write what the display shows in each frame, in the order of the plan, as PNG; return the files.
+    """Write the picture for each frame as PNG, in the order of the plan; return the files.
 
-    Pictures of an earlier plan are removed: a program that shows all files would show those as well.
+    Pictures of an earlier plan are removed, because a program that shows all files would show those too.
     """
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What noise leaves of a pattern that a target shows, against the number of frames."""
+"""Predict the error of a target's patterns due to noise, for any number of frames."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from lfcal.targets.plan import TargetPlan
 __all__ = ["ErrorForecast", "error_forecast", "noise_share"]
 
 TOLERANCE = 0.1
-"""Of the simulated pattern: its noise needs no better."""
+"""Relative error of the simulated pattern, which is sufficient for its noise."""
 
 LOOKED_AT = 5
-"""Positions whose patterns are simulated: the light of a pattern hardly depends on its phase."""
+"""Number of positions whose patterns are simulated, because the light hardly depends on the phase."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +55,10 @@ class ErrorForecast:
 def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
     """Return the expected ``sum |noise| / sum light`` of one recorded pattern of plane ``z``.
 
-    Photon noise and read noise of the pixels of a cutout, Gaussian: the mean of ``|x|`` is ``sqrt(2 / pi)`` times its
-    standard deviation. Exposures are those of a simulated session, whose brightest pixel reaches 0.8 of the range.
+    It includes photon noise and read noise of the pixels of a cutout as Gaussian noise, for which the mean of ``|x|``
+    is
+    ``sqrt(2 / pi)`` times the standard deviation. Exposures are those of a simulated session, whose brightest pixel
+    reaches 0.8 of the range.
     """
     effects = plan_effects(scan, TOLERANCE).effects
     camera = SimulatedCamera(scan, effects, level=level, tolerance=TOLERANCE)
@@ -77,7 +79,7 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 
 
 def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
-    """Return the expectation for plane ``z`` frame by frame; ``single`` is as in `noise_share`, computed if None.
+    """Return the expected error for plane ``z`` frame by frame; ``single`` is the result of `noise_share`.
 
     Examples
     --------

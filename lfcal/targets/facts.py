@@ -1,4 +1,4 @@
-"""Facts about the frames of a target, and their cost compared with a single point, as plain values."""
+"""Summarize the frames of a target, and their cost compared with a single point, as plain JSON types."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def facts_of_plan(
 ) -> dict[str, Any]:
     """Return the positions and light that the frames of a plan show, and their ``cost``.
 
-    The ``single`` cost is that of a single point. The ``verdict`` says whether showing several frames together pays.
-    The ``field`` has the regions that the frames serve; None: one.
+    ``single`` in ``cost`` is the cost of a single point. ``verdict`` says whether showing several frames together is
+    better. ``field`` contains the regions covered by the frames; None: one region.
     """
     planes, errors = [], []
     for z, depth in enumerate(plan.scan.depths_um):

@@ -24,22 +24,22 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 REACH = 3.3
-"""Pitches over which neighbours are followed: a missing row, or two, part no lattice."""
+"""Largest distance of neighbours in pitches, so that one or two missing rows do not divide the lattice."""
 
 OFF = 0.22
 """Largest displacement of a neighbour from its place, in pitches."""
 
 NEAR = 0.3
-"""The same of the first neighbours, from which the basis is measured."""
+"""The same for the first neighbours, from which the basis is measured."""
 
 
 def refined_basis(pixels: Array, basis: Array) -> Array:
-    """Return the lattice's two vectors ``(2, 2)`` as seen in spots, nearest to those expected.
+    """Return the two lattice vectors ``(2, 2)`` of the spots, closest to the expected ones.
 
     Raises
     ------
     InputError
-        If no two spots are apart as expected.
+        If no two spots have the expected distance.
     """
     tree = cKDTree(pixels)
     longest = float(np.linalg.norm(basis, axis=1).max())
@@ -66,10 +66,10 @@ def refined_basis(pixels: Array, basis: Array) -> Array:
 
 
 def lattice_labels(pixels: Array, basis: Array) -> tuple[Index, NDArray[np.bool_]]:
-    """Return places ``(n, 2)`` of spots in the lattice, and which of them have one.
+    """Return the lattice places ``(n, 2)`` of spots, and a mask of the spots that have one.
 
-    Labels grow from spot to spot, the most certain step first, each by its neighbour's place: tilt and distortion are
-    followed. What lies between places, or on one that is taken, has none.
+    Labels grow from spot to spot, the most certain step first, each from its neighbour's place, so that tilt and
+    distortion are followed. Spots between places, or at an occupied place, have none.
     """
     n = len(pixels)
     label, has = np.zeros((n, 2), np.intp), np.zeros(n, np.bool_)
@@ -90,7 +90,7 @@ def lattice_labels(pixels: Array, basis: Array) -> tuple[Index, NDArray[np.bool_
 
     left = set(range(n))
     best: tuple[Index, NDArray[np.bool_]] = (label, has)
-    # the largest connected part is the target; a ghost or dirt may be where growth begins
+    # the largest connected part is the target, because growth may begin at a ghost or at dirt
     while left:
         start = max(left, key=lambda k: sum(1 for s in steps(k) if s[2] in left))
         label, has = np.zeros((n, 2), np.intp), np.zeros(n, np.bool_)
@@ -125,7 +125,7 @@ TURNS = {
     "mirrored top to bottom": (True, 2),
     "mirrored and turned by 270°": (True, 3),
 }
-"""Ways in which an array may be put in: mirrored or not, quarter turns after that."""
+"""Orientations of an array: whether it is mirrored, and the number of quarter turns after that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,12 +151,12 @@ class Match:
 
     @property
     def score(self) -> int:
-        """How well they agree."""
+        """Score of the agreement."""
         return self.hits - self.misses - 2 * self.extra
 
 
 def places_of(holes: Index, target: Target) -> Index:
-    """Return holes ``(n, 2)`` (row, column) as places in the lattice: rows lean where the array is hexagonal."""
+    """Convert holes ``(n, 2)`` (row, column) to places in the lattice; rows of a hexagonal array are sheared."""
     out = np.array(holes, np.intp)
     if target.kind == "hexagonal":
         out[:, 1] -= out[:, 0] // 2
@@ -164,7 +164,7 @@ def places_of(holes: Index, target: Target) -> Index:
 
 
 def holes_of(places: Index, target: Target) -> Index:
-    """Return places ``(n, 2)`` of the lattice as holes (row, column)."""
+    """Convert places ``(n, 2)`` of the lattice to holes (row, column)."""
     out = np.array(places, np.intp)
     if target.kind == "hexagonal":
         out[:, 1] += out[:, 0] // 2
@@ -172,9 +172,9 @@ def holes_of(places: Index, target: Target) -> Index:
 
 
 def turned_absent(target: Target, turn: str) -> Target | None:
-    """Return the target with its marks where they are seen when it was put in another way; None: it cannot be so.
+    """Return the target with the marks as seen in another orientation; None if that is impossible.
 
-    A rectangle that is turned by a quarter is another array, and so is a hexagonal one that is not turned by half.
+    A quarter turn of a rectangle gives a different array, and so does any but a half turn of a hexagonal one.
     """
     mirror, quarters = TURNS[turn]
     if quarters % 2 and (target.shape[0] != target.shape[1] or target.pitch_um[0] != target.pitch_um[1]):
@@ -203,11 +203,10 @@ def matches(
         Places of the spots ``(n, 2)``.
     target
         The target as described.
-    on_frame
-        Places of the lattice ``(rows, columns)`` that the frame shows completely, the first of them `around` before
-        (0, 0) of the lattice; misses are counted there.
+    Places of the lattice ``(rows, columns)`` that the frame shows completely, for counting misses; the first is
+    `around` before place (0, 0) of the lattice.
     around
-        Places of the lattice before its (0, 0).
+        Number of lattice places before (0, 0).
     reach
         Smallest number of spots on holes.
     """
@@ -246,7 +245,7 @@ def _misses(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) ->
 
 
 RIVAL = 2
-"""Spots by which another labelling may be worse and still be meant: two that are missing or too many explain it."""
+"""Number of spots by which another labelling may be worse and still be possible: two missing or extra spots."""
 
 ENOUGH = 0.5
 """Share of the spots that must be on holes."""
@@ -264,11 +263,11 @@ class FoundPoints:
     holes
         Labels ``(n, 2)`` as (row, column) of the target, row by row.
     pixels
-        Sensor position ``(n, 2)`` of each image by the pose of all: (row, column).
+        Sensor position ``(n, 2)`` of each image from the common pose: (row, column).
     sigma_px
         Standard deviation ``(n, 2)`` of ``pixels``.
     seen
-        Centroid of the light of each ``(n, 2)``; ``deviation`` is its displacement from the position.
+        Centroid of the light of each image ``(n, 2)``; ``deviation`` is its displacement from the position.
     light
         Sum of each pattern above the dark level ``(n,)``.
     confidence
@@ -316,7 +315,7 @@ class FoundPoints:
 
     @property
     def deviation(self) -> Array:
-        """Displacement of the centroid of each one's light from its position ``(n, 2)`` (pixels)."""
+        """Displacement of the centroid of each image from its position ``(n, 2)`` (pixels)."""
         away: Array = self.seen - self.pixels
         return away
 
@@ -330,20 +329,20 @@ def find_points(
     offset_px: tuple[float, float] = (0.0, 0.0),
     valid: NDArray[np.bool_] | None = None,
 ) -> FoundPoints:
-    """Return the holes of ``target`` in a frame, each with its label and its place.
+    """Find the holes of ``target`` in a frame, each with its label and its place.
 
     Parameters
     ----------
     values
         The frame ``(rows, columns)``, raw or with its dark level subtracted.
     target
-        The target, with its pose as far as it is known.
+        The target, with its approximate pose.
     camera, z_um
         The camera, and the depth of the target's pose.
     offset_px
         Displacement of the target for this frame, as images in the depth plane (rows, columns).
     valid
-        Valid pixels.
+        Mask of valid pixels.
 
     Raises
     ------
@@ -439,7 +438,7 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
             "target",
             "marks where they are described",
             f"the target {every[0].turn} ({every[0].hits} points on its holes, {every[0].misses} missing)",
-            "put it in reversed, or describe it so",
+            "reverse the target, or change its description",
         )
     if len(right) == 1:
         return right[0]
@@ -449,9 +448,9 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
     shifts = " or ".join(f"{a.shift[0] - right[0].shift[0]}:{a.shift[1] - right[0].shift[1]}" for a in right[:4])
     raise InputError.expected(
         "labels of the points",
-        "one way to lay the target's holes on them",
-        f"{len(right)} that differ by rows:columns {shifts} and explain them equally well",
-        "state where the target is within half a pitch, or mark it with absent holes",
+        "a unique assignment to the target's holes",
+        f"{len(right)} that differ by rows:columns {shifts} and fit equally well",
+        "state the target's position to half a pitch, or mark it with absent holes",
     )
 
 
@@ -470,7 +469,7 @@ def _shown(
     high = np.maximum(far.max(0), places.max(0)) + 1
     grid = np.stack(np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)), indexing="ij"), -1)
     pixels = grid @ fit[:2] + fit[2]
-    # at the very rim a pattern may count as whole or not
+    # at the edge, a pattern may count as complete or not
     margin = radius + 1.5
     whole = ((pixels >= margin) & (pixels <= np.array(sensor) - 1 - margin)).all(-1)
     return whole, (int(-low[0]), int(-low[1]))

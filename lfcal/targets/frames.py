@@ -1,4 +1,4 @@
-"""Frames of a target from files or a session, in the order of their plan."""
+"""Open frames of a target from files or a session, in the order of their plan."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ __all__ = ["TargetFrames", "frames_of", "open_target_frames", "read_target_plan"
 
 
 class TargetFrames(SourceView):
-    """Whole frames that show a target, each where a plan moved it: ``metadata`` has ``target`` and ``target_frames``.
+    """Whole frames of a target at planned places; ``metadata`` contains ``target`` and ``target_frames``.
 
     Parameters
     ----------
     source
-        Frames in any order; ``order[k]`` of them is frame k of the plan.
+        Frames in any order; frame ``order[k]`` is frame k of the plan.
     plan
-        What they show.
+        Plan of the frames.
     order
-        None: as they come.
+        Index of each frame of the plan in ``source``; None: already in this order.
     """
 
     def __init__(self, source: FrameSource, plan: TargetPlan, order: list[int] | None = None) -> None:
@@ -40,7 +40,7 @@ class TargetFrames(SourceView):
             raise InputError.expected("frames of a target", wanted, source.shape, "give whole sensor frames")
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return what is known of all frames, and of the target they show."""
+        """Return the metadata of all frames, and of the target."""
         return replace(known, plan_shape=None, target=self.plan, target_frames=self.plan.frames, plan=self.plan.scan)
 
     def __len__(self) -> int:
@@ -48,7 +48,7 @@ class TargetFrames(SourceView):
         return len(self._order)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known of frame ``index``: not which positions it shows, they have to be found in it."""
+        """Return the metadata of frame ``index``, without its positions, which must be found in it."""
         info = self.source.info(self._order[index])
         z, _ = self.plan.frames[index]
         exposure = self.plan.scan.exposures[z] if info.exposure_s is None else info.exposure_s
@@ -59,14 +59,14 @@ class TargetFrames(SourceView):
         return self.source.read(self._order[index], region)
 
     def samples(self, index: int, region: Any = None) -> Any:
-        """Return frame ``index`` with what is known of its samples."""
+        """Return frame ``index`` with noise and validity of its samples."""
         return self.source.samples(self._order[index], region)
 
 
 def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
-    """Return the target's plan of a file, or of ``plan.json`` in or above the folder of the frames; None: no target's.
+    """Read the target plan from a file, or from ``plan.json`` in or above the folder of the frames; None: no plan.
 
-    A plan of a scan with a single point is none.
+    A scan plan for a single point is not a target plan.
     """
     from lfcal.base import read_text
 
@@ -79,14 +79,14 @@ def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
 
 
 def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = False) -> Frames:
-    """Return whole frames from a folder, or a file of many, in the order of their plan.
+    """Open whole frames from a folder, or from a file with many, in the order of their plan.
 
-    Images of a folder are taken in the natural order of their names, or by a manifest, whose x is a frame's number.
+    Images of a folder are in the natural order of their names, or in that of a manifest with frame numbers as x.
 
     Raises
     ------
     InputError
-        If there are not as many as the plan has, or not of its sensor.
+        If their number or shape differs from the plan.
     """
     count = len(plan.frames)
     listed = frames.is_dir() and any((frames / name).is_file() for name in ("manifest.json", "manifest.csv"))
@@ -115,8 +115,8 @@ def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], .
         If it does not state them, and the number of frames differs from the plan.
     """
     if plan.lit is not None and not source.metadata.decoded:
-        wanted = "those that show one offset each"
-        remedy = "solve for them (lfcal.targets.decoded)"
+        wanted = "frames that show one offset each"
+        remedy = "decode them (lfcal.targets.decoded)"
         raise InputError.expected("frames of a target", wanted, "sums of several offsets", remedy)
     told = source.metadata.target_frames
     frames = plan.frames if told is None else tuple((int(z), int(k)) for z, k in told)

@@ -1,4 +1,4 @@
-"""Where the images of a target's holes land on the sensor."""
+"""Compute the images of a target's holes on the sensor."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class HoleImages:
     away_um
         Depth of each hole ``(n,)``, which differs for a tilted target (µm).
     shift
-        Motion of each image (pixels) when that of a hole in the depth plane moves by one pixel ``(n,)``.
+        Motion of each image (pixels) if the image of a hole in the depth plane moves by one pixel ``(n,)``.
     """
 
     holes: NDArray[np.intp]
@@ -39,25 +39,25 @@ class HoleImages:
         return len(self.holes)
 
     def moved(self, offset_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the pixels ``(n, 2)`` when the target is moved so that images in the depth plane move by an offset."""
+        """Return the pixels ``(n, 2)`` after moving the target so that images in the depth plane move by an offset."""
         moved: NDArray[np.float64] = self.pixels + self.shift[:, None] * offset_px
         return moved
 
     def whole(
         self, sensor: tuple[int, int], cutout: tuple[int, int], offset_px: tuple[float, float] = (0.0, 0.0)
     ) -> NDArray[np.bool_]:
-        """Return which holes' cutouts lie on the sensor whole ``(n,)``; a cutout is laid about the nearest pixel."""
+        """Return which holes have complete cutouts on the sensor ``(n,)``; cutouts are centred on the nearest pixel."""
         return whole_at(self.moved(np.array(offset_px)), sensor, cutout)
 
     def only(self, which: NDArray[np.bool_]) -> HoleImages:
-        """Return some of them."""
+        """Return the chosen images."""
         return HoleImages(self.holes[which], self.pixels[which], self.away_um[which], self.shift[which])
 
 
 def hole_images(target: Target, camera: Camera, z_um: float) -> HoleImages:
     """Return the images of all holes of ``target`` in the depth plane ``z_um``, on the sensor or outside it.
 
-    The chief ray is followed as for a scan (`lfcal.camera.ScanPlan.object_um`), at each hole's own depth.
+    The chief ray is computed as for a scan (`lfcal.camera.ScanPlan.object_um`), at each hole's own depth.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def hole_images(target: Target, camera: Camera, z_um: float) -> HoleImages:
 
 
 def whole_at(pixels: NDArray[np.float64], sensor: tuple[int, int], cutout: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return which cutouts about ``pixels`` ``(..., 2)`` lie on the sensor whole."""
+    """Return which cutouts about ``pixels`` ``(..., 2)`` are completely on the sensor."""
     middle = np.floor(pixels + 0.5)
     half = (np.array(cutout) - 1) // 2
     inside: NDArray[np.bool_] = ((middle >= half) & (middle <= np.array(sensor) - 1 - half)).all(axis=-1)

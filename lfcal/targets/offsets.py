@@ -1,4 +1,4 @@
-"""Offsets of a target that show all phases with few frames: along lines, by search, or in whole pixels of a display."""
+"""Choose offsets of a target that show all phases with few frames: along lines, by search, or on a display."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 SIDE = 4
-"""Cells of the search in which a hole shows a phase, along each axis: steps of half the tolerance."""
+"""Number of search cells along each axis in which a hole shows a phase; steps are half the tolerance."""
 
 TRIED = 16
-"""Number of offsets examined exactly for each frame, in the order of an upper bound of what they show."""
+"""Number of offsets evaluated exactly for each frame, in the order of an upper bound of their count."""
 
 
 def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_px: float) -> Index:
-    """Return the positions whose whole cutouts one frame shows, numbered row by row."""
+    """Return the positions that one frame shows with complete cutouts, numbered row by row."""
     plan = phases.plan
     pixels = images.moved(offset_px)
     return phases.covered(pixels[whole_at(pixels, plan.camera.sensor.shape, plan.cutout)], tolerance_px)
@@ -73,10 +73,10 @@ class OffsetSearch:
 
     @classmethod
     def of(cls, phases: Phases, images: HoleImages, tolerance_px: float) -> OffsetSearch:
-        """Return the search when nothing has been shown."""
+        """Return a new search, with all phases missing."""
         step = 2 * tolerance_px / SIDE
         asked = asked_offsets(phases, images)
-        # half a period and a little: what is asked at its very end is met from either side
+        # slightly more than half a period, so that its ends can be reached from either side
         first = -(np.abs(asked).max(axis=(0, 1)) + 2 * tolerance_px)
         size = np.ceil(-2 * first / step).astype(int) + SIDE
         corner = np.ceil((asked - first - tolerance_px) / step).astype(np.int32)
@@ -92,17 +92,17 @@ class OffsetSearch:
         add_squares(self.counts, self.corner[positions].reshape(-1, 2), SIDE, weight)
 
     def remove(self, positions: Index) -> None:
-        """Count what was shown no more."""
+        """Remove shown positions from the counts."""
         self._add(positions, -1)
 
     def best(self, missing: NDArray[np.bool_]) -> tuple[Array, Index]:
-        """Return the offset that shows most of the missing positions, and these positions."""
+        """Return the offset that shows the most missing positions, and these positions."""
         flat = self.counts.reshape(-1)
         best, shown, left = np.zeros(2), np.zeros(0, np.intp), TRIED
         level = int(flat.max())
         while level > len(shown) and left:
             cells = np.flatnonzero(flat == level)
-            # cells side by side are the same frame: some from all over
+            # adjacent cells give nearly the same frame, so take cells from everywhere
             chosen = cells[np.linspace(0, len(cells) - 1, min(left, len(cells))).astype(np.intp)]
             for cell in chosen.tolist():
                 offset = np.array(divmod(cell, self.counts.shape[1])) * self.step + self.first
@@ -127,7 +127,7 @@ def asked_offsets(phases: Phases, images: HoleImages) -> Array:
 
 
 def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> tuple[Array, bool]:
-    """Return greedily chosen offsets along one axis, which images show its phases, and whether all are shown.
+    """Choose offsets along one axis greedily; return them, the images that show each phase, and whether all are shown.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> t
     near = [asked.ravel() + share * tolerance_px for share in (-0.9, -0.45, 0.0, 0.45, 0.9)]
     candidates = np.unique(np.round(np.concatenate(near), 6))
     serves = np.zeros((len(candidates), count), np.bool_)
-    # a phase is met directly, or one period further up or down
+    # a phase is reached directly, or one period further up or down
     for turn in (-1, 0, 1):
         moved = candidates[:, None] + at - turn * length
         nearest = np.round(moved)
@@ -154,7 +154,7 @@ def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> t
     missing = np.ones(count, np.bool_)
     while missing.any():
         gain = serves @ missing.astype(np.float32)
-        # of equal ones the shortest way
+        # of equal ones, the shortest move
         best = int(np.lexsort((np.abs(candidates), -1.0 * gain))[0])
         if not gain[best]:
             break
@@ -167,12 +167,12 @@ GOOD = 1.6
 """Factor in the number of frames up to which offsets of rows and columns are used without a joint search."""
 
 FINEST_PX = 0.01
-"""Smallest tolerance: stages and fitted positions are no better, and the search table grows as its inverse square."""
+"""Smallest tolerance (pixels): stages are not better, and the search table grows with its inverse square."""
 
 
 @dataclass(frozen=True, eq=False)
 class Covering:
-    """Offsets of a target and what they show.
+    """Offsets of a target, and the positions that they show.
 
     Attributes
     ----------
@@ -190,11 +190,11 @@ class Covering:
 
     @property
     def coverage(self) -> float:
-        """Share of the positions that is shown."""
+        """Share of the positions that are shown."""
         return float(self.shown.sum()) / self.wanted
 
     def first(self, most: int | None) -> Covering:
-        """Return the covering by the first ``most`` frames; None: by all."""
+        """Return the covering with only the first ``most`` frames; None: with all."""
         return Covering(self.offsets_px[:most], self.shown[:most], self.wanted)
 
 
@@ -281,13 +281,13 @@ def _counted(phases: Phases, images: HoleImages, offsets: Array, tolerance_px: f
 F8 = NDArray[np.float64]
 
 LOOKED_AT = 8
-"""Number of offsets examined exactly for each frame: those that serve most pairs of a hole and a missing phase."""
+"""Number of offsets evaluated exactly for each frame: those with the most pairs of a hole and a missing phase."""
 
 
 def iter_whole_offsets(
     phases: Phases, images: HoleImages, tolerance_px: float, unit_px: float, most: int | None = None
 ) -> Work[NDArray[np.intp]]:
-    """Return offsets ``(frames, 2)`` in units; each shows most of the missing phases; yields progress.
+    """Return offsets ``(frames, 2)`` in units, each showing the most missing phases; yields progress.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def iter_whole_offsets(
     tolerance_px
         Largest deviation of a phase, in rows and in columns.
     unit_px
-        A pixel of the display, in the image (pixels).
+        Pitch of the display's pixels in the image (sensor pixels).
     most
         Largest number of frames.
     """

@@ -1,4 +1,4 @@
-"""Phases: where in the period of the lenslet array an image lies, and which position of a scan it shows."""
+"""Phases: places of images in the period of the lenslet array, and the positions of a scan that they show."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Phases:
     plan
         The scan of a single point.
     lattice
-        The array as it is, with its distortion.
+        The actual array, with its distortion.
     to_cells
         Matrix ``(2, 2)`` from lattice indices (q, r) to cells (y, x).
     period
@@ -47,7 +47,7 @@ class Phases:
         """Return the phases of a scan."""
         lattice, pixel = plan.cell_camera.lattice, plan.camera.sensor.pixel_um
         hexagonal = lattice.kind == "hexagonal"
-        # a cell in lattice indices: rows of three types repeat after three, a hexagonal array's after two rows
+        # a cell in lattice indices: three lens types repeat after three lenslets, a hexagonal array after two rows
         along = np.array([len(lattice.types) if hexagonal else 1, 0.0])
         across = np.array([-1.0, 2.0]) if hexagonal else np.array([0.0, 1.0])
         cells = [across, along]
@@ -55,18 +55,18 @@ class Phases:
             cells.reverse()
         index = np.stack(cells) * np.array(plan.cells)[:, None]
         sides = index @ lattice.basis_um() / pixel
-        # from the top and from the left, whichever way the rows run
+        # from the top and from the left, for any direction of the rows
         index *= np.sign([sides[0, 1], sides[1, 0]])[:, None]
         period = np.abs([sides[0, 1], sides[1, 0]])
         return cls(plan, plan.camera.periodic, np.linalg.inv(index), period)
 
     @property
     def count(self) -> int:
-        """Positions of a plane."""
+        """Number of positions in a plane."""
         return self.plan.period[0] * self.plan.period[1]
 
     def cells(self, pixels: ArrayLike) -> Array:
-        """Return sensor pixels ``(..., 2)`` as cells (y, x) from the anchor."""
+        """Convert sensor pixels ``(..., 2)`` to cells (y, x) from the anchor."""
         camera = self.plan.camera
         index = self.lattice.lenslet_at(camera.sensor_um(pixels))
         start = self.lattice.lenslet_at(camera.sensor_um(self.plan.anchor))
@@ -77,7 +77,7 @@ class Phases:
         """Return the phases ``(..., 2)`` (y, x) of sensor pixels, 0 to the period (pixels)."""
         cells = self.cells(pixels)
         phases: Array = (cells - np.floor(cells)) * self.period
-        # just below a whole cell the share rounds to 1
+        # just below a whole cell, the fraction rounds to 1
         return np.where(phases >= self.period, 0.0, phases)
 
     def rates(self, pixels: Array, step: float = 1.0) -> Array:
@@ -94,7 +94,7 @@ class Phases:
     def covered(self, pixels: Array, tolerance_px: float) -> NDArray[np.intp]:
         """Return the positions, numbered row by row, that images at ``pixels`` ``(n, 2)`` show within a tolerance.
 
-        An image shows a position if its phase is as far off as ``tolerance_px`` at most, in rows and in columns.
+        An image shows a position if its phase deviates by at most ``tolerance_px`` in rows and in columns.
         """
         if not len(pixels):
             return np.zeros(0, np.intp)
@@ -115,7 +115,7 @@ class Nearest(NamedTuple):
 
 
 def nearest_positions(phases: Phases, pixels: ArrayLike) -> Nearest:
-    """Return the position that each image ``(n, 2)`` (sensor row, column) is next to, by its phase in the array."""
+    """Return the position nearest to each image ``(n, 2)`` (sensor row, column), by its phase in the array."""
     wanted, found = phases.wanted(), phases.at(np.asarray(pixels, float).reshape(-1, 2))
     if not len(found):
         return Nearest(np.zeros((0, 2), np.intp), np.zeros((0, 2)))

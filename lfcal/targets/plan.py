@@ -23,21 +23,21 @@ from lfcal.targets.target import Target
 __all__ = ["TargetForecast", "TargetPlan", "lit_blocks", "lit_by", "lit_matrix", "region_points"]
 
 Lit = tuple[tuple[tuple[int, ...], ...], ...]
-"""Of each plane and frame, the numbers of the offsets."""
+"""For each plane and frame, the numbers of the offsets."""
 
 MOST = 4096
-"""Offsets of a plane that are solved for."""
+"""Largest number of offsets of a plane that are decoded."""
 
 
 def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
-    """Return which of ``count`` offsets each frame lights, groups of offsets one after the other by the same code.
+    """Return the offsets that each frame shows, out of ``count``; groups of offsets use the same code.
 
     Parameters
     ----------
     code
-        Square, of 0 and 1 ``(frames, offsets)``: which offset of a group each of its frames shows.
-    count
-        Offsets, a multiple of the group's.
+            Square matrix of 0 and 1 ``(frames, offsets)``: the offsets of a group that each of its frames shows.
+        count
+            Number of offsets, a multiple of the group's size.
     """
     order = len(code)
     if code.shape != (order, order) or count % order:
@@ -46,7 +46,7 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
-    """Return which offsets the frames of each plane light; raises `InputError` unless each can be solved for."""
+    """Check the offsets that the frames of each plane show; raises `InputError` unless each can be decoded."""
     what = "offsets lit in each frame"
     check_type(what, lit, (tuple, list))
     found = []
@@ -62,13 +62,13 @@ def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
         if not all(frames) or any(len(set(one)) < len(one) for one in frames):
             raise InputError.expected(what, "one or more, each once", "none, or one twice", "correct them")
         if not _solvable(frames, count):
-            raise InputError.expected(what, "frames from which every offset comes back", "fewer", "take an S-matrix")
+            raise InputError.expected(what, "frames that determine every offset", "fewer", "use an S-matrix")
         found.append(frames)
     return tuple(found)
 
 
 def lit_matrix(frames: Sequence[Sequence[int]], count: int) -> NDArray[np.float64]:
-    """Return 1 where a frame lights an offset ``(frames, count)``, else 0."""
+    """Return a matrix ``(frames, count)`` with 1 where a frame shows an offset, else 0."""
     out = np.zeros((len(frames), count))
     for row, one in zip(out, frames, strict=True):
         row[list(one)] = 1.0
@@ -76,7 +76,7 @@ def lit_matrix(frames: Sequence[Sequence[int]], count: int) -> NDArray[np.float6
 
 
 def lit_blocks(frames: Sequence[Sequence[int]], count: int) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Return frames and offsets that have to do with each other, group by group."""
+    """Return groups of frames and offsets that depend on each other."""
     rows = np.repeat(np.arange(len(frames)), [len(one) for one in frames])
     columns = np.concatenate([np.asarray(one, np.intp) for one in frames]) if frames else np.zeros(0, np.intp)
     graph = coo_array((np.ones(len(rows)), (rows, len(frames) + columns)), shape=(len(frames) + count,) * 2)
@@ -111,7 +111,7 @@ class TargetForecast:
     exposure_hours, settle_hours, move_hours
         Time for exposing, settling and moving (h).
     readout_hours
-        Time for readout (h); None if the camera's rate is unknown; it is then not counted.
+        Time for readout (h); None if the camera's rate is unknown. It is then not included.
 
     Examples
     --------
@@ -134,13 +134,13 @@ class TargetForecast:
 
     @property
     def hours(self) -> float:
-        """Time in all (h), readout included where it is known."""
+        """Total time (h), including readout if known."""
         return self.exposure_hours + self.settle_hours + self.move_hours + (self.readout_hours or 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class TargetPlan:
-    """Positions of a target for each frame.
+    """Plan of a target's position in each frame.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class TargetPlan:
     tolerance_px
         Largest deviation of the phase of an image that shows a position.
     crosstalk
-        For each plane, the largest share of neighbours' light in a cutout, of equally bright holes.
+        For each plane, the largest light of neighbours in a cutout, for equally bright holes.
     tails
         How ``crosstalk`` was computed: ``"geometric"`` (rays, without diffraction) or by waves.
     lit
@@ -207,11 +207,11 @@ class TargetPlan:
     # -- frames ----------------------------------------------------------------------------------------
     @property
     def frames(self) -> tuple[tuple[int, int], ...]:
-        """All frames as (plane, number of its offset), in the order they are recorded."""
+        """All frames as (plane, number of the offset), in the order of recording."""
         return tuple((z, k) for z, plane in enumerate(self.offsets_px) for k in range(len(plane)))
 
     def lit_in(self, z: int, k: int) -> tuple[int, ...]:
-        """Return the numbers of the offsets whose points recorded frame ``k`` of plane ``z`` shows."""
+        """Return the numbers of the offsets that recorded frame ``k`` of plane ``z`` shows."""
         return (k,) if self.lit is None else self.lit[z][k]
 
     def images(self, z: int) -> HoleImages:
@@ -219,7 +219,7 @@ class TargetPlan:
         return hole_images(self.target, self.scan.camera, self.scan.depths_um[z])
 
     def points(self, z: int, k: int) -> HoleImages:
-        """Return the images of one frame whose cutouts lie on the sensor whole."""
+        """Return the images in one frame whose cutouts are completely on the sensor."""
         images, offset = self.images(z), self.offsets_px[z][k]
         moved = HoleImages(images.holes, images.moved(np.array(offset)), images.away_um, images.shift)
         return moved.only(moved.whole(self.scan.camera.sensor.shape, self.scan.cutout))
@@ -233,7 +233,7 @@ class TargetPlan:
     def stage_um(self) -> NDArray[np.float64]:
         """Return the stage's coordinates ``(frames, 3)`` as (x, y, z) of all frames (µm).
 
-        Without an offset the stage is where it puts a single source on the axis, in the plane.
+        Without an offset, the stage is at the position that puts a single source on the axis, in the plane.
         """
         places = []
         for z, depth in enumerate(self.scan.depths_um):
@@ -242,7 +242,7 @@ class TargetPlan:
         return self.scan.stage.to_stage(np.concatenate(places))
 
     def forecast(self, stage_um_per_s: float = 1000.0, frames_per_s: float | None = None) -> TargetForecast:
-        """Return the time of all frames, with a stage that moves all axes simultaneously at this speed (µm/s).
+        """Predict the time for all frames, with a stage that moves all axes simultaneously at this speed (µm/s).
 
         ``frames_per_s`` is the largest rate of the camera; without it, readout is not counted.
         """
@@ -261,17 +261,17 @@ class TargetPlan:
         )
 
     def single(self, stage_um_per_s: float = 1000.0) -> Forecast:
-        """Return the forecast of the scan with a single point."""
+        """Return the forecast for the scan with a single point."""
         return Forecast.of(self.scan, stage_um_per_s=stage_um_per_s)
 
     # -- what is shown ---------------------------------------------------------------------------------
     def points_a_frame(self, z: int) -> tuple[int, int]:
-        """Return the fewest and the most holes of a frame of plane ``z`` whose cutouts are on the sensor."""
+        """Return the smallest and the largest number of complete cutouts in a frame of plane ``z``."""
         counts = [len(self.points(z, k)) for k in range(len(self.offsets_px[z]))]
         return (min(counts), max(counts)) if counts else (0, 0)
 
     def least_frames(self, z: int) -> int:
-        """Return the least number of frames: positions over the most holes of a frame."""
+        """Return a lower bound of the number of frames: positions divided by the largest number of holes in a frame."""
         return math.ceil(math.prod(self.scan.period) / max(1, self.points_a_frame(z)[1]))
 
     def shown(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> NDArray[np.intp]:
@@ -280,9 +280,9 @@ class TargetPlan:
         Parameters
         ----------
         target
-            The target as it really lies; None: as planned.
+            The target at its actual pose; None: as planned.
         tolerance_px
-            How far off a phase may be; None: the plan's.
+            Largest deviation of a phase (pixels); None: that of the plan.
         """
         phases = Phases.of(self.scan)
         images = hole_images(target or self.target, self.scan.camera, self.scan.depths_um[z])
@@ -292,14 +292,14 @@ class TargetPlan:
         return counts.reshape(self.scan.period)
 
     def coverage(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> float:
-        """Return the share of the positions of plane ``z`` that some frame shows; arguments as of `shown`."""
+        """Return the share of the positions of plane ``z`` that at least one frame shows; arguments as in `shown`."""
         return float((self.shown(z, target=target, tolerance_px=tolerance_px) > 0).mean())
 
     # -- JSON ------------------------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
         """Return the plan as plain JSON types."""
         scan = self.scan.to_dict()
-        # distinguished from a scan plan by its first lines: the scan's format is not repeated here
+        # the first lines distinguish it from a scan plan, whose format is not repeated here
         version = scan.pop("version")
         del scan["format"]
         body = {name: getattr(self, name) for name in ("offsets_px", "tolerance_px", "crosstalk", "tails")}
@@ -334,9 +334,9 @@ class TargetPlan:
 
 
 def region_points(plan: TargetPlan, regions: RegionPlan, z: int) -> NDArray[np.intp]:
-    """Return how many points each frame of plane ``z`` gives each region, ``(frames, regions)``.
+    """Count the points of each frame of plane ``z`` in each region, ``(frames, regions)``.
 
-    A point is of the region whose middle is nearest to it.
+    A point belongs to the region with the nearest middle.
     """
     scan, images = plan.scan, plan.images(z)
     middles = np.array(regions.anchors) + (np.array(scan.period) - 1) / 2

@@ -1,4 +1,4 @@
-"""From a scan and a target to a plan: its pitch, how close holes may be, its offsets; and what it shows otherwise."""
+"""Plan the frames of a target for a scan: pitch, smallest spacing of holes, offsets, and coverage with other poses."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 WIDEST = 2.5
-"""Pitches up to so many times the least one are looked at: wider ones put too few holes on the sensor."""
+"""Largest examined pitch, relative to the smallest; wider ones put too few holes on the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: floa
     at most once.
     """
     plan, length, count = phases.plan, float(phases.period[axis]), phases.plan.period[axis]
-    # offsets reach half a period either way, and a pixel is left for rounding
+    # offsets extend half a period in either direction, plus a pixel for rounding
     room = plan.camera.sensor.shape[axis] - plan.cutout[axis] - length - 1
     best: Proposal | None = None
     for pitch, step in _pitches(length, least_px):
@@ -83,7 +83,7 @@ def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: floa
         offsets, whole = line_offsets(at, count, length, tolerance_px)
         if whole and (best is None or (len(offsets), -holes) < (best.frames, -best.holes)):
             best = Proposal(pitch, step, holes, len(offsets))
-    assert best is not None  # one hole shows every phase, at an offset each
+    assert best is not None  # one hole can show every phase, with one offset each
     return best
 
 
@@ -130,16 +130,16 @@ def proposed_target(
 
 
 PHASES = 3
-"""Phases per axis over which patterns are averaged: neighbours are of any phase."""
+"""Number of phases per axis for averaging patterns, because neighbours may have any phase."""
 
 TOLERANCE = 0.1
-"""Relative L1 error by which effects are chosen: diffraction is always on, and others change spots more than tails."""
+"""Relative L1 error by which effects are chosen: diffraction is always included, others change spots more."""
 
 WITHOUT_GRID = 0.003
-"""Relative L1 error where no grid holds the scene: windows about the lenslets, which must be wide to hold tails."""
+"""Relative L1 error if the scene does not fit on a grid: windows about lenslets must be wide to contain tails."""
 
 WINDOWS = (4.0, 3.0, 2.5, 2.0, 1.5)
-"""Widths of the window, in cutouts, of which the first that a grid holds is taken: what it lacks is counted as dark."""
+"""Widths of the window in cutouts; the first that fits on a grid is used, and light outside is neglected."""
 
 KEPT = 32
 """Number of results for tails kept in memory, so that proposal and plan share them."""
@@ -152,8 +152,9 @@ class Tails:
     Attributes
     ----------
     light
-        Mean pattern ``(rows, columns)``, odd, of a window four cutouts wide, or as wide as a grid of waves may be
-        (`WINDOWS`); its cutout holds 1.
+        Mean pattern ``(rows, columns)`` with odd sides in a window four cutouts wide, or the widest that fits on a
+        grid of
+        waves (`WINDOWS`); the light in its cutout is 1.
     cutout
         Pixels ``(nt, ns)`` of a cutout.
     level
@@ -175,17 +176,17 @@ class Tails:
         return np.maximum(shares, 0.0)
 
     def grid(self, pitch_px: tuple[float, float]) -> float:
-        """Return the crosstalk in a rectangular grid of equally bright points: of all within the window."""
+        """Return the crosstalk in a rectangular grid of equally bright points, from all points within the window."""
         reach = [int(n // p) + 1 for n, p in zip(self.light.shape, pitch_px, strict=True)]
         index = np.mgrid[-reach[0] : reach[0] + 1, -reach[1] : reach[1] + 1].reshape(2, -1).T
         others = index[(index != 0).any(axis=1)]
         return float(self.share(others * np.array(pitch_px)).sum())
 
     def among(self, images: HoleImages) -> float:
-        """Return the largest crosstalk of a hole whose neighbours are where ``images`` are; all as bright."""
+        """Return the largest crosstalk of any hole at ``images``, for equally bright holes."""
         if len(images) < 2:
             return 0.0
-        # holes far from each other change no sum, and tables of all pairs of thousands would be large
+        # distant holes do not matter, and tables of all pairs of thousands would be large
         sums = np.zeros(len(images))
         near = np.array(self.light.shape)
         for k, place in enumerate(images.pixels):
@@ -201,28 +202,30 @@ class Tails:
         Raises
         ------
         InputError
-            If there is none within two cutouts.
+            If there is no such spacing within two cutouts.
         """
         first, last = (max(self.cutout) - 1) // 2, 2 * max(self.cutout)
         for pitch in range(first, last):
             if self.grid((pitch, pitch)) <= crosstalk:
                 return pitch
-        raise InputError.expected("crosstalk", "a limit that two cutouts' distance keeps", crosstalk, "allow more")
+        raise InputError.expected("crosstalk", "a limit that can be kept within two cutouts", crosstalk, "allow more")
 
 
 @lru_cache(maxsize=KEPT)
 def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
-    """Return the tails of plane ``z``: patterns of the described camera, by rays or by waves, averaged over phases.
+    """Return the tails of plane ``z``: mean pattern of the described camera over phases, by rays or by waves.
 
-    A pattern's error says nothing of its tails, which hold less than a percent of its light, and windows about the
-    lenslets cut them off. Waves are therefore computed on one grid of the whole array.
+    The error of a pattern is insensitive to its tails, which contain less than a percent of its light, and windows
+    about
+    lenslets cut them off. Waves are therefore computed on one grid for the whole array.
 
     Parameters
     ----------
     plan, z
         The scan and the number of the plane.
     level
-        ``"geometric"``: rays, whose patterns end; ``"auto"``: waves, with the diffraction of lenslets and iris.
+        ``"geometric"``: rays, whose patterns have no tails; ``"auto"``: waves, with the diffraction of lenslets and
+        iris.
     """
     on = dict.fromkeys((LensletDiffraction.name, IrisDiffraction.name), "on")
     effects = plan_effects(plan, TOLERANCE, on).effects
@@ -264,14 +267,14 @@ def _light_by_grid(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray
         if steps[-1].level == "grid":
             try:
                 return _light(_response(plan, z, effects, window, level="grid", sampling=steps[-1].sampling))
-            except EnergyError:  # too coarse for its window: a finer one holds a smaller window
+            except EnergyError:  # too coarse for its window: a finer grid allows only a smaller window
                 continue
     return None
 
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """Limits that a plan must keep.
+    """Limits for a plan.
 
     Attributes
     ----------
@@ -280,7 +283,7 @@ class Wishes:
     crosstalk
         Largest amount of light from neighbours in a cutout, relative to that of the cutout's point.
     most_frames
-        Largest number of frames for a plane; None: as many as all phases need.
+        Largest number of frames for a plane; None: as many as needed for all phases.
     level
         Computation of tails: ``"auto"`` (waves) or ``"geometric"``.
 
@@ -307,7 +310,7 @@ class Wishes:
 
 
 def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:
-    """Return the array of holes that shows all phases of the middle plane with the fewest frames.
+    """Design the array of holes that shows all phases of the middle plane with the fewest frames.
 
     Holes are as close to each other as crosstalk allows, in all planes.
 
@@ -324,7 +327,7 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
     planes = range(len(scan.depths_um))
     middle = len(planes) // 2
     steps = [scan.camera.step_um(depth) for depth in scan.depths_um]
-    # a pitch is more or fewer pixels in another plane
+    # the pitch in pixels depends on the plane
     least = max(
         simulated_tails(scan, z, level=wishes.level).least_pitch(wishes.crosstalk) * steps[z] / steps[middle]
         for z in planes
@@ -333,10 +336,11 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
 
 
 def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Plan where ``target`` is put so that its holes show all phases of ``scan`` with few frames.
+    """Plan the positions of ``target`` at which its holes show all phases of ``scan`` with few frames.
 
-    Every plane is planned for itself: its magnification is another one. The pose is taken as it is stated; see
-    `shown_within` for one that is not known so well.
+    Each plane is planned separately, because its magnification differs. The pose is used as stated; for an uncertain
+    pose,
+    see `shown_within`.
 
     Raises
     ------
@@ -402,14 +406,14 @@ def _too_close(
 ) -> InputError:
     """Return what says in which plane crosstalk is worst, and how far apart holes keep the limit in all planes."""
     worst = int(np.argmax(crosstalk))
-    # of a posed target images are closer in one place than in another
+    # the spacing of images of a tilted target varies over the field
     wider = max(light.least_pitch(limit) / _nearest_px(holes) for light, holes in zip(tails, images, strict=True))
     return InputError.expected(
         f"crosstalk of holes {format_length(target.nearest_um)} apart in the plane at "
         f"{format_length(scan.depths_um[worst])}",
         f"at most {format_share(limit)}",
         format_share(crosstalk[worst]),
-        f"take holes {format_length(wider * target.nearest_um)} apart, or allow more",
+        f"choose holes {format_length(wider * target.nearest_um)} apart, or allow more",
     )
 
 
@@ -422,17 +426,17 @@ def _nearest_px(images: HoleImages) -> float:
 
 
 def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
-    """Iterate over poses drawn evenly from the bounds of the target's pose."""
+    """Iterate over random poses, uniform within the bounds of the target's pose."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         yield target.pose.off_by(target.within, rng.uniform(-1.0, 1.0, 6))
 
 
 def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
-    """Return the share of the positions shown for each of some poses within the target's bounds ``(count,)``.
+    """Return the share of positions shown for ``count`` random poses within the target's bounds.
 
-    Offsets are as planned, but the pose is not: if the bounds exceed the tolerance at the target's rim, its holes are
-    on unplanned phases. A first recorded frame determines the pose, and a plan for that pose covers all phases.
+    Offsets are as planned, but the pose is not. If its bounds exceed the tolerance at the target's rim, holes are at
+    unplanned phases. A first recorded frame determines the pose, and a plan for that pose covers all phases.
     """
     poses = poses_within(plan.target, count, seed)
     return np.array([plan.coverage(z, target=replace(plan.target, pose=pose)) for pose in poses])

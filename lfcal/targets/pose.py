@@ -1,4 +1,4 @@
-"""How a target lies before the camera."""
+"""Pose of a target in front of the camera."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lfcal.base import InputError, check_number
 __all__ = ["Pose", "length_um"]
 
 MOST_TILT_RAD = math.radians(60.0)
-"""Beyond this holes are hardly seen, and their images no longer a lattice."""
+"""Largest tilt (rad); beyond it, holes are hardly visible and their images do not form a lattice."""
 
 DEGREES = {"rotation": "rotation_rad", "tilt_right": "tilt_right_rad", "tilt_down": "tilt_down_rad"}
 LENGTHS = {"right": "right_um", "down": "down_um", "away": "away_um"}
@@ -22,7 +22,7 @@ UNITS = {"um": 1.0, "µm": 1.0, "mm": 1e3}
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Position and rotation of a target; or the bounds of their errors.
+    """Position and rotation of a target, or the bounds of their errors.
 
     Positions are object points as in `lfcal.camera.ScanPlan.object_um`: right and down in the direction of the image
     motion, from the optical axis; away from the camera, from the depth plane.
@@ -34,7 +34,7 @@ class Pose:
     tilt_right_rad, tilt_down_rad
         Tilts by which its right side and its lower side are farther away; the tilt to the right is applied first.
     right_um, down_um, away_um
-        Middle of the target (µm).
+        Position of the target's middle (µm).
 
     Examples
     --------
@@ -62,12 +62,12 @@ class Pose:
 
     @classmethod
     def parse(cls, text: str) -> Pose:
-        """Return the pose of ``"rotation=1,tilt_right=2,right=0.3mm"``: angles in degrees, lengths in µm or mm.
+        """Parse a pose such as ``"rotation=1,tilt_right=2,right=0.3mm"``: angles in degrees, lengths in µm or mm.
 
         Raises
         ------
         InputError
-            If a name or a number is none.
+            If a name or a number is invalid.
         """
         found: dict[str, float] = {}
         for part in filter(None, (piece.strip() for piece in text.split(","))):
@@ -78,19 +78,19 @@ class Pose:
                 )
             key = DEGREES.get(name) or LENGTHS[name]
             if key in found:
-                raise InputError.expected("pose", "each value once", repr(name), "leave one out")
+                raise InputError.expected("pose", "each value once", repr(name), "remove one")
             found[key] = _angle_rad(name, value) if name in DEGREES else length_um(value)
         return cls(**found)
 
     @property
     def words(self) -> str:
-        """The words that `parse` makes the same pose of; what is 0 is left out."""
+        """Text from which `parse` creates the same pose; values of 0 are omitted."""
         turns = [f"{name}={math.degrees(getattr(self, key)):.10g}" for name, key in DEGREES.items()]
         places = [f"{name}={getattr(self, key):.10g}" for name, key in LENGTHS.items()]
         return ",".join(one for one in (*turns, *places) if not one.endswith("=0"))
 
     def points(self, flat_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return object points ``(..., 3)`` (right, down, away) of points ``(..., 2)`` (right, down) of the target."""
+        """Convert points ``(..., 2)`` (right, down) on the target to object points ``(..., 3)`` (right, down, away)."""
         middle = np.array([self.right_um, self.down_um, self.away_um])
         placed: NDArray[np.float64] = flat_um @ self.turn()[:, :2].T + middle
         return placed
@@ -107,19 +107,19 @@ class Pose:
         return turn
 
     def off_by(self, within: Pose, shares: NDArray[np.float64]) -> Pose:
-        """Return this pose, off by ``shares`` (6,) of -1 … 1 of the bounds ``within``, in the attributes' order."""
+        """Return this pose plus ``shares`` (6,), -1 … 1, times the bounds ``within``, in attribute order."""
         names = [field.name for field in fields(self)]
         moved = [getattr(self, n) + s * getattr(within, n) for n, s in zip(names, shares.tolist(), strict=True)]
         return Pose(*moved)
 
     @property
     def known(self) -> bool:
-        """Of bounds: whether none of the values may be off."""
+        """For bounds: whether all values are exact."""
         return not any(getattr(self, field.name) for field in fields(self))
 
 
 def length_um(text: str) -> float:
-    """Return a length in µm from ``"1.2mm"``, ``"20um"`` or a plain number of µm."""
+    """Parse a length such as ``"1.2mm"``, ``"20um"`` or a plain number of µm; return it in µm."""
     for unit, factor in UNITS.items():
         if text.endswith(unit):
             return factor * _number(text.removesuffix(unit))

@@ -1,4 +1,4 @@
-"""Whether a camera's pixels hold the light finely enough for patterns to be moved by parts of a pixel."""
+"""Check whether a camera's pixels are fine enough to move patterns by fractions of a pixel."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ __all__ = ["coarsest_pixel_um", "may_resample", "resampling_words"]
 
 
 def coarsest_pixel_um(camera: Camera) -> float:
-    """Return the largest pixel at which the light behind a lenslet is sampled without loss (µm).
+    """Return the largest pixel that samples the light behind a lenslet without loss (µm).
 
-    A lenslet's light ends at the spatial frequency ``1 / (wavelength N)``, with its f-number N (gap over pitch;
-    Goodman, Introduction to Fourier Optics, section 6.3). Two samples per period are sufficient.
+    The light behind a lenslet contains no spatial frequencies above ``1 / (wavelength N)``, with the f-number N (gap
+    divided by pitch; Goodman, Introduction to Fourier Optics, section 6.3). Two samples per period are sufficient.
     """
     lattice = camera.lattice
     found: float = camera.wavelength_um * lattice.gap_um / lattice.pitch_um / 2.0
@@ -19,14 +19,14 @@ def coarsest_pixel_um(camera: Camera) -> float:
 
 
 def may_resample(camera: Camera) -> bool:
-    """Return whether patterns may be resampled to whole phases: nothing between the pixels is lost."""
+    """Return whether patterns may be resampled to whole phases without loss."""
     return camera.sensor.pixel_um <= coarsest_pixel_um(camera)
 
 
 def resampling_words(scan: ScanPlan) -> str:
-    """Return in words why points that show no position are not resampled to one."""
+    """Return a sentence on why points that show no position are not resampled to one."""
     camera = scan.camera
     if may_resample(camera):
         return "their phases differ, which resampling cannot correct"
     wanted, own = coarsest_pixel_um(camera), camera.sensor.pixel_um
-    return f"pixels of {own:g} µm are too coarse to resample them (it takes {wanted:.2g} µm)"
+    return f"pixels of {own:g} µm are too coarse to resample them ({wanted:.2g} µm are needed)"

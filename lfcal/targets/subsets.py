@@ -1,4 +1,4 @@
-"""Frames of a target that may be shown together: how many, whether that pays, and what a display shows."""
+"""Show several frames of a target together: number of frames, whether it is better, and the display's plan."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from lfcal.targets.plan import TargetPlan
 __all__ = ["ORDERS", "coding_verdict", "display_words", "group_order", "planned_for_display", "subset_patterns"]
 
 ORDERS = (3, 7, 11)
-"""Frames that are shown together, sums of about half of them at a time: orders of S-matrices."""
+"""Numbers of frames that may be shown together, half of them at a time: orders of S-matrices."""
 
 PEAK = 0.8
-"""Of the full well, in the brightest pixel of a point, where nothing else is said: the exposure of a session."""
+"""Default level of a point's brightest pixel, as a share of the full well."""
 
 TOLERANCE = 0.1
-"""Of the simulated patterns: a gain in noise needs no better."""
+"""Relative error of the simulated patterns, which is sufficient for a gain in noise."""
 
 
 def group_order(frames: int) -> int:
-    """Return how many of a plane's frames are best shown together; 0 where there are too few.
+    """Return the best number of a plane's frames to show together; 0 if there are too few.
 
-    An S-matrix of order n gains (n + 1) / (2 sqrt n) of additive noise; the last group is filled up by repeats.
+    An S-matrix of order n reduces additive noise by (n + 1) / (2 sqrt n); the last group is completed by repeats.
     """
     fitting = [n for n in ORDERS if n <= frames]
     return max(fitting, key=lambda n: (n + 1) / (2 * math.sqrt(n)) * math.sqrt(frames / _filled(frames, n)), default=0)
@@ -39,10 +39,11 @@ def _filled(frames: int, order: int) -> int:
 
 
 def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64]:
-    """Return the patterns of one hole in the first frames of a plane ``(frames, rows, columns)``, at their places.
+    """Return the patterns of one hole in the first frames of a plane at their places, ``(frames, rows, columns)``.
 
-    Neighbouring holes have the same pattern: the window is as large as the distance of their images, and wraps around.
-    NaN outside each pattern's cutout.
+    Neighbouring holes have the same pattern, so the window is as large as the distance of their images, and wraps
+    around.
+    Values are NaN outside each pattern's cutout.
     """
     scan = plan.scan
     effects = plan_effects(scan, TOLERANCE).effects
@@ -61,21 +62,21 @@ def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64
 
 
 def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | None = None) -> CodingVerdict | None:
-    """Return whether coding several frames of a plane together reduces noise; None for too few frames, or one hole.
+    """Return whether showing coded frames together reduces noise; None for too few frames, or one hole.
 
     Parameters
     ----------
     plan
         Plan of the target, whose frames would be shown as sums by an S-matrix.
     z
-        Plane; None: the middle one.
+        Number of the plane; None: the middle one.
     signal_e
         Electrons in a point's brightest pixel in a frame; None: `PEAK` of the full well.
 
     Raises
     ------
     InputError
-        If there are more electrons than the sensor holds.
+        If ``signal_e`` exceeds the full well.
     """
     at = len(plan.scan.depths_um) // 2 if z is None else z
     order = group_order(len(plan.offsets_px[at]))
@@ -84,13 +85,13 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
     noise = sensor_noise(plan.scan.camera.sensor, exposure_s=plan.scan.exposures[at])
     if signal_e is not None and not 0 < signal_e <= noise.full_e:
         wanted = f"above 0, up to the full well of {noise.full_e:.4g}"
-        raise InputError.expected("--signal (electrons)", wanted, f"{signal_e:g}", "state the planned exposure's")
+        raise InputError.expected("--signal (electrons)", wanted, f"{signal_e:g}", "give that of the planned exposure")
     light = subset_patterns(plan, at, order)
     return coding_pays(light, noise, signal_e=PEAK * noise.full_e if signal_e is None else signal_e)
 
 
 def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdict | None) -> TargetPlan:
-    """Return the plan that a display shows: several offsets together where that pays, else one after the other.
+    """Return the plan for a display: several offsets together if that reduces noise, else one after the other.
 
     The exposures stay the same. Sums that would saturate are not shown.
     """
@@ -100,7 +101,7 @@ def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdi
 
 
 def display_words(plan: TargetPlan, display: Display) -> str:
-    """Return what a display shows by a plan, and whether its pixels are small enough."""
+    """Return a sentence on a display's frames, and on whether its pixels are small enough."""
     depth = plan.scan.depths_um[len(plan.scan.depths_um) // 2]
     fit = display_fit(plan.scan.camera.step_um(depth), display.pixel_um)
     if plan.lit is None:

@@ -1,4 +1,4 @@
-"""What is put before the camera: a point, or an array of pinholes; and targets as the command line writes them."""
+"""Targets: a point or an array of pinholes, and their notation on the command line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ VERSION = 1
 KINDS = ("point", "square", "hexagonal")
 
 MOST_HOLES = 100_000
-"""Far more than a sensor has room for: a slip of the pen ends here."""
+"""Largest number of holes, far more than fit on a sensor, to catch typing errors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Target:
         ``"point"``; ``"square"``: a rectangular grid of holes; ``"hexagonal"``: every second row is shifted to the
         right by half a pitch.
     shape
-        Holes (rows, columns).
+        Number of holes (rows, columns).
     pitch_um
         Distance of neighbouring rows, and of neighbouring holes in a row (µm).
     hole_um
@@ -45,7 +45,7 @@ class Target:
         Holes (row, column) that are intentionally absent. An array equals its own mirror image; asymmetric marks show
         whether it is reversed.
     pose
-        Pose, as far as it is known.
+        Pose of the target, as far as known.
     within
         Bounds of the error of each value of the pose, which is then fitted. All 0: the pose is known.
 
@@ -104,18 +104,18 @@ class Target:
 
     @property
     def holes(self) -> NDArray[np.intp]:
-        """Labels ``(n, 2)`` as (row, column) of the holes that are there, row by row."""
+        """Labels ``(n, 2)`` as (row, column) of the holes that are present, row by row."""
         there = np.ones(self.shape, np.bool_)
         for hole in self.absent:
             there[hole] = False
         return np.argwhere(there)
 
     def flat_um(self, holes: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return where holes ``(n, 2)`` are on the target, (right, down) of its middle (µm)."""
+        """Return the positions of holes ``(n, 2)`` on the target, (right, down) from its middle (µm)."""
         index = np.asarray(holes, float)
         down, right = np.moveaxis(index - (np.array(self.shape) - 1) / 2, -1, 0)
         if self.kind == "hexagonal":
-            # a quarter each way: the middle stays the middle
+            # a quarter in each direction, so that the middle does not move
             right = right + np.where(index[..., 0] % 2 == 1, 0.25, -0.25)
         return np.stack([right * self.pitch_um[1], down * self.pitch_um[0]], axis=-1)
 
@@ -157,16 +157,16 @@ EXAMPLE = "for example array:12x12@1.2mm,hole=20um or array:12x12@1.2mm,hex"
 
 
 def parse_target(text: str) -> Target:
-    """Return the target of ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
+    """Parse a target: ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
 
     An array's pitch is one length, or ``ROWxCOLUMN`` for rows and columns; lengths are in µm unless they end in mm.
-    Then may follow, after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1`` (rows and columns of holes left out).
+    Options may follow after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1`` (row:column of absent holes).
     A hexagonal array has one pitch, that of neighbouring holes.
 
     Raises
     ------
     InputError
-        If it is none of these.
+        If the text is not a valid target.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def parse_target(text: str) -> Target:
 
 
 def proposed_hole(text: str) -> float | None:
-    """Return the holes' diameter (µm) of ``"array"`` or ``"array,hole=20um"``, whose pitch is wanted; else None."""
+    """Return the holes' diameter (µm) of ``"array"`` or ``"array,hole=20um"``, without a pitch; else None."""
     head, *more = (part.strip() for part in text.strip().split(","))
     if head != "array":
         return None
@@ -226,7 +226,7 @@ def _wrong(text: str) -> InputError:
 
 
 def target_words(target: Target) -> str:
-    """Return the description from which `parse_target` makes the same target, without its pose.
+    """Return the text from which `parse_target` creates the same target, without its pose.
 
     Examples
     --------

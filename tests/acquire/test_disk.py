@@ -109,7 +109,7 @@ def test_holds_are_lines_on_stderr_and_in_the_status(
     done = lfcal("acquire", tmp_path / "plan.json", "--out", folder, *words)
     assert done.code == 0, done.err
     lines = done.err.splitlines()
-    start = next(k for k, line in enumerate(lines) if "on hold: disk low: 1 MB free, 2 MB wanted" in line)
+    start = next(k for k, line in enumerate(lines) if "on hold: disk low: 1 MB free, 2 MB required" in line)
     assert any("recording again" in line for line in lines[start:]), done.err
     held = [one for one in seen if one is not None and one.held]
     assert held and held[0].held.startswith("disk low") and held[0].process > 0

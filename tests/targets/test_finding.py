@@ -177,7 +177,7 @@ def test_a_distance_that_may_be_off_explains_a_pitch() -> None:
 def test_a_labelling_that_is_not_certain_is_refused() -> None:
     # more holes than the frame shows, no marks, and nobody knows where it is
     vast = array(20, 20, within=Pose(right_um=200 * PX, down_um=200 * PX))
-    with pytest.raises(InputError, match="one way to lay"):
+    with pytest.raises(InputError, match="a unique assignment"):
         found(drawn(array(20, 20), CAMERA, Z), vast)
     # known to half a pitch it is certain
     points = found(drawn(array(20, 20, pose=Pose(right_um=9 * PX)), CAMERA, Z), replace(vast, within=Pose()))

@@ -124,7 +124,7 @@ def test_the_least_pitch_is_sought_up_to_two_cutouts(away: int, least: int | Non
     light[10, 10], light[10 + away, 10] = 1.0, 0.01
     tails = Tails(light, (5, 5), "waves")
     if least is None:
-        with pytest.raises(InputError, match="two cutouts' distance"):
+        with pytest.raises(InputError, match="within two cutouts"):
             tails.least_pitch(0.005)
     else:
         assert tails.least_pitch(0.005) == least
@@ -241,7 +241,7 @@ def test_crosstalk_among_holes_is_that_of_the_worst() -> None:
 
 def test_holes_too_close_are_refused_with_how_far_they_must_be() -> None:
     scan = ScanPlan.for_camera(bench(), virtual_depths=(4.0,))
-    with pytest.raises(InputError, match=r"crosstalk of holes 1 mm apart.*at most 0\.5 %.*take holes .* apart"):
+    with pytest.raises(InputError, match=r"crosstalk of holes 1 mm apart.*at most 0\.5 %.*choose holes .* apart"):
         plan_target(scan, parse_target("array:4x4@1mm"))
     with pytest.raises(InputError, match="is on the sensor"):
         plan_target(scan, replace(parse_target("array:4x4@2mm"), pose=Pose(right_um=1e5)))
@@ -252,9 +252,9 @@ def test_the_distance_that_a_refusal_asks_for_is_enough_in_all_planes() -> None:
     wishes = Wishes(most_frames=1, level="geometric", crosstalk=0.001)
     for pose in (Pose(), Pose(tilt_right_rad=math.radians(50))):
         target = replace(parse_target("array:3x3@700um"), pose=pose)
-        with pytest.raises(InputError, match=r"in the plane at -\d.*take holes ") as refused:
+        with pytest.raises(InputError, match=r"in the plane at -\d.*choose holes ") as refused:
             plan_target(scan, target, wishes)
-        apart = re.search(r"take holes ([\d.]+) (mm|µm) apart", str(refused.value))
+        apart = re.search(r"choose holes ([\d.]+) (mm|µm) apart", str(refused.value))
         assert apart is not None
         wide = float(apart[1]) * (1e3 if apart[2] == "mm" else 1.0) + 1
         assert wide > target.nearest_um
@@ -266,7 +266,7 @@ def test_crosstalk_is_looked_at_before_frames_are_looked_for(monkeypatch: pytest
     """The last plane of a long search was found to have too much of it."""
     scan = ScanPlan.for_camera(bench(), virtual_depths=(2.0, 4.0), cutout=31)
     monkeypatch.setattr("lfcal.targets.planning.iter_cover", lambda *_, **__: pytest.fail("looked for frames"))
-    with pytest.raises(InputError, match="take holes"):
+    with pytest.raises(InputError, match="choose holes"):
         plan_target(scan, parse_target("array:3x3@700um"), Wishes(level="geometric", crosstalk=0.1))
 
 
