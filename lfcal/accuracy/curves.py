@@ -1,4 +1,4 @@
-"""One rung of accuracy, and the curve that the rungs of a place make."""
+"""Rungs of accuracy with their costs, and the curve of all rungs of a place."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from lfcal.base import check_choice, check_number, format_bytes, format_seconds,
 __all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "marked"]
 
 UNITS = ("seconds", "bytes", "frames")
-"""What accuracy is paid in."""
+"""Units in which the cost of accuracy is measured."""
 
 SHOWN = {"seconds": ("s", 1.0), "bytes": ("MB", 1e6), "frames": ("", 1.0)}
-"""Unit that a chart's axis shows, and how much of the cost it is."""
+"""Unit on the axis of a chart, and its size in units of the cost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,40 +112,40 @@ class Curve:
     stopped: str = ""
 
     def with_rung(self, rung: Rung) -> Curve:
-        """Return the curve with one rung more."""
+        """Return the curve with one more rung."""
         return replace(self, rungs=marked((*self.rungs, rung)))
 
     @property
     def front(self) -> tuple[Rung, ...]:
-        """The efficient rungs, cheapest first: each costs more than the one before it, and errs less."""
+        """The efficient rungs, cheapest first: each costs more than the one before it, and has a smaller error."""
         return tuple(rung for rung in self.rungs if rung.efficient)
 
     @property
     def best(self) -> Rung | None:
-        """The most accurate rung, the cheapest of several; None without rungs."""
+        """The most accurate rung (the cheapest, if several are equal); None without rungs."""
         return min(self.rungs, key=lambda rung: (rung.error, rung.cost), default=None)
 
     def cheapest(self, error: float) -> Rung | None:
         """Return the cheapest rung with an error of at most ``error`` (a share); None if there is none."""
-        check_number("error asked for (a share)", error, above=0, remedy="0.01 is 1 %")
+        check_number("requested error (a share)", error, above=0, remedy="0.01 is 1 %")
         good = (rung for rung in self.rungs if rung.error <= error)
         return min(good, key=lambda rung: (rung.cost, rung.error), default=None)
 
     def answer(self, error: float) -> str:
-        """Return what an error would cost, in a sentence."""
+        """Return a sentence on the cost of an error."""
         found, best, asked = self.cheapest(error), self.best, format_share(error)
         if found is not None:
             return f"{asked} costs {format_cost(found.cost, self.unit)}: {found.label} ({format_share(found.error)})"
         if best is None:
             return f"{asked}: nothing was measured" + (f" ({self.stopped})" if self.stopped else "")
         return (
-            f"{asked} is reached by no rung measured; the best is {format_share(best.error)} for "
+            f"{asked} is not reached by any measured rung; the best is {format_share(best.error)} for "
             f"{format_cost(best.cost, self.unit)}: {best.label}"
         )
 
 
 def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
-    """Return the rungs, cheapest first, those marked as efficient that no other beats in both cost and error.
+    """Return the rungs, cheapest first, and mark those as efficient that no other beats in both cost and error.
 
     Examples
     --------
@@ -163,14 +163,14 @@ def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
 
 
 def cost_axis(curve: Curve) -> tuple[str, float]:
-    """Return the label of a chart's axis of costs, and what costs are divided by for it."""
+    """Return the label of the cost axis in a chart, and the divisor of costs for it."""
     unit, scale = SHOWN[curve.unit]
     name = curve.cost.split(",")[0]  # the whole text does not fit along an axis
     return f"{name} ({unit})" if unit else name, scale
 
 
 def format_cost(cost: float, unit: str) -> str:
-    """Return a cost for people."""
+    """Return a cost as text, with a suitable unit."""
     if unit == "seconds":
         return format_seconds(cost)
     return format_bytes(cost) if unit == "bytes" else f"{cost:.0f} frames"

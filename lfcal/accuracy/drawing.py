@@ -1,4 +1,4 @@
-"""All curves of accuracy on one page."""
+"""Draw all curves of accuracy on one page."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__ = ["draw_curves"]
 COLUMNS = 3
 
 FLOOR = 1e-9
-"""Errors of nothing at all are drawn here: a logarithm has no zero."""
+"""Value at which an error of zero is drawn on a logarithmic axis."""
 
 
 def draw_curves(
     curves: Sequence[Curve], path: str | os.PathLike[str], title: str = "", *, error: float | None = None
 ) -> None:
-    """Write the curves that have rungs as one page: one panel each, logarithmic, the front as a line.
+    """Write the curves that have rungs to one page: a logarithmic panel for each, with the Pareto front as a line.
 
     Parameters
     ----------

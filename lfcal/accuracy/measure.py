@@ -1,4 +1,4 @@
-"""Places to curves, rung by rung, within seconds; what was measured is kept whenever it is stopped."""
+"""Measure the curves of places, rung by rung, within a time limit; results are kept if the work is stopped."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from lfcal.base import LfcalError, Progress, Work, check_number, drained, format
 __all__ = ["SECONDS", "CurveProgress", "iter_measure_curve", "measure_curve"]
 
 SECONDS = 10.0
-"""Seconds that a place may take unless something else is asked for."""
+"""Default time limit for a place (s)."""
 
 FOR_RUNGS = 0.4
-"""Share of the seconds that the rungs have in any case, however long the truth took: a truth alone is no curve."""
+"""Share of the time limit that is reserved for the rungs, however long the reference took."""
 
 
 @dataclass(frozen=True, slots=True)
 class CurveProgress(Progress):
-    """How far a measurement is, and all that it has found.
+    """Progress of a measurement, with its results so far.
 
     Attributes
     ----------
     curve
-        Of the place at work, with the rungs measured so far.
+        Curve of the current place, with the rungs measured so far.
 
     Examples
     --------
@@ -78,12 +78,12 @@ class _Run:
         return f"{self.curve.title}: {inner}"
 
     def over(self, found: Truth | AccuracyStep | Rung | Progress) -> bool:
-        """Return whether the seconds are spent; one rung is measured in any case."""
+        """Return whether the time limit is reached; at least one rung is always measured."""
         if not self.curve.rungs or isinstance(found, Truth):
             return False
         ahead = 0.0
         if isinstance(found, AccuracyStep):
-            # a step that says nothing takes as long as the one before
+            # a step without an estimate is assumed to take as long as the previous one
             ahead = self.longest if found.seconds is None else found.seconds
         return self.elapsed + ahead > self.limit
 
@@ -109,7 +109,7 @@ def iter_measure_curve(
     Yields
     ------
     CurveProgress
-        With the curve so far, which you can keep if you stop.
+        Progress with the curve so far, which remains valid if you stop.
 
     Raises
     ------

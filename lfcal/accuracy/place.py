@@ -1,4 +1,4 @@
-"""A place of the work where accuracy is paid: what it measures and reports; all places by name."""
+"""Parts of the processing whose accuracy can be chosen ("places"): their definition, and all of them by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["PLACES", "AccuracyStep", "Measuring", "Place", "Truth", "find_places
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the errors of a curve are measured by, and under which conditions; said once, before the first rung."""
+    """Reference and conditions of the errors of a curve; yielded once, before the first rung."""
 
     label: str
     notes: tuple[str, ...] = ()
@@ -22,14 +22,14 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyStep:
-    """What is done next, and about how long it takes (seconds; None: as long as what came before)."""
+    """Description of the next step, and its approximate duration (s; None: as long as the previous one)."""
 
     label: str
     seconds: float | None = None
 
 
 Measuring = Generator[Truth | AccuracyStep | Rung | Progress, None, None]
-"""A running measurement. It may be closed at any time; between two of its records little time passes."""
+"""A running measurement. It may be closed at any time, and yields records at short intervals."""
 
 
 @dataclass(frozen=True, slots=True)

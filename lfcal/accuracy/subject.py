@@ -1,4 +1,4 @@
-"""What accuracy is measured for: a scan plan or H, and samples of H that are quick to work with."""
+"""Subject of a measurement of accuracy: a scan plan or H, with samples of H that are fast to process."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from lfcal.simulate.accuracy import step_for
 __all__ = ["Patterns", "Sample", "Subject"]
 
 SAMPLE_BYTES = 48 << 20
-"""A sample of H over whole periods is cropped to about this size."""
+"""Approximate size to which a sample of H over whole periods is cropped (bytes)."""
 
 PATTERN_BYTES = 16 << 20
-"""Single patterns with their whole cutout are so many bytes at most."""
+"""Largest size of the sample of single patterns with their whole cutout (bytes)."""
 
 TOLERANCE, EFFECTS_TOLERANCE = 0.1, 0.02
-"""Tolerance of the computation of samples, and of their effects: their appearance matters, not their last per cent,
+"""Tolerance of the computation of samples and of their effects. Their appearance matters rather than the last per cent,
 but rays instead of waves would leave their dark pixels empty."""
 
 LONGEST_WAVES = 6.0
@@ -39,9 +39,9 @@ class Sample:
     matrix
         H of the sample, in memory.
     scale
-        Entries of the whole H over those of the sample.
+        Ratio of the number of entries of the whole H to that of the sample.
     notes
-        What it is, a line each.
+        Description of the sample, one line each.
     """
 
     matrix: PSFMatrix
@@ -58,9 +58,9 @@ class Patterns:
     values
         ``(rows, columns, nt, ns)``.
     scale
-        Patterns of the whole H over those here.
+        Ratio of the number of patterns of the whole H to that of the sample.
     notes
-        What they are, a line each.
+        Description of the patterns, one line each.
     """
 
     values: NDArray[np.float32]
@@ -110,14 +110,14 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return H (also that of HT) as a subject, with the plan from its provenance or its camera."""
+        """Return H (also from an HT file) as a subject, with the plan from its provenance or its camera."""
         H = matrix.T if matrix.is_transposed else matrix
         plan, reason = _plan_of(H)
         return cls(name, plan, H, reason, workers)
 
     @property
     def planned(self) -> ScanPlan:
-        """The scan plan; raises `InputError` with the reason where there is none."""
+        """The scan plan; raises `InputError` with the reason if there is none."""
         if self.plan is None:
             raise InputError.expected(
                 "camera", "that of the scan", self.no_plan or "none", "measure a plan or a camera"
@@ -136,7 +136,7 @@ class Subject:
 
     # -- samples ---------------------------------------------------------------------------------------
     def iter_sample(self, planes: int) -> Work[Sample]:
-        """Return at most ``planes`` planes of H over whole periods, made once; yields progress."""
+        """Return at most ``planes`` planes of H over whole periods, computed once; yields progress."""
         count = min(planes, self.shape[0])
         if count not in self._samples:
             made = self._read(count) if self.matrix is not None else self._simulated(count)
@@ -146,7 +146,7 @@ class Subject:
         return self._samples[count]
 
     def iter_patterns(self) -> Work[Patterns]:
-        """Return patterns of the middle plane, spread over the period, made once; yields progress."""
+        """Return patterns of the middle plane, spread over the period, computed once; yields progress."""
         if not self._patterns:
             yield Clock("patterns", 1).at(0)
             _, ny, nx, nt, ns = self.shape
@@ -204,7 +204,7 @@ class Subject:
         found = plan_effects(part, EFFECTS_TOLERANCE)
         waves = found.seconds <= LONGEST_WAVES
         scene, level = resolve_level(scene_for(part, 0, found.effects), "auto" if waves else "geometric")
-        # as fine as is expected to do, without a probe of every plane
+        # the sampling expected to be sufficient, without a test in every plane
         sampling = step_for(scene, level, TOLERANCE).sampling if level != "geometric" else None
         made = yield from iter_simulate_psf(
             part, found, level, tolerance=TOLERANCE, sampling=sampling, workers=self.workers
@@ -239,7 +239,7 @@ def _plan_of(matrix: PSFMatrix) -> tuple[ScanPlan | None, str]:
         try:
             plan = ScanPlan.from_dict(told)
         except LfcalError:
-            plan = None  # anyone may have written it: the camera may still do
+            plan = None  # the entry may be invalid; the camera may still be usable
         if plan is not None and plan.shape == matrix.shape:
             return plan, ""
     if matrix.camera is None:

@@ -73,7 +73,7 @@ def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
     run = lfcal("accuracy", scan, "--place", "bases", "--place", "averaging", "--seconds", 600, "--error", "20 %")
     assert run.code == 0, run.err
     assert run.out.index("Multiplexing: masks and exposure") < run.out.index("Recording: averaging and exposure")
-    assert "20 % costs" in run.out and "measured by: even light, the same in every sample" in run.out
+    assert "20 % costs" in run.out and "measured by: uniform light, equal in all samples" in run.out
 
 
 def test_a_camera_needs_planes(lfcal: Lfcal) -> None:

@@ -1,4 +1,4 @@
-"""Aperture fit: the error of the iris seen in a depth-plane sum, against the frames that are summed."""
+"""Aperture fit: error of the iris measured in a depth-plane sum, versus the number of summed frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lfcal.simulate import PlaneResponse, plan_effects
 __all__ = ["PLACE", "iris_diameter_px", "noisy_sum"]
 
 SIDES = (3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
-"""Positions along each axis of the period: coarse grids of the source, then every position."""
+"""Number of positions along each axis of the period: from coarse grids to every position."""
 
 FULL = 0.8
 """Share of the full well that the brightest pixel reaches."""
@@ -30,7 +30,7 @@ TOLERANCE = 0.05
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Fit the iris to sums over ever finer grids of positions, followed by rays, with the sensor's noise."""
+    """Fit the iris to sums over increasingly fine grids of positions, simulated by rays with the sensor's noise."""
     plan, z = subject.planned, subject.middle
     camera = plan.camera
     diameter = iris_diameter_px(camera, plan.depths_um[z])
@@ -41,7 +41,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         (
             f"patterns by rays; brightest pixel at {100 * FULL:g} % of {camera.sensor.full_well_e:g} e-, read noise "
             f"{camera.sensor.read_noise_e:g} e-; {ROUNDS} fits a rung",
-            "lenslets blur the sum by their own width: the error left with all positions is theirs, not the noise's",
+            "lenslets blur the sum by their own width: the error left with all positions is due to this, not to noise",
         ),
     )
     ny, nx = plan.period
@@ -65,10 +65,11 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def iris_diameter_px(camera: Camera, z_um: float) -> float:
-    """Return the diameter of the circle of the area that the iris's shadow has on the sensor (pixels).
+    """Return the diameter of a circle with the area of the iris's shadow on the sensor (pixels).
 
-    A ray through pupil point p meets the sensor ``p (a - B)/(b + a)`` from the chief ray, apart from what its lenslet
-    bends it by.
+    Without deflection by its lenslet, a ray through pupil point p meets the sensor at ``p (a - B)/(b + a)`` from the
+    chief
+    ray.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Averaging and exposure: the noise of H, against the seconds of the recording."""
+"""Averaging and exposure: noise of H versus recording time."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from lfcal.simulate.sensor import FrameKind, temporal_noise
 __all__ = ["EFFECTS", "PLACE", "dark_level", "expected_noise"]
 
 EXPOSURES = (1.0, 0.25, 4.0)
-"""Exposures over the plan's; at the plan's own the brightest pixel reaches `FULL` of the well."""
+"""Exposures relative to that of the plan, at which the brightest pixel reaches `FULL` of the full well."""
 
 FRAMES = (1, 2, 4, 8, 16, 32, 64)
 FULL = 0.8
 EFFECTS: tuple[FrameEffect, ...] = (ShotNoise(), Saturation(), ReadNoise(), Quantisation())
-"""What the sensor does to light, drift and fixed pattern left out."""
+"""Effects of the sensor, without drift and fixed pattern."""
 
 PATTERNS = 4
 DARK_PIXELS = 200_000
 PIXELS = 40_000_000
-"""Pixels exposed at one rung at most: 64 frames of large cutouts would take minutes."""
+"""Largest number of pixels exposed for one rung; 64 frames of large cutouts would take minutes."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Average ever more simulated frames of the sensor, and hold them against their light."""
+    """Average increasing numbers of simulated frames, and compare the mean with the true light."""
     plan = subject.planned
     patterns = yield from subject.iter_patterns()
     flat = np.maximum(patterns.values.reshape(-1, *plan.cutout), 0)
@@ -49,7 +49,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         (
             f"{len(chosen)} patterns; {plan.exposures[z]:g} s bring the brightest pixel to {100 * FULL:g} % of "
             f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-",
-            "photons, read-out, full well and whole sample values, the mean of dark frames taken off; no drift, no "
+            "photons, read-out, full well and whole sample values, the mean of dark frames subtracted; no drift, no "
             "fixed pattern",
             *_cut_off(plan.camera),
         ),
@@ -67,7 +67,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def dark_level(camera: Camera) -> float:
     """Return the mean sample value without light, as dark frames show it.
 
-    Where the black level lies within the noise, what is below zero is cut off: the mean lies above the black level.
+    If the black level is within the noise, values below zero are clipped, and the mean is above the black level.
     """
     black = np.zeros(camera.sensor.shape, np.float32)
     frames = range(max(1, DARK_PIXELS // black.size))
@@ -104,16 +104,15 @@ def _cut_off(camera: Camera) -> tuple[str, ...]:
     if sensor.black_level * sensor.electrons_per_count >= 3 * sensor.read_noise_e:
         return ()
     return (
-        f"a black level of {sensor.black_level:g} lies within the read noise: what is cut off below zero does not "
-        "average out",
+        f"a black level of {sensor.black_level:g} is within the read noise: values clipped at zero do not average out",
     )
 
 
 def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_count: float, count: int) -> float:
-    """Return the mean absolute error of the mean of ``count`` frames, over the mean light.
+    """Return the mean absolute error of the mean of ``count`` frames, relative to the mean light.
 
-    The mean of normal noise of variance v is off by ``sqrt(2 v / (pi n))`` in the mean; electrons that are few are
-    not normal.
+    The mean of n values with normal noise of variance v has the mean absolute error ``sqrt(2 v / (pi n))``. For few
+    electrons, noise is not normal.
     """
     counts = light_e.astype(np.float64) / electrons_per_count
     variance = float(noise.constant) + float(noise.slope) * counts
@@ -123,7 +122,7 @@ def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_cou
 PLACE = Place(
     "averaging",
     "Recording: averaging and exposure",
-    "relative L1 error of H by noise, before anything takes it out",
+    "relative L1 error of H due to noise, without noise reduction",
     "recording time of the whole scan",
     "seconds",
     measure,

@@ -1,4 +1,4 @@
-"""Multiplexing bases: the noise of a recovered sample, against the exposure that it was recorded with."""
+"""Multiplexing bases: noise of a recovered sample versus exposure."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from lfcal.multiplex import MASKS, Modulator, amplification, mask
 __all__ = ["PLACE", "sample_noise"]
 
 EXPOSURES = (1.0, 1 / 4, 1 / 16, 1 / 64)
-"""Shares of the exposure at which unmodulated light fills `FULL` of the well."""
+"""Exposures, relative to that at which unmodulated light reaches `FULL` of the full well."""
 
 FULL = 0.8
 PRIMES = (3, 5, 7, 11, 13)
-"""Sides of super-pixels that every mask can have."""
+"""Sides of super-pixels for which every mask exists."""
 
 PIXELS = 400_000
-"""Pixels that are exposed at each rung."""
+"""Number of pixels exposed for each rung."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Expose every light-field modulator to even light, and recover its samples by the pseudo-inverse."""
+    """Expose every light-field modulator to uniform light, and recover its samples with the pseudo-inverse."""
     plan = subject.planned
     sensor, exposure = plan.camera.sensor, max(plan.exposures)
     side = min(PRIMES, key=lambda p: abs(p - plan.camera.pitch_px))
     electrons = FULL * sensor.full_well_e
     yield Truth(
-        "even light, the same in every sample",
+        "uniform light, equal in all samples",
         (
             f"super-pixels of {side} x {side} px for a pitch of {plan.camera.pitch_px:.3g} px",
             f"{exposure:g} s of unmodulated light fill {100 * FULL:g} % of {sensor.full_well_e:g} e-; read noise "
@@ -57,23 +57,23 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def sample_noise(
     modulator: Modulator, inverse: np.ndarray, electrons: float, sensor: Sensor, rng: np.random.Generator
 ) -> float:
-    """Return the rms error of recovered samples over their value: photons by Poisson, read-out by a normal deviate.
+    """Return the rms error of recovered samples relative to their value, with photon and read noise.
 
     Parameters
     ----------
     modulator, inverse
         The modulator and its pseudo-inverse ``(N, K)``.
     electrons
-        Of a pixel in unmodulated light.
+        Electrons of a pixel in unmodulated light.
     sensor
-        Its read noise is used.
+        Sensor with its read noise.
     rng
-        Source of the noise.
+        Random generator for the noise.
     """
     even = np.full(modulator.count, 1 / modulator.count)
     light = modulator.matrix @ even
     trials = max(8, PIXELS // modulator.pixels)
-    # the light of all pixels behind a lenslet comes to one, which holds no more than the others do
+    # a lenslet concentrates its light on one pixel, whose full well is not larger
     seen = rng.poisson(np.broadcast_to(light * electrons, (trials, light.size)))
     frames = (seen + rng.normal(0, sensor.read_noise_e, seen.shape)) / electrons
     off = (frames - light) @ inverse.T
@@ -83,7 +83,7 @@ def sample_noise(
 PLACE = Place(
     "bases",
     "Multiplexing: masks and exposure",
-    "noise of a recovered sample over its value, rms",
+    "rms noise of a recovered sample, relative to its value",
     "exposure of a frame",
     "seconds",
     measure,

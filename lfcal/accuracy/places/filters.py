@@ -1,4 +1,4 @@
-"""Demultiplexing filters: the error of the colours or samples between pixels, against the seconds of a frame."""
+"""Demultiplexing filters: error of colours or samples between pixels versus time per frame."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FULL = 0.8
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Demultiplex a scene that is known by every route and filter."""
+    """Demultiplex a known scene with every route and filter."""
     sensor = _sensor(subject)
     pattern = sensor.cfa or "Bayer"
     modulator = cfa(pattern)
     scene = zone_plate((SIDE, SIDE), HIGHEST)
-    # one is the full well's share; photons and read-out as rms at the mean level
+    # values relative to the full well; rms photon and read noise at the mean level
     level = FULL * sensor.full_well_e
     rms = math.sqrt(level / 2 + sensor.read_noise_e**2) / level
     noise = rms * np.random.default_rng(0).standard_normal((SIDE, SIDE))
@@ -59,8 +59,8 @@ def _sensor(subject: Subject) -> Sensor:
 PLACE = Place(
     "filters",
     "Multiplexing: route and filter",
-    "rms error of the samples over the scene's range",
-    "time of a frame of the sensor",
+    "rms error of the samples, relative to the scene's range",
+    "time per frame of the sensor",
     "seconds",
     measure,
     rank=90,

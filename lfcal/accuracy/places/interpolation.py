@@ -1,4 +1,4 @@
-"""Interpolation in assembly: the error of patterns that lie between pixels, against the seconds of the whole H."""
+"""Interpolation in assembly: error of patterns between pixels versus time for the whole H."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHIFTS = ((0.5, 0.5), (0.25, -0.4), (-0.15, 0.3))
 """Displacements of the image from whole pixels (rows, columns): the worst case, and two others."""
 
 WIDE = 24
-"""Pixels more of the frame that is simulated: interpolations look beyond the cutout."""
+"""Margin of the simulated frame (pixels), because interpolation uses pixels beyond the cutout."""
 
 TOLERANCE = 0.05
 ROUNDS = 3
@@ -39,13 +39,13 @@ class _Moved:
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Cut patterns out of simulated frames that are moved by parts of a pixel."""
+    """Cut patterns out of simulated frames that are displaced by fractions of a pixel."""
     plan = replace(subject.planned, resample=False)
     z, (nt, ns) = subject.middle, plan.cutout
     effects = plan_effects(plan, TOLERANCE).effects
     whole = replace(plan, anchor=(float(round(plan.anchor[0])), float(round(plan.anchor[1]))))
     yield AccuracyStep("pattern on whole pixels")
-    # one response settles how finely all are computed, so that only the place of the pixels differs
+    # one response determines the sampling of all, so that only the place of the pixels differs
     first = PlaneResponse(whole, z, effects, tolerance=TOLERANCE)
     at = plan.period[0] // 2, plan.period[1] // 2
     true = first.rows([at[0]], [at[1]], 1)[0, 0]
@@ -97,7 +97,7 @@ def _tried(name: str, moved: list[_Moved], true: NDArray[np.float32]) -> tuple[f
         rows, columns = ((n - 1) / 2 for n in one.frame.shape)
         # the image of the source is displaced from the middle pixel of the frame by its shift
         cutout = Cutout(true.shape, (rows + one.shift[0], columns + one.shift[1]), name)
-        for _ in range(ROUNDS):  # the first one loads what the interpolation needs
+        for _ in range(ROUNDS):  # the first run loads libraries
             start = time.perf_counter()
             window = cutout.window(Position(0, 0, 0))
             values = cutout.resample(one.frame[cutout.region(window)], window)
@@ -109,8 +109,8 @@ def _tried(name: str, moved: list[_Moved], true: NDArray[np.float32]) -> tuple[f
 PLACE = Place(
     "interpolation",
     "Assembly: interpolation",
-    "relative L1 error of a pattern whose image lies between pixels",
-    "time of all patterns of H, on one processor",
+    "relative L1 error of a pattern whose image is between pixels",
+    "time for all patterns of H, on one processor",
     "seconds",
     measure,
     rank=50,

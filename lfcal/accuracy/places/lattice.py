@@ -1,4 +1,4 @@
-"""Lattice fit: the error of the lenslets' places found in a white image, against the seconds of the fit."""
+"""Lattice fit: error of the fitted lenslet positions in a white image versus time of the fit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lfcal.simulate.sensor import FrameKind
 __all__ = ["PLACE", "white_discs"]
 
 SIDES = (8, 12, 18, 28, 42, 64, 96, 140)
-"""Sides of the part of the white image that is fitted, in lenslets."""
+"""Side of the fitted part of the white image (lenslets)."""
 
 LEVEL = 0.6
 """Share of the full well that the brightest pixels reach."""
@@ -32,15 +32,15 @@ FILL, SOFT_PX = 0.95, 0.4
 """Largest diameter of a micro-image over the pitch, and the width of its edge (pixels)."""
 
 GROWTH = 2.6
-"""By how much a rung takes longer than the one before: so much larger is the frame."""
+"""Expected ratio of the time of a rung to that of the previous one, which is the ratio of the frames' areas."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Fit the lattice to ever larger parts of a white image that is drawn of the camera."""
+    """Fit the lattice to increasingly large parts of a synthetic white image of the camera."""
     camera, exposure = subject.planned.camera, max(subject.planned.exposures)
     sensor = camera.sensor
     yield Truth(
-        "the lattice of the camera description, about whose places the micro-images are drawn",
+        "the lattice of the camera description, at whose places the micro-images are drawn",
         (
             f"discs of {_diameter_px(camera):.3g} px with edges of {SOFT_PX:g} px; brightest at {100 * LEVEL:g} % of "
             f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-; one frame",

@@ -1,4 +1,4 @@
-"""Depth planes: the error of standing between two of them, against the frames of a scan with so many."""
+"""Depth planes: error at depths between planes versus number of frames in the scan."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from lfcal.simulate.effects import Effect
 __all__ = ["PLACE"]
 
 COUNTS = (2, 3, 5, 9, 17, 33, 65)
-"""Planes over the plan's range of depths; each count has the planes of the one before it."""
+"""Numbers of planes over the plan's range of depths; each set includes the planes of the previous one."""
 
 PLACES = 5
-"""Number of depths represented by the nearest plane, spread over the range."""
+"""Number of tested depths, spread over the range; each is represented by the nearest plane."""
 
 TOLERANCE = 0.05
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Hold the pattern at depths between planes against that of the nearest plane."""
+    """Compare the patterns at depths between planes with those of the nearest plane."""
     plan = subject.planned
     low, high = min(plan.depths_um), max(plan.depths_um)
     if low == high:
-        raise InputError.expected("depths", "two planes or more, that bound the range", "one", "add a plane")
+        raise InputError.expected("depths", "two planes or more, as the ends of the range", "one", "add a plane")
     effects = plan_effects(plan, TOLERANCE).effects
-    # irrational shares of the range, so that none of them lies on a plane of any count
+    # irrational fractions of the range, so that no depth coincides with a plane
     between = [float(low + (high - low) * ((k + 1) * 0.6180339887498949 % 1)) for k in range(PLACES)]
     true = []
     for depth in between:
@@ -64,7 +64,7 @@ def _pattern(plan: ScanPlan, depth: float, effects: tuple[Effect, ...]) -> NDArr
     anchor = (plan.anchor[0] + ny // 2, plan.anchor[1] + nx // 2)
     one = replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0], period=(1, 1), anchor=anchor, resample=False)
     scene, level = resolve_level(scene_for(one, 0, effects))
-    # as fine as is expected to do, without a probe: all depths are computed alike
+    # the sampling expected to be sufficient, without a test, and equal for all depths
     sampling = step_for(scene, level, TOLERANCE).sampling
     response = PlaneResponse(one, 0, effects, level=level, sampling=sampling)
     pattern: NDArray[np.float64] = response.rows([0], [0], 1)[0, 0].astype(np.float64)

@@ -1,4 +1,4 @@
-"""Projection: precision, method and sparsity of the projector, against the seconds of an iteration."""
+"""Projection: precision, method and sparsity of the projector versus time per iteration."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ POINTS = 240
 """Number of voxels and pixels at which the projector is compared with an explicit sum."""
 
 SIDE = 288
-"""Side of the image (px), or what holds two periods and the cutout."""
+"""Side of the image (px), unless two periods and the cutout need more."""
 
 ROUNDS = 2
 ABOUT = 0.5
-"""Seconds of a setting, about; the first one also loads what it needs."""
+"""Approximate time of a setting (s); the first one also loads libraries."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointByPoint:
-    """Both projections at some points, as the sums they are (float64): ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
+    """Both projections at some points as explicit sums (float64): ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
 
     Attributes
     ----------
@@ -99,14 +99,14 @@ class _Test:
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Project at every setting; hold it against sums written out, and time a forward and an adjoint projection."""
+    """Project with every setting, compare with explicit sums, and time a forward and an adjoint projection."""
     sample = yield from subject.iter_sample(1)
     H = sample.matrix
     shape = _image_shape(H.shape)
-    yield AccuracyStep("sums written out")
+    yield AccuracyStep("explicit sums")
     test = _test(H, shape)
     yield Truth(
-        f"sums written out in double precision at {len(test.voxels)} voxels, with all entries of H",
+        f"explicit sums in double precision at {len(test.voxels)} voxels, with all entries of H",
         (*sample.notes, f"image of {shape[0]} x {shape[1]} px; seconds are those of this sample"),
     )
     done: set[tuple[str, bool, float]] = set()

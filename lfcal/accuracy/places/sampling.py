@@ -1,4 +1,4 @@
-"""Sampling: the error of the computation alone, level by level, against the seconds of the whole H."""
+"""Sampling: error of the computation alone, level by level, versus time for the whole H."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from lfcal.simulate.accuracy import LadderRung, quick_steps
 __all__ = ["PLACE"]
 
 TOLERANCE = 0.03
-"""Effects that matter at this tolerance are in the scene that all samplings compute."""
+"""The scene of all samplings includes the effects that matter at this tolerance."""
 
 QUICK_SECONDS, QUICK = 60.0, Sampling(samples_per_px=6)
 """Time (s) below which the reference has this sampling: its finest grid may need a minute for one position."""
 
 FIRST = 2
-"""Number of samplings measured together at first, then one more each time: they are lost together if stopped."""
+"""Number of samplings measured together at first, then one more each time; if stopped, the current set is lost."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Measure the ladder of `lfcal.simulate.ladder` a few samplings at a time."""
+    """Measure the samplings of `lfcal.simulate.ladder`, a few at a time."""
     plan, z = subject.planned, subject.middle
     effects = plan_effects(plan, TOLERANCE).effects
     scene = lattice_scene_for(plan, z, effects)

@@ -1,4 +1,4 @@
-"""Simulation: the error of what is left out and of the computation together, against the seconds of the whole H."""
+"""Simulation: error of omitted effects and of the computation together, versus time for the whole H."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from lfcal.simulate.engines import engine_for
 __all__ = ["PLACE", "TOLERANCES"]
 
 TOLERANCES = (0.3, 0.15, 0.1, 0.06, 0.04, 0.03, 0.02, 0.01, 0.005)
-"""Tolerances asked for, coarse to fine."""
+"""Requested tolerances, from coarse to fine."""
 
 FINEST = 0.01
-"""Effects of the truth are those that matter at this tolerance."""
+"""The reference includes the effects that matter at this tolerance."""
 
 FINE, FINE_SECONDS = 0.015, 40.0
-"""Below this tolerance the reference takes over where waves do not get there; about how long that takes (s)."""
+"""Tolerance below which the reference method may be used if waves are not accurate enough, and its duration (s)."""
 
 POSITION_SECONDS = 8.0
-"""Another position is compared for so many seconds that may be taken, up to `MOST_POSITIONS`."""
+"""Time limit per compared position (s), for up to `MOST_POSITIONS` positions."""
 
 MOST_POSITIONS = 4
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Simulate some positions at tolerance after tolerance, and hold them against the reference with all effects."""
+    """Simulate some positions with each tolerance, and compare them with the reference with all effects."""
     plan, z = subject.planned, subject.middle
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
     places = _places(plan.period, count)
@@ -60,7 +60,7 @@ def _rung(
 ) -> Rung:
     found = plan_effects(plan, tolerance)
     budget = budgeted(found, plan, tolerance)
-    # the computation may use what the effects left out leave of the tolerance
+    # the computation may use the part of the tolerance that omitted effects leave
     chosen, share = budget.at(plan.depths_um[z])
     response = PlaneResponse(plan, z, chosen, tolerance=share)
     cost = _whole_seconds(plan, z, budget, response)
@@ -72,7 +72,7 @@ def _rung(
         "effects": [effect.name for effect in found.effects],
     }
     label = f"tolerance {100 * tolerance:g} %, {response.level}, {len(found.effects)} effects"
-    return Rung(label, settings, error, cost, "seconds", {"error asked for (%)": 100 * tolerance})
+    return Rung(label, settings, error, cost, "seconds", {"requested error (%)": 100 * tolerance})
 
 
 def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneResponse) -> float:
@@ -100,7 +100,7 @@ def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
 PLACE = Place(
     "simulation",
     "Simulation: effects and computation",
-    "relative L1 error of the patterns, of what is left out and of the computation together",
+    "relative L1 error of the patterns, from omitted effects and the computation together",
     "processor time of the whole H, predicted from this computation's own run",
     "seconds",
     measure,

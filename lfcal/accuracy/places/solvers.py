@@ -1,4 +1,4 @@
-"""Solvers: the error of a reconstructed volume that is known, against the seconds of its iterations."""
+"""Solvers: error of the reconstruction of a known volume versus time of the iterations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHARE = 0.2
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Reconstruct the noisy image of a known volume by solver after solver."""
+    """Reconstruct the noisy image of a known volume with each solver."""
     sample = yield from subject.iter_sample(PLANES)
     H = sample.matrix
     yield AccuracyStep("projector")
@@ -47,7 +47,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         f"the volume itself, a hollow sphere of {'x'.join(map(str, truth.shape))} voxels",
         (
             *sample.notes,
-            f"image of {shape[0]} x {shape[1]} px with the noise of photons and read-out, brightest pixel at "
+            f"image of {shape[0]} x {shape[1]} px with photon and read noise, brightest pixel at "
             f"{100 * FULL:g} % of {sensor.full_well_e:g} e-",
         ),
     )
@@ -72,7 +72,7 @@ def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup
             if time.perf_counter() - start > seconds:
                 return
             yield AccuracyStep(f"{name}, further iterations", 0.0)
-    except LfcalError as error:  # a solver of another distribution may ask for more than an image
+    except LfcalError as error:  # a solver of another distribution may require more than an image
         yield AccuracyStep(f"{name}: {error}", 0.0)
     finally:
         work.close()
@@ -81,7 +81,7 @@ def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup
 PLACE = Place(
     "solvers",
     "Reconstruction: solver and iterations",
-    "rms error of the volume over its rms",
+    "rms error of the volume, relative to its rms",
     "time of the iterations",
     "seconds",
     measure,

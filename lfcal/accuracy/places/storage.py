@@ -1,4 +1,4 @@
-"""Storage: the error of the stored type of H, against the bytes of its file."""
+"""Storage: error of the stored type of H versus size of the file."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from lfcal.psf import PSFWriter, open_psf
 __all__ = ["HALF", "PLACE", "relative_error"]
 
 DTYPES = ("rounded", "float32", "float64")
-"""Stored types in the order of interest; all that hold any H."""
+"""Stored types that can represent any H, in the order of interest."""
 
 COMPRESSIONS = ("gzip", "zstd", "none")
-HALF = "no H file holds float16; written as it would be, to compare"
+HALF = "H files never use float16; for comparison only"
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Write patterns of H in every type and compression, and read them again."""
+    """Write patterns of H with every type and compression, and read them again."""
     patterns = yield from subject.iter_patterns()
     values = patterns.values
-    kind = "the values of H as they are read" if subject.matrix is not None else "the simulated values"
+    kind = "the values of H as read from the file" if subject.matrix is not None else "the simulated values"
     yield Truth(f"{kind}, {values.dtype}", (*patterns.notes, "bytes and seconds scaled to the whole H"))
     with TemporaryDirectory(prefix="lfcal-accuracy-") as folder:
         for dtype in DTYPES:
@@ -51,7 +51,7 @@ def _stored(path: Path, patterns: Patterns, dtype: str, compression: str, worker
     with open_psf(path) as H:
         found = np.array(H.plane(0), np.float64)
     read = time.perf_counter() - start
-    # the rest of the file does not grow with the samples
+    # other parts of the file do not grow with the samples
     _write(path, values, dtype, "none", workers)
     beside = path.stat().st_size - int(np.prod(shape)) * (8 if dtype == "float64" else 4)
     others = {"write (s)": wrote * patterns.scale, "read (s)": read * patterns.scale}
@@ -69,7 +69,7 @@ def _half(patterns: Patterns) -> Rung:
     """Return what float16 would be: scaled to its range, each pattern coded as a chunk of an H file."""
     values = patterns.values
     top = float(np.abs(values).max()) or 1.0
-    # half of the largest value: nothing overflows, and what is small keeps its digits longest
+    # scaled to half of the largest value: nothing overflows, and small values keep the most digits
     half = (values * np.float32(2.0**15 / top)).astype(np.float16)
     start = time.perf_counter()
     size = sum(len(encode_chunk(half[at])) for at in np.ndindex(*half.shape[:2]))
@@ -80,7 +80,7 @@ def _half(patterns: Patterns) -> Rung:
 
 
 def relative_error(found: NDArray[Any], true: NDArray[Any]) -> float:
-    """Return the sum of absolute differences over the sum of absolute true values; 0 where both vanish."""
+    """Return the sum of absolute differences divided by the sum of absolute true values; 0 if both vanish."""
     total = float(np.abs(true).sum(dtype=np.float64))
     off = float(np.abs(np.asarray(found, np.float64) - true).sum())
     return off / total if total > 0 else 0.0
