@@ -98,7 +98,7 @@ class Curve:
     >>> print(curve.answer(0.02))
     2 % costs 16 frames: mean of 16 (2 %)
     >>> print(curve.answer(0.005))
-    0.5 % is reached by no rung measured; the best is 1 % for 64 frames: mean of 64
+    0.5 % is not reached by any measured rung; the best is 1 % for 64 frames: mean of 64
     """
 
     place: str

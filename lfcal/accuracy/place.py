@@ -55,7 +55,7 @@ class Place:
     >>> from lfcal.accuracy import PLACES, Place
     >>> place: Place = PLACES.get("averaging")
     >>> print(f"{place.error}, for {place.unit}")
-    relative L1 error of H by noise, before anything takes it out, for seconds
+    relative L1 error of H due to noise, without noise reduction, for seconds
     """
 
     name: str

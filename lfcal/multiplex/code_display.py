@@ -96,7 +96,7 @@ def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
     >>> from lfcal.multiplex import display_fit
     >>> step = preset("r29").step_um(0.0)  # moves the image by one pixel
     >>> print(display_fit(step, step / 8).words)
-    small enough: a display pixel of 2.74 µm is 0.125 px wide in the image; positions are 21.92 µm apart and met
+    small enough: a display pixel of 2.74 µm is 0.125 px wide in the image; positions are 21.92 µm apart and reached
     within 0 px
     >>> print(display_fit(step, 3 * step).words)
     too large: a display pixel of 65.77 µm is 3 px wide in the image; up to 21.92 µm are needed, or optics that

@@ -417,7 +417,8 @@ def coding_pays(
     >>> verdict: CodingVerdict = coding_pays(patterns, sensor_noise(preset("r29").sensor), signal_e=50)
     >>> print(verdict.words)
     coding pays at equal time: +1.78 dB over all entries; it pays up to 15600 electrons in a point's brightest pixel:
-    with less light the sensor's own noise rules, with more the photon noise of bright cores is spread over dark entries
+    with less light the sensor's own noise dominates, with more the photon noise of bright cores is spread over dark
+    entries
     """
     check_choice("limit", limit, LIMITS)
     lit = code_matrix(code, len(np.asarray(patterns))) if isinstance(code, str) else np.asarray(code, float)

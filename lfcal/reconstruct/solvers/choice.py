@@ -112,7 +112,7 @@ class SolverChoice:
     >>> from lfcal.reconstruct import SolverChoice
     >>> choice = SolverChoice("rl-tv", iterations=30, strength=0.005)
     >>> print(choice.solver.title)
-    Richardson-Lucy with total variation: less noise, edges kept
+    Richardson-Lucy with total variation: less noise, sharp edges
     >>> print(SolverChoice(auto=True).name)
     sieve
     """

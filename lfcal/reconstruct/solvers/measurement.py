@@ -130,11 +130,11 @@ class Measurement:
         counted = np.broadcast_to(True, data.shape) if trust is None else trust > 0
         notes = []
         if lost := int(np.count_nonzero(bad & counted)):
-            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and ignored")
+            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and left out")
         if saturation is not None:
             full = np.greater_equal(data, saturation, where=~bad, out=np.zeros(data.shape, bool))
             if lost := int(np.count_nonzero(full & counted)):
-                notes.append(f"{format_count(lost, 'saturated pixel is', 'saturated pixels are')} ignored")
+                notes.append(f"{format_count(lost, 'saturated pixel is', 'saturated pixels are')} left out")
             bad |= full
         if bad.any():
             trust = np.where(bad, 0, 1 if trust is None else trust).astype(dtype)
@@ -239,7 +239,7 @@ def _check_light(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str
     said = "".join(f"; {note}" for note in notes)
     remedy = "check the frame, saturation and weights"
     if not counted.any():
-        raise NothingMeasured.expected("image", "pixels to fit", f"no pixel{said}", remedy)
+        raise NothingMeasured.expected("image", "pixels to fit", f"none{said}", remedy)
     raise NothingMeasured.expected(
         "image", "light", f"no pixel above 0{said}", remedy if notes else "check light and background"
     )
