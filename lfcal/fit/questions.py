@@ -107,7 +107,7 @@ def check_light(measured: Measured) -> None:
     noise = keep.noise[:, :1] + keep.noise[:, 1:] * np.maximum(np.where(valid, data, 0.0), 0)
     beyond = float(np.where(valid, np.square(off, dtype=np.float64) - noise, 0.0).sum())
     if beyond <= LIGHT * float(np.sqrt(2 * np.square(noise).sum())):
-        remedy = "check the files and the background that was taken off"
+        remedy = "check the files and the background that was subtracted"
         raise InputError.expected("light of the patterns", "more than their noise", "none", remedy)
 
 

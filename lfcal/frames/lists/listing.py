@@ -163,7 +163,7 @@ def _unit(
             return "", 1.0, counted
         names = ", ".join(column.name for column in used if column is not None and not column.unit)
         raise InputError.expected(
-            f"{table.name}, unit of {names}", "that of the other axes", "none", "say it: --columns y_um=…,x_um=…"
+            f"{table.name}, unit of {names}", "that of the other axes", "none", "give --columns y_um=…,x_um=…"
         )
     return "um", np.array([LENGTHS.get(unit or "", 1.0) for unit in units]), counted
 
@@ -207,7 +207,7 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
         )
     if not column.unit and np.median(values) >= 1000:
         # microseconds, as written by machine-vision cameras, or milliseconds for a faint source
-        remedy = f"say it: --columns exposure_us={column.name} or exposure_ms={column.name}"
+        remedy = f"give --columns exposure_us={column.name} or exposure_ms={column.name}"
         raise InputError.expected(name, "a unit of times this large", f"{np.median(values):g} of none", remedy)
     if (longest := float(values.max() * TIMES[unit])) > MAX_EXPOSURE_S:
         remedy = f"correct its unit, for example --columns exposure_us={column.name}"

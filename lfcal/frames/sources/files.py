@@ -166,7 +166,7 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
             f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "name the folder that holds them"
         )
     if (path / "NDTiff.index").is_file() and not options.order:
-        remedy = "export it from Micro-Manager as separate files, or say their order (--order)"
+        remedy = "export it from Micro-Manager as separate files, or state their order (--order)"
         raise InputError.expected(f"positions of the frames in {path}", "a list of them", "an NDTiff index", remedy)
     if not options.order:
         return _by_guess(path, names, options)

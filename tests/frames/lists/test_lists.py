@@ -131,7 +131,7 @@ BAD = {
     "microseconds": (
         "file,x_um,y_um,ExposureTime\na,1,2,20000\n",
         "",
-        "ExposureTime: expected a unit of times this large, got 20000 of none; say it: --columns exposure_us=Ex",
+        "ExposureTime: expected a unit of times this large, got 20000 of none; give --columns exposure_us=Ex",
     ),
     "hours": (
         "file,x_um,y_um,exposure_s\na,1,2,20000\n",

@@ -110,7 +110,9 @@ class ChoicesPanel(QWidget):
         column = frame.column
         self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
         some, rare = (fields_of(FitMatrix, without=HELD, more=more) for more in (False, True))
-        self.form = FoldedForm((START, *some), rare, tip="Effects that the simulation begins with, and what H is saved")
+        self.form = FoldedForm(
+            (START, *some), rare, tip="Initial effects of the simulation, and contents of the saved H"
+        )
         self.form.check = check_of(FitMatrix)
         self.form.edited.connect(self.edited.emit)
         column.addWidget(self.source)

@@ -269,7 +269,7 @@ class Seen:
     part
         Of what it is a part; None for built-in scenes.
     level
-        Level of no light that was taken off: a number, or one per pixel.
+        Level of no light that was subtracted: a number, or one per pixel.
     """
 
     frame: Array = field(repr=False)

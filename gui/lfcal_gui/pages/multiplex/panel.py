@@ -94,7 +94,7 @@ class MultiplexPanel(QWidget):
         self.form = FoldedForm(
             tuple(every[key] for key in BASIC),
             tuple(field for key, field in every.items() if key not in BASIC),
-            tip="The reference, noise, and how samples are found",
+            tip="Reference, noise, and method of the reconstruction",
         )
         self.forms = (self.form, self.search.form)
         for form in self.forms:

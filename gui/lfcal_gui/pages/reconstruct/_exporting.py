@@ -63,7 +63,7 @@ class ExportCard(QWidget):
         self.note = _note()
         column.addWidget(self.note)
         self.go = QPushButton("Export …")
-        self.go.setToolTip("Choose a file; it is written as a job")
+        self.go.setToolTip("Choose a file to write. The export runs as a job")
         self.go.clicked.connect(lambda: self.asked.emit(self._code))
         column.addLayout(line(self.go))
         self.result = QLabel()
@@ -112,7 +112,7 @@ class ExportCard(QWidget):
         self.form = FoldedForm(tuple(OPTIONS.values()))
         self.other_note = _note()
         self.other_go = QPushButton("Export …")
-        self.other_go.setToolTip("Choose a file; it is written as a job")
+        self.other_go.setToolTip("Choose a file to write. The export runs as a job")
         self.other_go.clicked.connect(lambda: self.asked.emit(""))
         for part in (self.kind, self.form, self.other_note):
             self.other.column.addWidget(part)

@@ -133,7 +133,7 @@ class TargetDialog(QDialog):
         self._asked: tuple[ScanPlan, PlanSettings] | None = None
         some, rare = (fields_of(PlanTarget, without=HELD_OF_TARGET, more=more) for more in (False, True))
         some = tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some)
-        self.form = FoldedForm(some, rare, tip="Bounds of the pose, and light by which coded frames are judged")
+        self.form = FoldedForm(some, rare, tip="Limits of the pose, and the light level for coded frames")
         self.form.set_defaults(PlanSettings().shown())
         self.form.own_line("source")
         self.form.own_line("pose")
