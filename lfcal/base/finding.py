@@ -42,7 +42,7 @@ LISTED: dict[Merit, int] = {"bad": 3, "unknown": 3, "fair": 4, "good": 3}
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One problem of data.
+    """One problem found in data.
 
     Attributes
     ----------

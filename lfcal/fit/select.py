@@ -47,9 +47,9 @@ class GroupSelection:
         return self._aside.chi2 - self._aside.change(step, used)
 
     def threshold(self, groups: Sequence[str], left: float) -> float:
-        """Return the decrease of the sum that distinguishes a group from one without effect.
+        """Return the decrease of the held-out sum of squares that distinguishes a group from one without effect.
 
-        q unknowns that fit noise change it by about 0 +- sqrt(q): their errors times the held-out noise.
+        q unknowns that fit only noise change this sum by about 0 +- sqrt(q): their errors times the held-out noise.
         """
         q = len(self.problem.vector.of_groups(groups))
         return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)

@@ -118,7 +118,7 @@ class StoredResult:
         return self.path.name
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain JSON types."""
+        """Return the result as plain JSON types."""
         found: dict[str, Any] = plain({**self.__dict__, "when": self.when.isoformat(), "facts": dict(self.facts)})
         return found
 

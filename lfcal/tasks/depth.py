@@ -44,7 +44,7 @@ class MeasuredDepth(TaskResult):
     seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return the result as plain values."""
         import numpy as np
 
         known = self.found.known

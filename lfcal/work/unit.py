@@ -85,7 +85,7 @@ class Unit:
         return _digest({"lfcal": __version__, "task": self.task, "arguments": plain(self.arguments), "inputs": stamps})
 
     def function(self) -> Task:
-        """Return the function that does it."""
+        """Return the function that computes the unit."""
         module, _, name = self.task.partition(":")
         found: Task = getattr(importlib.import_module(module), name)
         return found

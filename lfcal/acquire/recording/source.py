@@ -330,9 +330,9 @@ def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
 class CheckFrame(NamedTuple):
     """A reference or control frame.
 
-    ``kind`` is the kind; ``position`` is the plan's position that it is compared with, ``periods`` (y, x) the number
-    of periods it is away, ``elapsed_s`` its time (s of recording), ``energy`` its sum (counts), ``origin`` the sensor
-    (row, column) of its first pixel.
+    ``kind`` distinguishes reference from control frames. ``position`` is the planned position with which the frame is
+    compared, and ``periods`` (y, x) the number of periods between them. ``elapsed_s`` is the time since the recording
+    began (s), ``energy`` the sum of the frame (counts), and ``origin`` the sensor (row, column) of its first pixel.
     """
 
     kind: Kind

@@ -399,7 +399,7 @@ class H5Data:
 
     @property
     def attributes(self) -> Attributes:
-        """Its attributes."""
+        """Attributes of the dataset."""
         return Attributes(self.path, self._data, self.name)
 
     @property

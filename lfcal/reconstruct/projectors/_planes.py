@@ -50,7 +50,7 @@ class PlaneReader:
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """``(nz, ny, nx, nt, ns)``."""
+        """Shape of H, ``(nz, ny, nx, nt, ns)``."""
         return check_psf_shape(tuple(self.H.shape))
 
     def read(self, z: int) -> NDArray[Any]:

@@ -163,7 +163,7 @@ class PupilPlane:
         return self._ledger.certificate
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of so many positions, each like the first."""
+        """Return the predicted CPU seconds of ``n_positions`` positions, each like the first."""
         start = time.thread_time()
         self.rows([0], [0])
         return n_positions * (time.thread_time() - start)
