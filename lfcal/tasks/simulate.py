@@ -77,7 +77,7 @@ class SimulationForecast(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedH(SimulationForecast):
-    """One simulated H; the matrix of a region is closed.
+    """One simulated H. If it is one region of several, its matrix is already closed.
 
     ``stored`` is the relative L1 error that writing the file may add to each pattern. ``light`` is the share of each
     plane's light inside the cutout.

@@ -123,7 +123,7 @@ class Task:
     name
         Name of the command.
     input_words
-        Words for the input or output in which the kinds of one command differ.
+        Words for the input or output that distinguish the tasks of one command, such as ``"frames"`` and ``"H"``.
     in_units
         Whether other processes can do parts of the task, and a stopped run can continue.
     resumes

@@ -143,10 +143,8 @@ class Sieve:
         """Return the sieve for planes at ``depths`` (µm) of ``camera``.
 
         Up to virtual depth 1, a lenslet cannot distinguish points closer together than its pitch. There, the Gaussian
-        has a
-        standard deviation of `SIEVE` times the pitch. It decreases to zero at virtual depth 2, where every point is
-        under
-        several lenslets, but is at least `FINE`.
+        has a standard deviation of `SIEVE` times the pitch. It decreases to zero at virtual depth 2, where every point
+        is under several lenslets, but is at least `FINE`.
         """
         wide = SIEVE * camera.pitch_px if camera.has_lattice else FINE
         return cls(tuple(max(FINE, wide * share) for share in coarseness(camera, depths)))
