@@ -12,7 +12,7 @@ from lfcal.base import InputError
 from lfcal.cli._console import print_json, print_table, run_work
 from lfcal.cli._options import ForceOption, JsonOption, MatOrderOption, WorkersOption
 
-MATRIX = "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array."
+MATRIX = "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF, .tif stack), or .npy array."
 
 
 def command(

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from lfcal.base import centre
 from lfcal.psf._planes import Planes, TransposedPlanes
 
-__all__ = ["MirroredPlanes", "PlacedPlanes", "padding_note", "placed"]
+__all__ = ["ONE_PER_PLANE", "MirroredPlanes", "PlacedPlanes", "padding_note", "placed"]
+
+ONE_PER_PLANE = "read as one pattern for each plane (a period of 1 x 1), as of a Fourier light-field microscope"
+"""Note on a stack of patterns."""
 
 Window = tuple[slice, slice]
 """Rows and columns of a pattern."""

@@ -18,7 +18,7 @@ from lfcal.base import FileFormatError, InputError, storage_errors
 from lfcal.base.h5 import H5File
 from lfcal.psf._matlab import COLUMNS_FIRST, ROWS_FIRST
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes
-from lfcal.psf._rearranged import MirroredPlanes, PlacedPlanes, Window, padding_note
+from lfcal.psf._rearranged import ONE_PER_PLANE, MirroredPlanes, PlacedPlanes, Window, padding_note
 from lfcal.psf.matrix import PSFMatrix
 
 __all__ = ["MAT_ORDERS", "check_mat_order", "open_mat"]
@@ -46,8 +46,10 @@ def check_mat_order(mat_order: str) -> str:
 def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
     """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` gives its depths.
 
-    A 4-D H is a single plane, because MATLAB drops trailing axes of length one. The provenance states how the file
-    was read: ``notes`` are for the user, ``lens_centre`` is set if the file or its code's convention determines it.
+    A 4-D H is a single plane, because MATLAB drops trailing axes of length one. A 3-D ``H`` or ``PSF`` (rows, columns,
+    planes) is one pattern for each plane, as of a Fourier light-field microscope: its period is 1 x 1. The provenance
+    states how the file was read: ``notes`` are for the user, ``lens_centre`` is set if the file or its code's
+    convention determines it.
 
     Parameters
     ----------
@@ -98,9 +100,11 @@ class _Reader:
             )
         known = [name for name in THEIRS if name in file]
         self._theirs = not self._order and bool(known)
-        taken = self._order or stated or (ROWS_FIRST if self._theirs else COLUMNS_FIRST)
+        self._name = "PSF" if "H" not in file and len(file.dataset_shape("PSF")) == 3 else "H"
+        self._stack = len(file.dataset_shape(self._name)) == 3
+        taken = self._order or stated or (ROWS_FIRST if self._theirs or self._stack else COLUMNS_FIRST)
         self._swapped = taken == ROWS_FIRST
-        self._notes: list[str] = [self._order_note(taken, stated, known)]
+        self._notes = [ONE_PER_PLANE if self._stack else self._order_note(taken, stated, known)]
 
     def _order_note(self, taken: str, stated: str, known: list[str]) -> str:
         """Return the order in which the axes were read and the reason; if inferred, also how to state the other."""
@@ -135,19 +139,21 @@ class _Reader:
         return PSFMatrix(base, depths=depths, anchor=anchor, provenance=provenance)
 
     def _stored(self) -> Planes:
-        where = f"{self._file.path}: H"
-        if (kind := self._class("H")) in ("cell", "struct"):
+        where = f"{self._file.path}: {self._name}"
+        if (kind := self._class(self._name)) in ("cell", "struct"):
             raise FileFormatError.expected(
                 where, "an array of numbers", f"a {kind} array", "convert it: H = full(H{aa,bb,cc}) for each"
             )
-        if "H" in self._file and self._file.attributes("H").integer("MATLAB_sparse") is not None:
+        if self._name in self._file and self._file.attributes(self._name).integer("MATLAB_sparse") is not None:
             raise FileFormatError.expected(
                 where,
                 "a full array of numbers",
                 "a sparse matrix",
                 "write it in full, with its axes: H = reshape(full(H), [nt ns ny nx nz])",
             )
-        data = self._file.dataset("H")
+        data = self._file.dataset(self._name)
+        if self._stack:
+            return FilePlanes(data.read()[:, None, None], self._file.path)
         if data.ndim == 4:
             return FilePlanes(data.read()[None], self._file.path)
         if data.ndim != 5:

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from lfcal.base import AXES, MAX_SAMPLE, FileFormatError, InputError, check_psf_shape, map_npy, parse_json
 from lfcal.base.h5 import Attributes, H5Data, H5File
 from lfcal.camera import Camera
+from lfcal.frames import open_image
 from lfcal.psf._chunk_codec import parallel_read
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
-from lfcal.psf._rearranged import PlacedPlanes, padding_note
+from lfcal.psf._rearranged import ONE_PER_PLANE, PlacedPlanes, padding_note
 from lfcal.psf._steps import SteppedPlanes
 from lfcal.psf.facts import Facts
 from lfcal.psf.matrix import PSFMatrix
@@ -52,14 +53,16 @@ __all__ = [
 VERSIONS = (1, CHECKED_VERSION, STEPPED_VERSION, VERSION)
 """Versions of the format that can be read; facts that version 1 does not store are unknown."""
 
-FOREIGN = (".npy", ".mat", ".lfc")
+FOREIGN = (".npy", ".mat", ".lfc", ".tif", ".tiff")
 """Suffixes of the files of other codes that `open_psf` reads."""
 
 
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False, mat_order: str = "") -> PSFMatrix:
     """Open an H file, a file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
 
-    Files of other codes are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``).
+    Files of other codes are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``). A stack of patterns,
+    one per plane, is an H with a period of 1 x 1, as of a Fourier light-field microscope: a TIFF file, or a 3-D array
+    in an ``.npy`` file (z, t, s) or a ``.mat`` file, there called ``H`` or ``PSF``.
 
     Parameters
     ----------
@@ -117,6 +120,8 @@ def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
         from lfcal.psf._lfc_import import open_lfc
 
         return open_lfc(source)
+    if suffix in (".tif", ".tiff"):
+        return _of_tiff(source)
     file = H5File(source)
     try:
         group = _region_group(file, region)
@@ -130,12 +135,29 @@ def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
 
 
 def _of_npy(source: Path) -> PSFMatrix:
-    planes: Planes = FilePlanes(map_npy(source), source)
-    if len(planes.shape) != 5 or not (note := padding_note(planes.shape[3:])):
-        return PSFMatrix(planes)
-    nt, ns = planes.shape[3:]
-    padded = PlacedPlanes(planes, (nt + 1 - nt % 2, ns + 1 - ns % 2))
-    return PSFMatrix(padded, provenance={"imported": source.name, "notes": [note]})
+    values = map_npy(source)
+    return _stack_of(values, source) if values.ndim == 3 else _of_array(values, source, [])
+
+
+def _of_tiff(source: Path) -> PSFMatrix:
+    image = open_image(source)
+    try:
+        return _stack_of(np.stack([image.read(page) for page in range(image.pages)]), source)
+    finally:
+        image.close()
+
+
+def _stack_of(values: NDArray[Any], source: Path) -> PSFMatrix:
+    """Return the H of one pattern for each plane, ``values`` (z, t, s)."""
+    return _of_array(values[:, None, None], source, [ONE_PER_PLANE])
+
+
+def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix:
+    planes: Planes = FilePlanes(values, source)
+    if note := padding_note(planes.shape[3:]):
+        nt, ns = planes.shape[3:]
+        planes, notes = PlacedPlanes(planes, (nt + 1 - nt % 2, ns + 1 - ns % 2)), [*notes, note]
+    return PSFMatrix(planes, provenance={"imported": source.name, "notes": notes} if notes else None)
 
 
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:

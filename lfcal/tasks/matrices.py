@@ -47,7 +47,7 @@ class MatrixTask(Task):
     """Fields of tasks that read one H."""
 
     source: Path = required(
-        "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF), or .npy array.",
+        "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF, .tif stack), or .npy array.",
         label="H",
         argument=True,
         file="in",

@@ -144,7 +144,7 @@ class _Reconstruct(Task):
     name: ClassVar[str] = "reconstruct"
 
     psf: Path = required(
-        "H file (.h5), or one of another code (.mat, .npy, .lfc).", label="H", argument=True, file="in"
+        "H file (.h5), or one of another code (.mat, .npy, .lfc, .tif).", label="H", argument=True, file="in"
     )
     frames: Path = required(
         "Light-field frame; or several: an image file of many pages, a folder of frames, or a recorded session.",

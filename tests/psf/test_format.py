@@ -168,7 +168,7 @@ def test_a_plane_of_another_version_is_not_joined(tmp_path: Path) -> None:
     part = save(PSFMatrix(recorded()[:1]), tmp_path / "part.h5", dtype="rounded")
     with h5py.File(part, "r+") as file:
         file.attrs["version"] = 2
-    with pytest.raises(FileFormatError, match=r"plane of version 4.*version 2.*begin again"):
+    with pytest.raises(FileFormatError, match=r"plane of version 4.*version 2.*run the command again"):
         with PSFWriter(tmp_path / "H.h5", (1, *SHAPE[1:]), dtype="rounded") as writer:
             adopt(writer, 0, part)
     assert not (tmp_path / "H.h5").exists()

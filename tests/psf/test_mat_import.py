@@ -9,7 +9,9 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import tifffile
 from numpy.typing import NDArray
+from scipy.signal import convolve2d
 
 from lfcal.base.errors import FileFormatError, InputError, UnsafeFileError
 from lfcal.psf import PSFMatrix, export, open_psf, save
@@ -255,3 +257,45 @@ def test_patterns_of_even_size_are_padded_and_that_is_said(tmp_path: Path, suffi
             if 0 <= p < 12 and 0 <= q < 12:
                 expected[p, q] += scene[z, r, c] * stored[z, r % 3, c % 3, t, s]
     np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+# -- stacks of patterns, one for each plane ----------------------------------------------------------------
+STACK = np.random.default_rng(4).random((3, 5, 8)).astype(np.float32)
+"""Patterns (z, t, s) with an even number of columns."""
+
+
+def stack_in(path: Path, variable: str = "") -> Path:
+    if path.suffix == ".npy":
+        np.save(path, STACK)
+    elif path.suffix == ".mat":
+        save_v73(path, **{variable: STACK.transpose(1, 2, 0), "x3objspace": [-2e-6, 0.0, 2e-6]})
+    else:
+        tifffile.imwrite(path, STACK, photometric="minisblack")
+    return path
+
+
+@pytest.mark.parametrize(("suffix", "variable"), [(".npy", ""), (".tif", ""), (".mat", "PSF"), (".mat", "H")])
+def test_a_stack_of_patterns_has_a_period_of_one_pixel(tmp_path: Path, suffix: str, variable: str) -> None:
+    """The image of a volume is the sum of SciPy's convolutions, and the stack can be exported as H."""
+    with open_psf(stack_in(tmp_path / f"psf{suffix}", variable)) as found:
+        assert found.shape == (3, 1, 1, 5, 9) and len(opening_notes(found)) == 2
+        assert "one pattern for each plane" in opening_notes(found)[0] and "padded" in opening_notes(found)[1]
+        volume = np.random.default_rng(5).random((3, 20, 30))
+        whole = sum(convolve2d(plane, pattern) for plane, pattern in zip(volume, STACK, strict=True))
+        wanted = np.asarray(whole)[2:22, 4:34]  # the middle of 8 pixels is the fifth, as for MATLAB's conv2
+        ours = Projector(found, (20, 30), method="direct", dtype=np.float64).forward(volume)
+        np.testing.assert_allclose(ours, wanted, rtol=1e-5)
+        export(found, tmp_path / "H.h5")
+    with open_psf(tmp_path / "H.h5") as again:
+        np.testing.assert_array_equal(again[:, 0, 0, :, :8], STACK)
+        if variable:
+            np.testing.assert_allclose(again.depths, [-2.0, 0.0, 2.0], atol=1e-9)
+
+
+def test_a_damaged_stack_of_patterns_is_refused(tmp_path: Path) -> None:
+    whole = stack_in(tmp_path / "psf.tif")
+    whole.write_bytes(whole.read_bytes()[:200])
+    with pytest.raises(FileFormatError, match=r"psf\.tif"):
+        open_psf(whole)
+    with pytest.raises(InputError, match="region"):
+        open_psf(whole, region="a")
