@@ -27,6 +27,7 @@ __all__ = [
     "check_writable",
     "only_writer",
     "read_text",
+    "read_tiff",
     "replace_store",
     "replace_whole",
     "require_space",
@@ -410,3 +411,27 @@ def write_tiff(path: str | os.PathLike[str], data: NDArray[Any], **options: Any)
 
     with replace_whole(path) as part, _Counted(io.FileIO(part, "w+b")) as file:
         tifffile.imwrite(file, data, photometric="minisblack", **options)
+
+
+def read_tiff(path: str | os.PathLike[str]) -> NDArray[Any]:
+    """Return all pages of the first series of a TIFF file as one array, in the order in which they are stored.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged or not TIFF.
+    StorageError
+        If it cannot be read.
+    """
+    import tifffile
+
+    source = Path(path)
+    check_regular(source)
+    try:
+        with storage_errors(source):
+            return tifffile.imread(source)
+    except StorageError:
+        raise
+    except Exception as error:  # tifffile raises various errors for damaged data
+        reason = " ".join(str(error).split())[:120]
+        raise FileFormatError.expected(str(source), "an intact TIFF file", reason, "copy it again") from error

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import AXES, MAX_SAMPLE, FileFormatError, InputError, check_psf_shape, map_npy, parse_json
+from lfcal.base import AXES, MAX_SAMPLE, FileFormatError, InputError, check_psf_shape, map_npy, parse_json, read_tiff
 from lfcal.base.h5 import Attributes, H5Data, H5File
 from lfcal.camera import Camera
-from lfcal.frames import open_image
 from lfcal.psf._chunk_codec import parallel_read
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes, ScaledPlanes
 from lfcal.psf._rearranged import ONE_PER_PLANE, PlacedPlanes, padding_note
@@ -140,11 +139,12 @@ def _of_npy(source: Path) -> PSFMatrix:
 
 
 def _of_tiff(source: Path) -> PSFMatrix:
-    image = open_image(source)
-    try:
-        return _stack_of(np.stack([image.read(page) for page in range(image.pages)]), source)
-    finally:
-        image.close()
+    values = read_tiff(source)
+    if values.ndim not in (2, 3):
+        raise InputError.expected(
+            str(source), "one pattern for each plane", f"shape {values.shape}", "export H as .h5, .mat or .npy"
+        )
+    return _stack_of(values if values.ndim == 3 else values[None], source)
 
 
 def _stack_of(values: NDArray[Any], source: Path) -> PSFMatrix:

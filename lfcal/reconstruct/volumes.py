@@ -26,10 +26,10 @@ from lfcal.base import (
     FileFormatError,
     InputError,
     StorageError,
-    check_regular,
     check_writable,
     map_npy,
     npy_header,
+    read_tiff,
     replace_store,
     replace_whole,
     require_space,
@@ -494,17 +494,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     elif source.suffix.lower() == ".zarr":
         data = read_ome_zarr(source)
     else:
-        import tifffile
-
-        check_regular(source)
-        try:
-            with storage_errors(source):
-                data = tifffile.imread(source)
-        except StorageError:
-            raise
-        except Exception as error:  # tifffile raises various errors for damaged data
-            said = " ".join(str(error).split())[:120]
-            raise FileFormatError.expected(str(source), "an intact TIFF file", said, "copy it again") from error
+        data = read_tiff(source)
     volume = np.asarray(data, np.float32)
     if volume.ndim == 2:
         volume = volume[None]

@@ -299,3 +299,6 @@ def test_a_damaged_stack_of_patterns_is_refused(tmp_path: Path) -> None:
         open_psf(whole)
     with pytest.raises(InputError, match="region"):
         open_psf(whole, region="a")
+    tifffile.imwrite(whole, np.zeros((2, 3, 4, 5), np.float32), photometric="minisblack")
+    with pytest.raises(InputError, match="one pattern for each plane"):
+        open_psf(whole)
