@@ -429,7 +429,8 @@ def read_tiff(path: str | os.PathLike[str]) -> NDArray[Any]:
     check_regular(source)
     try:
         with storage_errors(source):
-            return tifffile.imread(source)
+            values: NDArray[Any] = tifffile.imread(source)
+            return values
     except StorageError:
         raise
     except Exception as error:  # tifffile raises various errors for damaged data
