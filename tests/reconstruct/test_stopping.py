@@ -246,7 +246,7 @@ def test_noise_that_is_never_met_is_told(noisy):
     spoilt = image + 40 * (np.indices(SHAPE).sum(0) % 2)
     found = reconstruct(P, spoilt, SolverChoice("rl", 6, 2.0, auto=True, stop="discrepancy"))
     assert not found.stopped and len(found.history) == 6
-    assert any("times its noise: check gain and read noise, or H" in note for note in found.notes)
+    assert any("times the noise: check gain and read noise, or H" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("margin", [0, 8])
