@@ -82,7 +82,7 @@ class Welcome(QDialog):
 
     def _last_line(self, shown: bool) -> QHBoxLayout:
         self.box, close = QCheckBox("Show this at the start"), QPushButton("Close")
-        self.box.setToolTip("Off: the window starts with an empty project; Preferences bring this back")
+        self.box.setToolTip("Untick to start with an empty project. You can turn it on again in Preferences")
         close.setToolTip("Close this dialog. The menu Help opens it again")
         self.box.setChecked(shown)
         self.box.toggled.connect(self.kept.emit)

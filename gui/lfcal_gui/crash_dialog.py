@@ -75,7 +75,7 @@ class CrashDialog(QDialog):
         self.more.setCheckable(True)
         self.more.toggled.connect(self._show_details)
         self.copy = QPushButton("Copy text")
-        self.copy.setToolTip("Copy all of it, for a bug report")
+        self.copy.setToolTip("Copy the message and the traceback, for a bug report")
         self.copy.clicked.connect(self.copy_text)
         self.folder = QPushButton("Open log folder")
         self.folder.setToolTip("The log of this session shows what happened before the error")

@@ -391,7 +391,8 @@ def cell_neighbours(basis: ArrayLike) -> Array:
 def cell_corners(basis: ArrayLike) -> Array:
     """Return the corners ``(4 or 6, 2)`` of the cell about a lattice point, ordered from +x towards +y.
 
-    Each is the intersection of the perpendicular bisectors of two consecutive neighbours; all have the same distance.
+    Each is the intersection of the perpendicular bisectors of two consecutive neighbours. All corners
+    are equally far from the lattice point.
     """
     unit = float(np.abs(np.array(basis, float)).max())
     half = cell_neighbours(basis) / unit

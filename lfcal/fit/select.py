@@ -41,7 +41,7 @@ class GroupSelection:
         self.samples = float((point.seen.inverse[aside] > 0).sum())
 
     def left(self, groups: Sequence[str]) -> float:
-        """Return the sum of squares of held-out patterns after the best step of the groups' unknowns."""
+        """Return chi-square of the held-out patterns after the best step of the groups' unknowns."""
         used = shared_of(self.problem, self.problem.vector.of_groups(groups))
         step = solve(self._matrix[np.ix_(used, used)], self._gradient[used])
         return self._aside.chi2 - self._aside.change(step, used)

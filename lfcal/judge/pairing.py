@@ -76,7 +76,7 @@ class Pair:
         return self.crop(self.a[za, y]), np.roll(self.crop(self.b[zb, other]), -first, 0)
 
     def crop(self, patterns: ArrayLike) -> F8:
-        """Return the pixels around the source that both have, of patterns ``(..., t, s)``."""
+        """Return patterns ``(..., t, s)``, cropped to the cutout around the source that both H have."""
         values = np.asarray(patterns)
         at = tuple(centre(have) - centre(want) for have, want in zip(values.shape[-2:], self.cutout, strict=True))
         rows, columns = (slice(first, first + n) for first, n in zip(at, self.cutout, strict=True))

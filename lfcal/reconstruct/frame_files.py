@@ -87,7 +87,7 @@ def frames_of(path: Path) -> list[FrameFile]:
     Raises
     ------
     InputError
-        If there is none, two have the same name, or the frames of a session show different places of the sensor.
+        If there are no frames, two have the same name, or the frames of a session show different places of the sensor.
     """
     if is_session(path):
         return _frames_of_session(path)

@@ -157,7 +157,7 @@ def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
         )
         return
     warn(
-        f"{what}; micro-images are counted from the middle of the frames; if they show a part of the sensor, give "
-        "its first pixel with --origin ROW,COLUMN, else correct the sensor's size with "
+        f"{what}; the middle of the frames is taken as the middle of the sensor; if the frames show a part of the "
+        "sensor, give its first pixel with --origin ROW,COLUMN, else correct the sensor's size with "
         "lfcal camera import CAMERA --frame FRAME"
     )

@@ -146,7 +146,7 @@ class _Reader(pickle._Unpickler):  # the Python implementation, whose operations
 
     def refuse(self) -> None:
         """Refuse the operations by which older pickles construct objects."""
-        raise _Refused("an object made in another way")
+        raise _Refused("an object built by an operation that lfcal never uses")
 
     dispatch[pickle.REDUCE[0]] = load_reduce
     dispatch[pickle.NEWOBJ[0]] = load_newobj

@@ -102,7 +102,7 @@ def _order(spec: PageSpec) -> tuple[float, str]:
 
 def _check(spec: PageSpec) -> None:
     if not isinstance(spec, PageSpec):
-        raise TypeError("it is no PageSpec")
+        raise TypeError("it is not a PageSpec")
 
 
 PAGES = page_registry()

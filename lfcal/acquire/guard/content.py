@@ -321,7 +321,7 @@ LIT_SIGMAS, LIT_COUNTS = 5.0, 3.0
 
 
 class Content(NamedTuple):
-    """A frame for the guard.
+    """A recorded frame, with the measurements by which its content is checked.
 
     ``frame`` ``(rows, columns)`` as it will be stored, ``now`` its measurements. ``raws`` are its exposures, in the
     same region of the sensor for every frame of a kind. ``asked_s`` and ``actual_s`` are the requested and the actual

@@ -290,7 +290,7 @@ def placement(
         if abs(index - whole).max() > 0.05 or len(set(found.tolist())) != 3:
             got = offsets.round(3).tolist()
             raise FileFormatError.expected(
-                f"{source}: lens type offsets", "neighbours of three types", got, "export it again"
+                f"{source}: lens type offsets", "three neighbours, one of each type", got, "export it again"
             )
         step = 1 if found[1] == 1 else 2
     return row, (float(centres[0, 0]), float(centres[0, 1])), step

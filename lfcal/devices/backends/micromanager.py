@@ -120,7 +120,9 @@ def _config(options: Mapping[str, str]) -> tuple[str, str]:
         try:
             adapters: Any = importlib.import_module("mm_test_adapters")
         except ImportError:
-            raise DeviceMissing("mm-test-adapters: not installed; uv pip install mm-test-adapters") from None
+            raise DeviceMissing(
+                "mm-test-adapters: not installed; install it with uv pip install mm-test-adapters"
+            ) from None
         folder = str(adapters.device_adapter_path())
     if config == "demo":
         config = os.path.join(folder, "MMConfig_demo.cfg")

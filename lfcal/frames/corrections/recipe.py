@@ -253,7 +253,7 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
     if lost and recipe.black_level is None:
         raise InputError.expected(
             "recorded dark frames",
-            f"a whole one of {', '.join(f'{seconds:g}' for seconds in lost)} s",
+            f"an intact one of {', '.join(f'{seconds:g}' for seconds in lost)} s",
             "damaged ones",
             "record them again (lfcal acquire --resume), or give --dark or --black-level",
         )

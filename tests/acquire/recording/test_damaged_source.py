@@ -111,7 +111,7 @@ def test_without_a_whole_dark_frame_nothing_is_subtracted_in_its_place(
     folder = copy_of(sessions["packed"], tmp_path)
     for slot in (0, 1):
         rot_frame(folder / "darks.h5", slot)
-    with pytest.raises(InputError, match=r"recorded dark frames: expected a whole one of 0\.02 s"):
+    with pytest.raises(InputError, match=r"recorded dark frames: expected an intact one of 0\.02 s"):
         assemble(folder, skip=True)
     (folder / "darks.h5").unlink()
     for skip in (False, True):

@@ -15,10 +15,14 @@ SUBJECTS = (("plan", "Scan plan"), ("psf", "H"))
 
 FIELDS = (
     Field(
-        "subject", "Measure", kind="choice", choices=SUBJECTS, tip="A simulation of the plan's camera, or H's values"
+        "subject",
+        "Measure",
+        kind="choice",
+        choices=SUBJECTS,
+        tip="Simulate the camera of the plan, or use the values of H",
     ),
     Field("seconds", "Time for a place", "s", "Approximate time to measure each place"),
-    Field("error", "What would cost", "%", "Error for which the cost is estimated", scale=0.01),
+    Field("error", "Cost at error", "%", "Error at which the cost is estimated", scale=0.01),
 )
 
 

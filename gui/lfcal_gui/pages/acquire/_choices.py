@@ -169,7 +169,7 @@ class TargetChoice:
             raise InputError.expected("plan of the target", "a readable file", self._path, "choose the file again")
         if found.scan != scan:
             remedy = "open the target's plan again, or plan it for this scan"
-            raise InputError.expected("plan of the target", "of the project's scan", "another scan", remedy)
+            raise InputError.expected("plan of the target", "one for the project's scan", "one for another", remedy)
         if folder.there is not None and folder.target != found:
             raise InputError.expected("folder", "a session of this target", "another session", remedy)
         return found
