@@ -143,7 +143,7 @@ class Inspect(MatrixTask):
         run = run or RunSettings()
         self._check_units(run)
         for why in METRICS.failures().values():
-            note(f"comparison with the camera left out: {why}")
+            note(f"left out: {why}")
         with ExitStack() as files:
             H = files.enter_context(self.opened())
             # the metrics describe images of points, so an HT file is inspected as the H that it was made from

@@ -66,7 +66,7 @@ def test_an_h_file_is_verified_and_what_is_none_is_told(window: MainWindow, qtbo
     good = save(PSFMatrix(np.random.default_rng(0).random((2, 3, 4, 9, 11), np.float32)), tmp_path / "H.h5")
     dialog = window.tools.verify()
     assert not dialog.start.isEnabled(), "there is nothing to check yet"
-    for path, words in ((good, "intact in 2 of 2 planes"), (tmp_path / "none.h5", "none.h5"), (tmp_path, "session")):
+    for path, words in ((good, "whole in 2 of 2 planes"), (tmp_path / "none.h5", "none.h5"), (tmp_path, "session")):
         dialog.path.setText(str(path))
         dialog.check()
         idle(window.jobs, qtbot)
