@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from lfcal.base import Progress
+from lfcal.frames import split_dataset
 from lfcal_gui.models.job import JobState, WindowJob
 from lfcal_gui.models.next_step import JOBS, Place, Sitting
 from lfcal_gui.models.pace import Paces
@@ -87,7 +89,7 @@ def sitting_of(
         wrong=_wrong(project),
         plan=project.plan is not None,
         source=_source(project, page),
-        folder=bool(project.frames),
+        folder=bool(project.frames) and os.path.exists(split_dataset(project.frames)[0]),
         h=stamp is not None,
         h_camera=matrix is None or matrix.camera is not None,
         h_bytes=0.0 if matrix is None else 2.0 * matrix.nbytes,

@@ -225,7 +225,7 @@ class H5File:
         return values
 
     def _wrong(self, name: str, wanted: str, got: str) -> FileFormatError:
-        return FileFormatError.expected(f"{self.path}:/{name}", wanted, got, "take the file from its source again")
+        return FileFormatError.expected(f"{self.path}:/{name}", wanted, got, "get the file from its source again")
 
     def _object(self, name: str) -> Any:
         """Return the entry ``name``, following only links within the file."""
@@ -555,7 +555,7 @@ class Attributes:
             f"{place}, attribute {key}",
             wanted,
             shown if len(shown) <= 60 else f"{shown[:60]}…",
-            "take the file from its source again",
+            "get the file from its source again",
         )
 
 

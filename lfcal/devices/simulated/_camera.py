@@ -112,8 +112,8 @@ class SimCamera:
     renderer
         The optics.
     automatic
-        Settings of `AUTOMATIC` that cannot be switched off: automatic exposure or gain gives every frame the same
-        peak.
+        Settings of `AUTOMATIC` that cannot be switched off. Automatic exposure or gain gives every frame the same
+        peak; a gamma makes samples nonlinear.
     seed
         Seed of the noise.
     """
