@@ -227,7 +227,7 @@ def test_a_frame_that_an_earlier_run_kept_is_known_after_a_resume(tmp_path: Path
         return frame
 
     rig.camera.device.grab = from_before  # type: ignore[attr-defined]
-    with pytest.raises(AcquisitionStopped, match=r"got that of \(z, y, x\) = \(0, 0, 0\) again"):
+    with pytest.raises(AcquisitionStopped, match=r"got the content of \(z, y, x\) = \(0, 0, 0\)"):
         record(tmp_path, PLAN, rig, CAREFUL, resume=True)
 
 

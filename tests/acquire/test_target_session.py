@@ -158,7 +158,7 @@ def test_another_plan_does_not_go_on(plan: TargetPlan, session: Path) -> None:
         record(session, plan.scan, rig_of(plan), FULL, resume=True)
 
 
-@pytest.mark.parametrize(("fault", "doubt"), [("blank", "light"), ("frozen", "again")])
+@pytest.mark.parametrize(("fault", "doubt"), [("blank", "light"), ("frozen", "repeats a buffer")])
 def test_spoilt_frames_never_count(plan: TargetPlan, tmp_path: Path, fault: str, doubt: str) -> None:
     with pytest.raises(Exception, match=doubt):
         record(tmp_path / "s", plan, rig_of(plan, DeviceFault(fault, 4, 20)), CAREFUL)
