@@ -38,7 +38,7 @@ MAX_LAGS = 12
 INDEX_TOLERANCE = 0.15
 """Largest distance of a lag from a whole multiple of the lattice vectors."""
 
-MIN_EXPLAINED = 0.9
+MIN_EXPLAINED = 0.8
 """Share of the heights of all lags that a lattice must explain."""
 
 
