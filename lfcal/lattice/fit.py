@@ -291,10 +291,11 @@ INVERSE_CORRELATION = -0.99
 """Correlation of a cell with itself half a diagonal away below which light and dark only exchange places. Measured:
 checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
 
-PLATEAU, LARGEST_PLATEAU = 0.15, 0.25
-"""Level of a dark field of a cell, as a share of its contrast, and largest area of one that is closed on all sides.
+PLATEAU, LARGEST_PLATEAU, CLOSED = 0.15, 0.25, 0.7
+"""Level of a dark field of a cell, as a share of its contrast; its largest area where it is closed on all sides; level
+of the places around it that closes it.
 
-Measured: fields between micro-images of 100 % fill 0.2 at most; single light among discs of 140 to 150 % fill 0.3."""
+Measured: fields between micro-images that touch 0.2 at most; single light among discs of 140 % fill 0.34."""
 
 FLAT, LARGEST_FLAT = 0.03, 0.055
 """Slope (contrast per sample) of a flat part of a cell, and its largest area at a level between light and dark.
@@ -361,7 +362,7 @@ def _overlap(level: Array) -> bool:
     """
     half = CELL_SIDE // 2
     centre, sides = level[0, 0], (level[half, 0], level[0, half])
-    closed = min(centre, *sides) > PLATEAU and float((level < PLATEAU).mean()) > LARGEST_PLATEAU
+    closed = min(centre, *sides) > CLOSED and float((level < PLATEAU).mean()) > LARGEST_PLATEAU
     down, right = ((np.roll(level, -1, axis) - np.roll(level, 1, axis)) / 2 for axis in (0, 1))
     flat = (np.hypot(down, right) < FLAT) & (level > 0.2) & (level < 0.8)
     return closed or float(flat.mean()) > LARGEST_FLAT or (centre < PLATEAU and max(sides) > 0.5)
