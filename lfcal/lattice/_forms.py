@@ -403,7 +403,9 @@ def _compared(
 ) -> tuple[list[FittedForm], list[float], float]:
     """Return the fits of all determined forms, the error of each on held-out blocks, and the correlation."""
     flexible = min(flexible_form(len(index)), forms[-1], key=lambda form: form.size)
-    largest = fit_flexible(model, flexible, index, places, frame)
+    largest = fit_form(model, flexible, index, places, frame)
+    if largest is None:
+        largest = fit_form(model, FORMS[0], index, places, frame)
     assert largest is not None  # any lattice determines five parameters
     blocks = Blocks.of(places)
     # one set of weights for all, so that residuals can be compared

@@ -16,6 +16,7 @@ from lfcal.lattice._forms import (
     LatticeForm,
     Selection,
     fit_flexible,
+    fit_form,
     flexible_form,
     select_form,
     thinned,
@@ -132,7 +133,7 @@ def _settled(
         sound = sound[thinned(len(sound))]
         before = model
         form = FORMS[1] if lenslets.narrow else flexible_form(len(sound))
-        fitted = fit_flexible(model, form, lenslets.index[sound], lenslets.places[sound], frame)
+        fitted = fit_form(model, form, lenslets.index[sound], lenslets.places[sound], frame)
         if fitted is None:
             break
         model = fitted.model
@@ -291,7 +292,7 @@ INVERSE_CORRELATION = -0.99
 """Correlation of a cell with itself half a diagonal away below which light and dark only exchange places. Measured:
 checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
 
-PLATEAU, LARGEST_PLATEAU, CLOSED = 0.15, 0.25, 0.7
+PLATEAU, LARGEST_PLATEAU, CLOSED = 0.15, 0.25, 0.6
 """Level of a dark field of a cell, as a share of its contrast; its largest area where it is closed on all sides; level
 of the places around it that closes it.
 
