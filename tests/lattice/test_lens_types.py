@@ -101,7 +101,7 @@ def test_a_frame_of_a_point_decides_too() -> None:
 @pytest.mark.long
 def test_undecidable_frames_are_refused() -> None:
     same, fit = drawn(edges=(1.5, 1.5, 1.5))
-    with pytest.raises(InputError, match="lens types: expected a colouring"):
+    with pytest.raises(InputError, match="lens types: expected an assignment"):
         classify_lens_types(same.frame, fit, BLUR)
     with pytest.raises(InputError, match="lens types"):
         classify_lens_types(np.random.default_rng(0).normal(500, 20, fit.shape), fit, BLUR)
