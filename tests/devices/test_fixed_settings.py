@@ -189,7 +189,7 @@ def test_gentl_follows_a_grabber_that_unpacks_and_refuses_one_that_changes_the_d
         with pytest.raises(CameraError, match=f"frame: expected Mono12p, got .*{named}; set option format"):
             gentl({}, buffer).grab(1.0)
         assert buffer.queued
-    with pytest.raises(CameraError, match="22 bytes of Mono12p for 3 x 5 pixels, which take 23"):
+    with pytest.raises(CameraError, match="22 bytes of Mono12p for 3 x 5 pixels, 23 needed"):
         gentl({}, Buffer(buffer_of("12p")[:22])).grab(1.0)
 
 
@@ -286,7 +286,7 @@ def test_aravis_unpacks_buffers(layout: str, padding: int) -> None:
     with pytest.raises(CameraError, match="camera: 20 bytes of Mono12"):
         camera._copy(None)
     camera._lib = Memory(data, SAMPLES.shape, 0x01100007, padding)
-    with pytest.raises(CameraError, match=f"frame: expected Mono{layout}, got 16 bits a pixel; set option format"):
+    with pytest.raises(CameraError, match=f"frame: expected Mono{layout}, got 16 bits per pixel; set option format"):
         camera._copy(None)
 
 
