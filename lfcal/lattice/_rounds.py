@@ -162,9 +162,12 @@ def mean_light(image: NDArray[np.float32], model: LatticeModel, index: NDArray[n
 
 def _top(values: Array) -> float:
     """Return the typical value of bright lenslets, also if few are lit: the 90th percentile of those."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0
     # a few specks of dirt or hot pixels are brighter than any lenslet
     highest = float(np.sort(values)[-1 - min(len(values) - 1, max(3, len(values) // 100))])
-    return float(np.percentile(values[values >= 0.3 * highest], 90))
+    return float(np.percentile(values[values >= min(highest, 0.3 * highest)], 90))
 
 
 def _dim(values: Array, around: Array) -> NDArray[np.bool_]:

@@ -115,7 +115,7 @@ def test_what_is_refused(lfcal: Callable[..., Run], matrix: Path, tmp_path: Path
         (("--patterns", tmp_path / "code"), "--display"),
         (("--display", "2x2@1", "--patterns", tmp_path / "code"), "block"),
         (("--sensor", "nothing"), "camera"),
-        (("-o", matrix, "--force"), "another file"),
+        (("-o", matrix, "--force"), "other than the input"),
     ):
         refused = lfcal("multiplex", "coding", matrix, *more)
         assert refused.code == 2 and word in refused.err and "Traceback" not in refused.err, (more, refused.err)

@@ -38,6 +38,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     frames = np.random.default_rng(0).poisson(50.0, (2, *SHAPE)).astype(np.uint16)
     tifffile.imwrite(tmp_path / "frames.tif", frames, photometric="minisblack")
     tifffile.imwrite(tmp_path / "frame.tif", frames[0], photometric="minisblack")
+    (tmp_path / "words.txt").write_text("no H")
     return tmp_path
 
 
@@ -113,8 +114,8 @@ def test_the_forecast_is_that_of_all(lfcal: Lfcal, place: Path) -> None:
     [
         (("--region", "none.h5"), "--region: expected a region of H2.h5 (c2) or an H file, got none.h5"),
         (("--region", "all"), "expected other regions than the first of H2.h5, got none; leave it out"),
-        (("--region", "H2.h5"), "a different place for each, got 1 and 2 at one"),
-        (("--region", "frame.tif"), "frame.tif"),
+        (("--region", "H2.h5"), "a different place for each, got 1 and 2 at the same place"),
+        (("--region", "words.txt"), "words.txt"),
         (("--region", "H17.h5", "--resample", "always"), "--resample: expected H of one region"),
     ],
 )

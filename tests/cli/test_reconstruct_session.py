@@ -66,7 +66,7 @@ def test_frames_that_follow_their_spots_are_no_series(lfcal: Lfcal, place: Path)
     run = lfcal("reconstruct", "H.h5", "scan", *RL, "-o", "out")
     assert run.code == 2 and run.err.count("\n") == 1 and "expected one place of the sensor, got 9 places" in run.err
     run = lfcal("reconstruct", "H.h5", "session", *RL, "--resample", "always", "-o", "out")
-    assert run.code == 2 and "--resample: expected whole frames, got a part from" in run.err
+    assert run.code == 2 and "--resample: expected whole frames, got a part that starts at" in run.err
     assert not Path("out").exists()
 
 

@@ -71,7 +71,7 @@ def test_json_lists_everything(lfcal: Lfcal, sample: Path) -> None:
     for slot in range(30):
         rot_frame(sample / "recording.h5", slot)
     text = lfcal("verify", sample).out
-    assert "and 10 more; --json lists all" in text and text.count("frame damaged") == 20
+    assert "and 10 more (listed by --json)" in text and text.count("frame damaged") == 20
     run = lfcal("verify", sample, "--json")
     found: Any = run.json
     assert run.code == 1 and not found["ok"] and len(found["damaged"]) == len(found["to_redo"]) == 30

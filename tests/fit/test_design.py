@@ -258,7 +258,7 @@ def test_a_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
     ("count", "more", "what"),
     [
         (2, {}, "positions to record: expected a whole number ≥ 3"),
-        (10_000, {}, "at most the 627 left"),
+        (10_000, {}, "at most the 627 remaining"),
         (5, {"groups": ["gap"]}, "unknowns: expected"),
         (5, {"candidates": -1}, "candidate positions"),
     ],

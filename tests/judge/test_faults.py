@@ -91,7 +91,7 @@ def test_a_mosaic_is_no_lamp() -> None:
     image = sensor(1.0)
     image[::2, ::2], image[1::2, 1::2] = 0.6, 0.5
     found = faults_of(noisy(scaled(light(), image)))
-    told = [float(v) for v in found["mosaic"].detail.split(" see ")[1].split(" of ")[0].split(", ")]
+    told = [float(v) for v in found["mosaic"].detail.split(" receive ")[1].split(" of ")[0].split(", ")]
     assert set(found) == {"mosaic"} and told == pytest.approx([0.6, 1, 1, 0.5], abs=0.02)
 
 

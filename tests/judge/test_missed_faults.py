@@ -67,7 +67,7 @@ def test_values_that_fall_behind_where_it_is_bright_are_no_power(share: float) -
 
 def test_a_slight_compression_leaves_its_blocks() -> None:
     found = faults_of(put_in("JPEG", 95))
-    assert "of the cutout is gone" in found["compression"].detail
+    assert "of the cutout is lost" in found["compression"].detail
 
 
 def test_values_of_eight_bits_are_no_fault() -> None:

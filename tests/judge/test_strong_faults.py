@@ -36,7 +36,7 @@ def test_a_ceiling_that_most_light_ends_at_is_no_hot_pixel() -> None:
 
 def test_noise_that_was_cut_off_at_zero_is_told_by_its_dark_samples() -> None:
     (one,) = faults_of(put_in("clipped at zero", 1)).values()
-    told = [float(part.split()[0]) for part in one.detail.split("noise of ")[1].split("about ")]
+    told = [float(part.split()[0]) for part in one.detail.split("noise of ")[1].split("around ")]
     assert one.name == "cut_off" and told == pytest.approx([3.0, -3.0], abs=0.5), one.detail
 
 

@@ -192,7 +192,7 @@ def test_defaults_and_refusals() -> None:
         demultiplex(frame, cfa("Bayer"), samples=1), demultiplex(frame, cfa("Bayer"), samples=1, filter="cubic")
     )
     for m, options in ((mask("MURA", 3), {}), (cfa("Bayer"), {"samples": 1}), (cfa("Bayer") * mask("lenslet", 3), {})):
-        with pytest.raises(InputError, match="colour filter arrays"):
+        with pytest.raises(InputError, match="colour filter array"):
             demultiplex(frame, m, filter="lmmse", **options)
 
 

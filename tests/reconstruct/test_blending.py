@@ -234,7 +234,7 @@ def test_planes_that_cannot_be_kept_are_counted_as_such() -> None:
         ({"values": (3, 4, 3, 7, 9)}, r"H of region other: expected 2 planes of 4 x 3 positions, as the first, got 3"),
         ({"values": (2, 4, 4, 7, 9)}, r"got 2 of 4 x 4; measure all regions by one plan"),
         ({"depths": (-1.0, 5.0)}, r"expected depths"),
-        ({"anchor": (3, 4)}, r"a different place for each, got 1 and 2 at one"),
+        ({"anchor": (3, 4)}, r"a different place for each, got 1 and 2 at the same place"),
     ],
 )
 def test_regions_that_do_not_belong_together_are_refused(change: dict[str, Any], words: str) -> None:

@@ -209,7 +209,7 @@ def test_views_are_ordered_by_their_light(scene):
         ({"iterations": 0}, "iterations"),
         ({"acceleration": "warp"}, "acceleration"),
         ({"subsets": interleaved_subsets((5, 5), 2)[:1]}, "each image phase exactly once"),
-        ({"subsets": interleaved_subsets((5, 5), 2), "acceleration": "nesterov"}, "leave one out"),
+        ({"subsets": interleaved_subsets((5, 5), 2), "acceleration": "nesterov"}, "choose one"),
         ({"weights": -np.ones((60, 55))}, "weights"),
         ({"background": np.ones((3, 3))}, "background"),
         ({"initial": np.ones((1, 60, 55))}, "initial volume"),

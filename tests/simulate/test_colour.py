@@ -99,7 +99,7 @@ def test_the_planner_takes_the_width_that_is_given() -> None:
     assert not plain.row("bandwidth").on
     found = plan_effects(plan, 0.2, effects=(ChromaticFocus(5e4), Bandwidth(0.02)))
     assert found.row("chromatic_focus").on and found.row("bandwidth").on
-    assert "comes with longitudinal colour" in found.row("bandwidth").reason
+    assert "needed by longitudinal colour" in found.row("bandwidth").reason
     assert found.left_out[0] <= 0.1 and found.seconds > 2 * plain.seconds
 
 
