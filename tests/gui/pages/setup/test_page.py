@@ -214,7 +214,7 @@ def test_a_specimen_is_refused_in_one_line(open_page: OpenPage, context: Context
     page.check_white(str(tmp_path / "cells.tif"))
     idle(context.jobs, qtbot)
     said = page.notice.label.text()
-    assert page.notice.isVisibleTo(page) and "specimen" in said and "\n" not in said
+    assert page.notice.isVisibleTo(page) and "evenly lit image" in said and "\n" not in said
     assert context.state == before and page.panel.inspector.check_card.isHidden()
     tifffile.imwrite(tmp_path / "white.tif", draw_white((300, 400), pitch=16.0, kind="square").frame)
     page.check_white(str(tmp_path / "white.tif"))
