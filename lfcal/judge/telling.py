@@ -44,11 +44,11 @@ def compared_words(inspection: Inspection) -> str:
         if inspection.disagreement is not None:
             return f"the camera disagrees: {inspection.why_not}; {weaker}"
         return f"not compared with a camera: {inspection.why_not}; {weaker}"
-    beside = f"{inspection.compared} patterns compared with the camera"
+    scope = f"{inspection.compared} patterns compared with the camera"
     if not inspection.faults:
-        return f"{beside}: no fault found"
+        return f"{scope}: no fault found"
     scene = scene_words(inspection)
-    return f"{beside}: these faults were found" + (f"; {scene}" if scene else "")
+    return f"{scope}: these faults were found" + (f"; {scene}" if scene else "")
 
 
 def draw_picture(axes: Axes, picture: FaultPicture) -> None:

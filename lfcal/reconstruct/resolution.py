@@ -156,7 +156,7 @@ def iter_two_point(
             dips.append(dip(volume[z, row].astype(np.float64), left, left + distance))
             yield clock.at(z * len(distances) + k + 1)
         apart = [d for d, value in zip(distances, dips, strict=True) if value < limit]
-        # the smallest distance from which on all are resolved
+        # the smallest distance above which all are resolved
         best = next((d for k, d in enumerate(distances) if all(v < limit for v in dips[k:])), float("inf"))
         results.append(TwoPoint(z, float(P.depths[z]), float(best) if apart else float("inf"), tuple(dips)))
     return tuple(results)

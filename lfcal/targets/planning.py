@@ -166,7 +166,7 @@ class Tails:
     level: str
 
     def share(self, away_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the light in a cutout from points at distances ``(n, 2)``, relative to the light of its own point."""
+        """Return the light in a cutout from points at distances ``(n, 2)``, relative to that of its point."""
         sums = np.pad(self.light.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
         shape = np.array(self.light.shape)
         half = (np.array(self.cutout) - 1) // 2

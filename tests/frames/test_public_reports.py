@@ -45,14 +45,14 @@ def numbers(form: str = "shot{}.tif") -> list[str]:
     return [form.format(k) for k in range(COUNT)]
 
 
-def tiffs(files: Sequence[str] = (), frames: Iterable[Any] = F, beside: Sequence[str] = (), **how: Any) -> Write:
-    """Return what writes one TIFF for each frame, and other files ``beside`` them."""
+def tiffs(files: Sequence[str] = (), frames: Iterable[Any] = F, others: Sequence[str] = (), **how: Any) -> Write:
+    """Return what writes one TIFF for each frame, and ``others`` in the same folder."""
 
     def write(folder: Path) -> Path:
         for name, values in zip(files or names(), frames, strict=True):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             tifffile.imwrite(folder / name, values, **how)
-        for name in beside:
+        for name in others:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(b"\0\5\x16\7" + bytes(90))
         return folder
@@ -275,10 +275,10 @@ def stage_table(folder: Path) -> Path:
 NFD = unicodedata.normalize("NFD", "Öffentlich é 测试")
 GAP = [f"run2_20230823_{k:04d}.tiff" for k in range(COUNT + 1) if k != 20]
 AS_STORED: dict[str, tuple[Write, dict[str, Any]]] = {
-    "lucalista/shinestacker#22": (tiffs(beside=[f"._{name}" for name in names()]), {}),
-    "scverse/spatialdata-io#260": (tiffs(numbers(), beside=[f"._{name}" for name in numbers()]), RASTER),
-    "Rolf-Hempel/PlanetarySystemStacker#44": (tiffs(numbers(), beside=[".DS_Store", "Thumbs.db"]), RASTER),
-    "motioneye-project/motioneye#89": (tiffs(names("z{0}/y{1}_x{2}.tif"), beside=["z0/.AppleDouble/y0_x0.tif"]), {}),
+    "lucalista/shinestacker#22": (tiffs(others=[f"._{name}" for name in names()]), {}),
+    "scverse/spatialdata-io#260": (tiffs(numbers(), others=[f"._{name}" for name in numbers()]), RASTER),
+    "Rolf-Hempel/PlanetarySystemStacker#44": (tiffs(numbers(), others=[".DS_Store", "Thumbs.db"]), RASTER),
+    "motioneye-project/motioneye#89": (tiffs(names("z{0}/y{1}_x{2}.tif"), others=["z0/.AppleDouble/y0_x0.tif"]), {}),
     "soft-matter/pims#103": (tiffs(numbers()), RASTER),
     "justinfx/fileseq#97": (tiffs([f"a.{k:03d}.tif" if k % 2 else f"a.{k:02d}.tif" for k in range(COUNT)]), RASTER),
     "bluesky/tiled#555": (tiffs([f"run2_20230823_{k:04d}.tiff" for k in range(COUNT)]), RASTER),

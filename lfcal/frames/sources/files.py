@@ -176,16 +176,16 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
     if len(pages) != shape[0] * shape[1] * shape[2]:
         pages = [(name, k) for name, _ in pages for k in range(_count(path / name, options))]
     gaps = missing_numbers(names)
-    told = (
+    order = (
         f"number {', '.join(map(str, gaps[:6]))}{' …' if len(gaps) > 6 else ''} is not among the names" if gaps else ""
     )
     try:
         manifest = Manifest.from_order(pages, shape, options.order)
     except InputError as error:
-        if not told:
+        if not order:
             raise
-        raise InputError(f"{error}; {told}") from None
-    return manifest, (f"order: {told}; the files are taken as one after the other",) if told else ()
+        raise InputError(f"{error}; {order}") from None
+    return manifest, (f"order: {order}; the files are taken as one after the other",) if order else ()
 
 
 def _by_pattern(

@@ -119,16 +119,16 @@ class Compression(Fault):
             gone, counts = _gone(evidence, corners)
             if counts.min() < FEW:
                 continue
-            beside = np.mean([np.roll(gone, by, (0, 1)) for by in BESIDE], axis=0)
-            more = gone - beside
+            shifted = np.mean([np.roll(gone, by, (0, 1)) for by in BESIDE], axis=0)
+            more = gone - shifted
             k = np.unravel_index(int(np.argmax(more)), more.shape)
-            told = float(more[k] / np.sqrt(beside[k] * (1 - beside[k]) / counts[k] * (1 + 1 / len(BESIDE))))
+            told = float(more[k] / np.sqrt(shifted[k] * (1 - shifted[k]) / counts[k] * (1 + 1 / len(BESIDE))))
             if more[k] < GONE or told < SURE:
                 continue
             yield FoundFault(
                 self,
                 f"{100 * gone[k]:.0f} % of the finest structure in blocks of {BLOCK} x {BLOCK} pixels of the {what} "
-                f"is lost, and {100 * beside[k]:.0f} % in shifted blocks",
+                f"is lost, and {100 * shifted[k]:.0f} % in shifted blocks",
                 told,
                 float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
                 picture=FaultPicture(

@@ -78,7 +78,7 @@ class ColumnsTable(QTableWidget):
         self.hide()
 
     def show_table(self, table: Table | None, used: tuple[Column, ...], told: str = "") -> None:
-        """Show the list and the meaning of its columns. Without a list, hide it; ``told``: the user's choices."""
+        """Show the list and the meaning of its columns; without a list, hide it."""
         self.setVisible(table is not None)
         if table is None:
             return
