@@ -106,7 +106,7 @@ def _cut_to(cutout: tuple[int, int]) -> PutIn:
 
 
 def with_costs(
-    quality: QualityReport, told: Sequence[str], costs: Costs, faults: Sequence[float | None]
+    quality: QualityReport, keys: Sequence[str], costs: Costs, faults: Sequence[float | None]
 ) -> QualityReport:
     """Return the metrics with measured costs.
 
@@ -114,14 +114,14 @@ def with_costs(
     ----------
     quality
         The metrics.
-    told
+    keys
         Keys of the metrics whose costs were measured.
     costs
         Measured costs: first those of ``faults``, then those of these metrics.
     faults
         The named faults with their costs.
     """
-    own = dict(zip(told, costs.costs[len(faults) :], strict=True))
+    own = dict(zip(keys, costs.costs[len(faults) :], strict=True))
     rest = _unnamed(costs, faults)
     metrics = []
     for one in quality.metrics:

@@ -140,7 +140,7 @@ def _of_npy(source: Path) -> PSFMatrix:
 
 def _of_tiff(source: Path) -> PSFMatrix:
     values = read_tiff(source)
-    if values.ndim not in (2, 3):
+    if values.ndim not in (2, 3) or values.shape[-1] in (3, 4):  # the last axis is one of colours
         raise InputError.expected(
             str(source), "one pattern for each plane", f"shape {values.shape}", "export H as .h5, .mat or .npy"
         )

@@ -302,3 +302,6 @@ def test_a_damaged_stack_of_patterns_is_refused(tmp_path: Path) -> None:
     tifffile.imwrite(whole, np.zeros((2, 3, 4, 5), np.float32), photometric="minisblack")
     with pytest.raises(InputError, match="one pattern for each plane"):
         open_psf(whole)
+    tifffile.imwrite(whole, np.zeros((20, 30, 3), np.uint8), photometric="rgb")
+    with pytest.raises(InputError, match="one pattern for each plane"):
+        open_psf(whole)
