@@ -18,7 +18,7 @@ order in which data pass through them (``tests/architecture/test_imports.py`` st
 - ``multiplex``: plenoptic multiplexing
 - ``accuracy``: curves of error against seconds, bytes or frames
 - ``records``, ``tasks``: settings, and one record for each task; commands, forms, scripts and job files are generated
-from them
+  from them
 - ``work``: units of long work, on threads, processes and several machines
 - ``cli``, ``napari``: the command line, and the napari plug-in
 

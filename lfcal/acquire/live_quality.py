@@ -77,8 +77,8 @@ class QualityState:
     places_px
         ``(n, 2)`` row and column of the light in the cutout of each reference frame (pixels), NaN if it is too faint.
     follow_px
-        Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column
-        per x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
+        Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column per x))``;
+        ideally 0. -2 on the diagonal means that an axis is reversed.
     alarms
         Findings on recorded frames that may require a stop, by the kinds of `LIMITS`.
     """

@@ -50,8 +50,8 @@ class Options:
         Longest waits for arrival and for a frame (beyond its exposure), and the waiting time after switching the light
         (s).
     keep_free_bytes
-        The session does not start, or holds, while the disk has less than this free besides the recording; None:
-        a tenth of the recording, at least 16 MiB.
+        The session does not start, or holds, while the disk has less than this free besides the recording; None: a
+        tenth of the recording, at least 16 MiB.
     origin_tolerance_px
         When resuming, the last position is taken again; a larger shift of the image means that the stage's origin is
         lost (pixels). None skips the check.

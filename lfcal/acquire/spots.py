@@ -116,8 +116,7 @@ def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float
     """Return the displacement of the light between two frames of one region, and the correlation of the frames.
 
     The result is the displacement in rows and in columns (pixels), then the normalized correlation, which is 1 for
-    equal
-    frames of any brightness.
+    equal frames of any brightness.
 
     Raises
     ------

@@ -10,8 +10,8 @@ A PSF matrix is the C-ordered array ``H[z, y, x, t, s]``:
 ``s``   pixel column of the cutout, ``ns`` odd, centre ``(ns - 1) // 2``
 ======  ==================================================================
 
-The bytes are those of MATLAB's column-major ``H(s, t, x, y, z)``. One step of the source moves its
-paraxial image, and the cutout with it, by exactly one sensor pixel. Image rows count downwards.
+The bytes are those of MATLAB's column-major ``H(s, t, x, y, z)``. One step of the source moves its paraxial image, and
+the cutout with it, by exactly one sensor pixel. Image rows count downwards.
 
 Projection of a volume ``g[z, Y, X]`` with zero borders::
 

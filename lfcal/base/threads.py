@@ -1,7 +1,7 @@
 """Worker threads for kernels that release the GIL.
 
-The parallel loops of numba are not used. Its thread layers may abort when two threads of a program enter them
-at the same time, as in a window with jobs.
+The parallel loops of numba are not used. Its thread layers may abort when two threads of a program enter them at the
+same time, as in a window with jobs.
 """
 
 from __future__ import annotations

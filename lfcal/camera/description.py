@@ -222,9 +222,9 @@ class Camera:
     def image_shift_um(self, z_um: float) -> float:
         """Return the distance ``a`` of the image of depth ``z_um`` behind the lenslet array (µm).
 
-        z > 0 is away from the camera: there the image lies in front of the array and ``a`` is negative.
-        A microscope has ``a = -M² z / n`` (paraxial); a main lens follows the thin-lens equation. Lenslets in a pupil
-        plane see no such image: `NoLatticeError`.
+        z > 0 is away from the camera: there the image lies in front of the array and ``a`` is negative. A microscope
+        has ``a = -M² z / n`` (paraxial); a main lens follows the thin-lens equation. Lenslets in a pupil plane see no
+        such image: `NoLatticeError`.
         """
         self._check_lattice("virtual depth")
         if isinstance(self.optics, Microscope):

@@ -92,8 +92,8 @@ class LensletLattice:
     gap_um
         Distance from lenslets to sensor, B (µm).
     types
-        One or three lens types. On a hexagonal array with three types, neighbours differ;
-        a lenslet of type 0 sits at the offset.
+        One or three lens types. On a hexagonal array with three types, neighbours differ; a lenslet of type 0 sits at
+        the offset.
     rotation_rad
         Angle from the sensor's +x axis to a row, positive from +x towards +y (downwards) (rad).
     offset_um
@@ -391,8 +391,8 @@ def cell_neighbours(basis: ArrayLike) -> Array:
 def cell_corners(basis: ArrayLike) -> Array:
     """Return the corners ``(4 or 6, 2)`` of the cell about a lattice point, ordered from +x towards +y.
 
-    Each is the intersection of the perpendicular bisectors of two consecutive neighbours. All corners
-    are equally far from the lattice point.
+    Each is the intersection of the perpendicular bisectors of two consecutive neighbours. All corners are equally far
+    from the lattice point.
     """
     unit = float(np.abs(np.array(basis, float)).max())
     half = cell_neighbours(basis) / unit

@@ -216,8 +216,8 @@ class ScanPlan:
         depths_um, virtual_depths
             The planes, as object-space depths (µm) or as virtual depths; give one of them.
         cutout
-            Pixels kept, one number or ``(nt, ns)``; by default enough for the geometric pattern at every
-            depth with a margin for the lenslets' diffraction. Without a lattice, no more than the sensor holds.
+            Pixels kept, one number or ``(nt, ns)``; by default enough for the geometric pattern at every depth with a
+            margin for the lenslets' diffraction. Without a lattice, no more than the sensor holds.
         anchor
             As in `ScanPlan`; by default, the cell is at the sensor's centre, on whole pixels. Without a lattice, the
             single position is at the optical axis.

@@ -182,8 +182,7 @@ class Adapted:
     ----------
     how
         ``"reached"``: the target error is reached. ``"used up"``: no positions are left. ``"incomplete"``: the model
-        is
-        incomplete, and more patterns do not help. ``"stopped"`` or ``"aborted"``: by the user.
+        is incomplete, and more patterns do not help. ``"stopped"`` or ``"aborted"``: by the user.
     outcome
         Outcome of the whole recording.
     steps

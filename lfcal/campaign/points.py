@@ -270,8 +270,7 @@ def measured_modulo(source: FrameSource, points: Points, *, most: int | None = N
     """Return points as patterns of the scan of one period, as if the array repeated itself after whole pixels.
 
     This is only an approximation, and chi² of a fit shows the difference: positions are rounded, and reduced modulo
-    the
-    period.
+    the period.
     """
     scan = points.plan.scan
     firsts = _firsts(points)

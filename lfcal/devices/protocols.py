@@ -1,8 +1,8 @@
 """Protocols that cameras, stages, lights, gauges and clocks must implement.
 
-Lengths are µm, times s. Stage coordinates are ``(x, y, z)``; image coordinates ``(row, column)``.
-A call that fails raises one of `lfcal.devices.errors`, whose class says whether to try again. Any other exception
-ends the session in an orderly way, and is reported as an error of the device.
+Lengths are µm, times s. Stage coordinates are ``(x, y, z)``; image coordinates ``(row, column)``. A call that fails
+raises one of `lfcal.devices.errors`, whose class says whether to try again. Any other exception ends the session in an
+orderly way, and is reported as an error of the device.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ class Rig:
 
     Every call of camera, stage and light has a time limit, and every answer is checked; see `lfcal.devices.checked`.
     ``others`` are devices that were opened together with these and are closed with them. ``gauges`` measure the
-    conditions
-    in the lab. ``switches`` states whether the stage's moves switch the points of a display, as in a simulator.
+    conditions in the lab. ``switches`` states whether the stage's moves switch the points of a display, as in a
+    simulator.
 
     Examples
     --------

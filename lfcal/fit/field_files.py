@@ -92,8 +92,7 @@ def iter_write_field(
     known
         Facts about the source of each region's patterns, as plain JSON types.
     hybrids, noise
-        The patterns for each region's hybrid H, and their noise if they do not state it; None: H is the
-        model.
+        The patterns for each region's hybrid H, and their noise if they do not state it; None: H is the model.
     with_h
         Whether to compute and write H of each region.
     workers

@@ -5,7 +5,7 @@
 - ``formats``: image files, one module per format
 - ``manifest``, ``positions``: the position of each frame; ``lists``: positions from lists of other programs
 - ``part``: frames that show a part of the sensor; ``cfa``, ``channels``: colour filter patterns, and channels of
-mosaics
+  mosaics
 - ``described``: facts that a scan plan adds to the frames' metadata; ``aligned``: left-aligned samples
 - ``orientation``: the eight flips and turns, and frames turned upright
 - ``damage``: frames that cannot be read are named and left out

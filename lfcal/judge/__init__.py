@@ -7,7 +7,7 @@ the verdict from all of them.
 - ``inspection``: these metrics together with the comparison with a camera
 - ``evidence``: patterns compared with their camera, each with its light, source and depth
 - ``fault``: definition of a fault; ``faults``: one family per module; ``search``: detection of faults, one after the
-other
+  other
 - ``_cost``: effect of each fault on the error of a reconstruction, measured on a patch of H
 - ``explained``: disagreement between the stated camera and H
 - ``report``: the report as a page, for printing, and for programs

@@ -89,8 +89,7 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
         The faults found.
     many
         Number of positions of a smaller patch, whose image is smaller too; None: the largest allowed number. It never
-        depends
-        on time, so that costs are the same on every machine.
+        depends on time, so that costs are the same on every machine.
     """
     clock = Clock("measuring what faults cost", len(faults) + 2)
     yield clock.at(0)

@@ -1,17 +1,17 @@
 """The lenslet lattice in an image: positions, types and brightness of lenslets, and views through them.
 
 - ``fit``: fitting of the lattice to a white image; ``_spectrum``, ``_rounds``, ``_forms`` and ``_micro_image`` are its
-steps
+  steps
 - ``lattice_file``: a measured lattice as files
 - ``lens_types``: the type of each lenslet
 - ``vignetting``: the fall-off of light over the field; ``_smooth_field`` is its model
 - ``micro_images``: the lattice interface that views need, and lattices of a camera description, of a crop, of one lens
-type
+  type
 - ``views``: sub-aperture views; ``_view_grid`` defines the places of their samples and the lenslets that contribute
 - ``view_files``: views and focal stacks as files
 - ``_refocus``: refocused images from views
 - ``rendering``: refocused images of a focused plenoptic camera, weighting lens types by sharpness, and all-in-focus
-images
+  images
 - ``depth``: depth maps from micro-images or views; ``_depth_kernels`` are its inner loops
 - ``depth_files``: depth maps and point clouds as files
 """

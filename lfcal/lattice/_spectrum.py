@@ -407,8 +407,8 @@ def _most_symmetric(flat: LitPart, kind: str, basis: Array, types: int = 1) -> A
     """Return the place in the cell, near the middle, about which the mean cell has the best rotational symmetry.
 
     The rotation is 60 degrees for a hexagonal lattice. It is 120 for that of one of three ``types``, whose three
-    centres of this symmetry are one lenslet of each type. It is 90 for a square lattice and 180 for rectangular
-    cells, whose gaps are as symmetric as their lenslets: there, the brightest place is taken. Brightness alone does not
+    centres of this symmetry are one lenslet of each type. It is 90 for a square lattice and 180 for rectangular cells,
+    whose gaps are as symmetric as their lenslets: there, the brightest place is taken. Brightness alone does not
     suffice, because overlapping micro-images are brightest at their edges.
     """
     n = 48

@@ -201,8 +201,8 @@ def view_grid(
         The samples of a square lattice are its lenslets; those of a hexagonal one lie between two lenslets of their
         row.
     full
-        False: the largest box of seen samples. True: the whole field with all lenslets, and a mask
-        of what is seen (`ViewGrid.mask`).
+        False: the largest box of seen samples. True: the whole field with all lenslets, and a mask of what is seen
+        (`ViewGrid.mask`).
     missing
         Lenslets (q, r) that show nothing. They do not reduce the box; their samples are masked.
     raster

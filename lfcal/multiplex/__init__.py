@@ -1,8 +1,8 @@
 """Plenoptic multiplexing after I. Ihrke, G. Wetzstein, W. Heidrich, "A Theory of Plenoptic Multiplexing" (CVPR 2010).
 
 - ``modulator``: separable bases Sigma and Pi, rank, pseudo-inverse, products; made by ``colour_filters``, ``masks``,
-  ``spectra`` (filters as curves), ``exposures`` (assorted pixels, shutters, cameras), ``polarisation``,
-  ``tiles`` (super-pixels of any shape), ``matrix_file``; ``naming``: by names
+  ``spectra`` (filters as curves), ``exposures`` (assorted pixels, shutters, cameras), ``polarisation``, ``tiles``
+  (super-pixels of any shape), ``matrix_file``; ``naming``: by names
 - ``demultiplexing``: frames to samples and back; ``_spatial`` (theorem 1), ``_fourier`` (theorem 2), ``filters``
 - ``weighted``: without saturated and dead pixels; ``general``: any modulator, by iteration
 - ``lattice``: super-pixels of any pitch and angle (``super_pixels``), also with weights; ``heterodyne``: both theorems

@@ -30,8 +30,7 @@ def estimate_rows(mosaic: Mosaic, weights: Float, out: Float, start: int) -> Non
     """Write the estimates of rows ``start …`` to ``out`` ``(samples, rows, columns)``.
 
     ``weights`` are those of ``estimation_weights``. The columns of each place in the super-pixel are stored next to
-    each
-    other, so that the inner loops run over contiguous memory.
+    each other, so that the inner loops run over contiguous memory.
     """
     side_x, cells = mosaic.columns.shape
     window, samples = weights.shape[2], out.shape[0]

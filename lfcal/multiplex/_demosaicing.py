@@ -1,10 +1,9 @@
 """Demosaic any colour filter array: linear estimates with a prior for images, optionally blended by direction.
 
 Neighbouring pixels receive almost the same light, and colours differ from each other much less than they vary
-together.
-With these two facts as a prior covariance, the best linear estimate can be computed for any filter array (Trussell and
-Hartwell 2002, "Mathematics for demosaicking", IEEE Trans. Image Processing 11:485). The two greens of a Bayer pattern
-are one colour, and a pixel behind any filter contains information about all samples.
+together. With these two facts as a prior covariance, the best linear estimate can be computed for any filter array
+(Trussell and Hartwell 2002, "Mathematics for demosaicking", IEEE Trans. Image Processing 11:485). The two greens of a
+Bayer pattern are one colour, and a pixel behind any filter contains information about all samples.
 """
 
 from __future__ import annotations
@@ -119,8 +118,8 @@ def estimation_weights(modulator: Modulator, prior: Prior, reach: int, levels: N
     """Return the weights ``(K, N, 2 reach + 1, 2 reach + 1)`` of the pixels around each pixel of a super-pixel.
 
     The weights reproduce uniform light exactly (if the window measures it). Among all such weights, they have the
-    smallest
-    mean square error under ``prior``. If samples cannot be separated, uniform light gives the least-norm solution.
+    smallest mean square error under ``prior``. If samples cannot be separated, uniform light gives the least-norm
+    solution.
 
     Parameters
     ----------
@@ -219,10 +218,9 @@ def reconstruct_by_estimation(
         Colour filter array.
     filter
         ``"lmmse"``: the linear estimate for isotropic surroundings. ``"directional"``: two estimates, for edges along
-        the rows and along the columns, blended by how little colours change in these directions. As in Menon,
-        Andriani and
-        Calvagno 2007 ("Demosaicing with directional filtering and a posteriori decision", IEEE Trans. Image Processing
-        16:132), the change is measured on the estimates themselves.
+        the rows and along the columns, blended by how little colours change in these directions. As in Menon, Andriani
+        and Calvagno 2007 ("Demosaicing with directional filtering and a posteriori decision", IEEE Trans. Image
+        Processing 16:132), the change is measured on the estimates themselves.
     out
         Float array; its type is that of the arithmetic.
     workers

@@ -54,8 +54,7 @@ def linear_rows(frame: NDArray[Any], taps: Taps, channels: Channels, out: Float,
     """Write rows ``start … stop`` of all samples ``out`` ``(samples, rows, columns)``.
 
     The steps are: down the columns, across the channels, along the rows. All are linear, so their order is free; this
-    one
-    accesses each sample of the frame least often.
+    one accesses each sample of the frame least often.
     """
     py, px = channels.side_y, channels.side_x
     my, taps_x = taps.weight_y.shape[0], taps.weight_x.shape[2]

@@ -26,8 +26,7 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
     ----------
     levels
         One number, one per pixel ``(rows, columns)``, or those of a square pattern by rows, such as (R, G, G, B), as
-        in
-        the metadata ``black_level`` of a frame.
+        in the metadata ``black_level`` of a frame.
     shape
         Rows and columns of the frame, which begins with the first pixel of the pattern.
 
@@ -163,8 +162,7 @@ def pixel_weights(
         Non-zero for dead pixels, same shape.
     expected
         Sample values for the shot noise, such as a prediction or a smoothed frame. By default the frame itself; its
-        noise
-        then gives dark samples slightly too much weight.
+        noise then gives dark samples slightly too much weight.
     black_level
         Black level as stated by the frame's file (`lfcal.multiplex.without_black_level`); None: that of the sensor.
 

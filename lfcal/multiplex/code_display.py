@@ -135,8 +135,7 @@ def display_frames(
         Rows and columns of the display.
     repeat
         Steps (down, across) after which the block is repeated, large enough that patterns of two blocks do not
-        overlap.
-        The display shows as many blocks as fit, all with the same code. None: one block.
+        overlap. The display shows as many blocks as fit, all with the same code. None: one block.
 
     Raises
     ------

@@ -51,10 +51,8 @@ def s_matrix(order: int) -> Array:
     """Return an S-matrix ``(order, order)`` of 0 and 1: the best code under additive noise (Harwit and Sloane 1979).
 
     Every row and column has (n + 1)/2 ones, S S^T = (n + 1)/4 (I + J), and the inverse is 2/(n + 1) (2 S^T - J). For
-    primes
-    4k - 1, the rows are shifts of the quadratic residues and 0. For 2^n - 1, it is Sylvester's Hadamard matrix
-    without its
-    first row and column.
+    primes 4k - 1, the rows are shifts of the quadratic residues and 0. For 2^n - 1, it is Sylvester's Hadamard matrix
+    without its first row and column.
 
     Raises
     ------
@@ -133,8 +131,7 @@ def code_matrix(
         Number of points whose patterns overlap.
     frames, density, rng
         Options of random codes: number of frames (default: number of points), share of lit points, and random
-        generator
-        (with a fixed seed by default).
+        generator (with a fixed seed by default).
 
     Examples
     --------
@@ -233,8 +230,7 @@ class CodingVerdict:
         Gains of the code.
     break_even_e
         Electrons of a single point's brightest entry up to which coding is better at equal time: 0 if never, infinity
-        if
-        even with a full pixel.
+        if even with a full pixel.
     """
 
     pays: bool
@@ -392,8 +388,7 @@ def coding_pays(
 
     It is better if the rms error of all entries is smaller than with one point at a time in as many frames. This is so
     if additive noise dominates, thus for weak sources. With many photons, coding spreads the noise of bright cores
-    over
-    dark entries.
+    over dark entries.
 
     Parameters
     ----------

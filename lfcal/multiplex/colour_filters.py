@@ -90,8 +90,8 @@ def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -
     Parameters
     ----------
     pattern
-        ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"Sony"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``,
-        ``"X-Trans"``, or letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
+        ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"Sony"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``, ``"X-Trans"``, or
+        letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
     filters
         Additional or replaced filters by letter: transmissions (red, green, blue) in 0 … 1.
 

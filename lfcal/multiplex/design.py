@@ -235,8 +235,8 @@ def best_printed_mask(
     """Return the printable attenuation mask with the largest gain over a pinhole with the same crosstalk.
 
     Up to 20 000 candidates, all are tried. Otherwise, the best grey mask (`best_mask`), known masks and random masks
-    are
-    rounded to the levels and changed pixel by pixel while this increases the gain. The bound is then that of any mask.
+    are rounded to the levels and changed pixel by pixel while this increases the gain. The bound is then that of any
+    mask.
 
     Parameters
     ----------

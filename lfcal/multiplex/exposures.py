@@ -20,9 +20,8 @@ def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
     """Return a modulator with different exposures of its pixels: one sample, the radiance, times each pixel's share.
 
     Assorted pixels are used for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The shares
-    are
-    those of neutral-density filters or exposure times, relative to the longest. Saturated pixels measure nothing: give
-    `demultiplex` the weights of `lfcal.multiplex.pixel_weights`.
+    are those of neutral-density filters or exposure times, relative to the longest. Saturated pixels measure nothing:
+    give `demultiplex` the weights of `lfcal.multiplex.pixel_weights`.
 
     Parameters
     ----------
@@ -76,10 +75,8 @@ def camera_array(rows: int, columns: int) -> Modulator:
     """Return an array of cameras with one view each as a modulator; combine their frames with `interleave`.
 
     Filters, shutters or polarizers of the single cameras are a factor of the same super-pixel. Use ``camera_array(2,
-    2) *
-    ...`` for every view in every colour, or only the modulator of the colours if all cameras see the same view (a
-    distant
-    scene).
+    2) * ...`` for every view in every colour, or only the modulator of the colours if all cameras see the same view (a
+    distant scene).
 
     Examples
     --------

@@ -53,8 +53,7 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     """Return first taps and weights along one axis for output sample n of channel row a.
 
     Output sample n is at (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. One sample per
-    pixel
-    is therefore on the pixels, and a single one in the middle.
+    pixel is therefore on the pixels, and a single one in the middle.
 
     Parameters
     ----------

@@ -4,8 +4,7 @@ If every pixel has different transmissions, no measurement channel can be interp
 decorrelation. The samples are then computed on a separate grid, linear between its nodes, from all pixels together.
 Conjugate gradients minimize sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration takes about 14
 multiply-adds per pixel and sample (`GeneralModel.operations`), while the routes for super-pixels take one pass.
-Usually
-20 to 200 iterations are needed.
+Usually 20 to 200 iterations are needed.
 """
 
 from __future__ import annotations
@@ -124,8 +123,7 @@ def iter_demultiplex_generally(
         Inverse variances of the pixels, 0 for saturated and dead ones.
     smoothness
         Weight of the squared differences between neighbouring nodes, relative to the mean measured share. It
-        determines
-        samples that pixels do not measure. It must be small compared with the signal-to-noise ratio.
+        determines samples that pixels do not measure. It must be small compared with the signal-to-noise ratio.
     tolerance
         The iterations end when the norm of the gradient falls below this share of its first value.
     most

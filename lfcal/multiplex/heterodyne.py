@@ -160,8 +160,7 @@ def lattice_by_spectrum(
     """Return the samples ``(N, n)`` at places (row, column) by theorem 2: tiles about each g_k, then decorrelation.
 
     It takes one transform of the frame and one per pixel of the super-pixel. Frames are assumed to be periodic, so
-    samples
-    within two super-pixels of the border depend on the opposite border.
+    samples within two super-pixels of the border depend on the opposite border.
     """
     from scipy import fft
 
@@ -229,10 +228,8 @@ def lattice_by_sinc(
     """Return the samples ``(N, n)`` at places (row, column) by theorem 1 with a sinc.
 
     The frame is evaluated at each pixel of the super-pixels, between those of the sensor, by its trigonometric
-    polynomial.
-    Each channel is interpolated to the places by the waves of the lattice's cell, and decorrelated there. It takes
-    about
-    pixels x super-pixels operations for each channel, for up to 4096 super-pixels.
+    polynomial. Each channel is interpolated to the places by the waves of the lattice's cell, and decorrelated there.
+    It takes about pixels x super-pixels operations for each channel, for up to 4096 super-pixels.
 
     Raises
     ------

@@ -1,8 +1,7 @@
 """Super-pixels of any pitch and angle: light fields behind a real lenslet lattice or mask.
 
 A channel of a sample is interpolated linearly between pixels and between super-pixels. Each pixel counts by its share
-h
-and its weight w: ``c = sum h w f / sum h w``. If none of its pixels has weight, those of the same channel within two
+h and its weight w: ``c = sum h w f / sum h w``. If none of its pixels has weight, those of the same channel within two
 super-pixels are used. Decorrelation is weighted least squares. Its noise is computed from the pixels, because
 neighbouring channels may share some.
 """
@@ -289,8 +288,7 @@ def lattice_channels_weighted(
     """Return measurement channels ``(size, size, rows, columns)`` from pixels with weight.
 
     Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If no pixel of a channel
-    has
-    weight, those of the super-pixels within two rows and columns are used.
+    has weight, those of the super-pixels within two rows and columns are used.
 
     Parameters
     ----------

@@ -39,10 +39,9 @@ def mask(kind: str, size: int) -> Modulator:
     """Return a light-field modulator with ``size`` x ``size`` pixels and as many views (Ihrke et al., section 4.2).
 
     Attenuation masks are at a distance at which neighbouring views shift their shadow by one pixel. A is then the
-    circulant
-    matrix of the mask's pattern, Sigma = F^-1 M-hat and Pi^T = F (equation 9). For the pinhole it is the identity.
-    For the
-    lenslet it is N times the identity, because it collects the light of the whole super-pixel for each view.
+    circulant matrix of the mask's pattern, Sigma = F^-1 M-hat and Pi^T = F (equation 9). For the pinhole it is the
+    identity. For the lenslet it is N times the identity, because it collects the light of the whole super-pixel for
+    each view.
 
     Parameters
     ----------
@@ -147,12 +146,9 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
 
     The mask consists of cells of one pixel. A transmission is the mean of the shadow over the pixel and over the
     directions of the view. It therefore stays within the mask's values, and each view's light through a whole
-    super-pixel
-    is that through the mask for any shift. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a moved
-    cell for
-    a pixel and a view: exp(-2 pi i s v w), the Fourier basis for s = 1, for whole shifts and views without extent.
-    With
-    s = 0 (mask on the sensor), all views pass the same mask and only their sum can be recovered.
+    super-pixel is that through the mask for any shift. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of
+    a moved cell for a pixel and a view: exp(-2 pi i s v w), the Fourier basis for s = 1, for whole shifts and views
+    without extent. With s = 0 (mask on the sensor), all views pass the same mask and only their sum can be recovered.
 
     Parameters
     ----------
@@ -224,8 +220,7 @@ def cell_overlap(distance: ArrayLike, blur: float) -> Array:
     """Return the share of a pixel covered by a mask cell of one pixel's width, blurred over ``blur`` pixels.
 
     It is the convolution of three boxes (cell, pixel, and movement of the shadow within a view) at ``distance``
-    between
-    their middles (pixels). The sum over all pixels is one.
+    between their middles (pixels). The sum over all pixels is one.
     """
     t = np.asarray(distance, float)
     if blur < 1e-6:  # below this, the difference of the integrals would be rounding errors
@@ -282,10 +277,9 @@ def mask_gain_bound(size: int, chi2: float) -> float:
     """Return an upper bound on the gain over the pinhole (dB) of any mask of ``size`` x ``size`` pixels at ``chi2``.
 
     Consider the N Fourier weights of a mask with transmission tau. The zeroth is N tau. The sum of squares of the
-    others
-    is at most N^2 tau (1 - tau), because transmissions are between 0 and 1. The noise is the sum of their inverse
-    squares,
-    which is smallest if all others are equal; tau is then optimized. Masks of cyclic difference sets reach this bound.
+    others is at most N^2 tau (1 - tau), because transmissions are between 0 and 1. The noise is the sum of their
+    inverse squares, which is smallest if all others are equal; tau is then optimized. Masks of cyclic difference sets
+    reach this bound.
 
     Parameters
     ----------

@@ -31,9 +31,8 @@ class Modulator:
     """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., equation 2).
 
     Conventions: the light at a pixel is one, distributed over the N plenoptic samples as in `light`, by default 1/N
-    each. A
-    pixel that measures a sample completely has the entry 1 in `matrix`. A lenslet collects the light of the whole
-    super-pixel for its pixel and has the entry N.
+    each. A pixel that measures a sample completely has the entry 1 in `matrix`. A lenslet collects the light of the
+    whole super-pixel for its pixel and has the entry N.
 
     Attributes
     ----------

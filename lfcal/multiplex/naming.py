@@ -37,11 +37,10 @@ def modulator_of(text: str) -> Modulator:
     """Create a modulator from a name, a matrix file, or several of these joined by ``*`` (see `GRAMMAR`).
 
     ``nd:`` gives transmissions and ``polarisers:`` angles in degrees, in rows separated by slashes.
-    ``bands:PATTERN:N``
-    uses the included model filters for N bands of 400 … 700 nm on silicon; other tables (`spectral_array`,
-    `read_spectra`) are given as in ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``.
-    ``shutter:``
-    gives the moments in which each pixel is open, and ``cameras:2x2`` an array of cameras.
+    ``bands:PATTERN:N`` uses the included model filters for N bands of 400 … 700 nm on silicon; other tables
+    (`spectral_array`, `read_spectra`) are given as in
+    ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` gives the moments in which
+    each pixel is open, and ``cameras:2x2`` an array of cameras.
 
     Examples
     --------

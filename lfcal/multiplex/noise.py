@@ -61,8 +61,7 @@ def amplification(modulator: Modulator, *, rcond: float | None = None, recoverab
     """Return alpha = sqrt(trace((Pi Sigma^T Sigma Pi^T)^-1) / N), the ratio of a sample's rms noise to that of a pixel.
 
     It is infinite if some combination of samples is not measured; with ``recoverable``, it is the rms over the
-    measured
-    combinations. Singular values up to ``rcond`` times the largest count as zero.
+    measured combinations. Singular values up to ``rcond`` times the largest count as zero.
 
     Examples
     --------
@@ -91,8 +90,7 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
 
     s^2 = s_c^2 + tau s_p^2 with chi^2 = s_p^2 / s_c^2 (equation 12). Super-pixels of different size are compared per
     pixel: alpha is multiplied by sqrt(K), so that repeating a pattern gains nothing. For equal super-pixels, this is
-    the
-    printed equation. A modulator that does not recover every sample has a gain of minus infinity.
+    the printed equation. A modulator that does not recover every sample has a gain of minus infinity.
 
     Parameters
     ----------
@@ -407,8 +405,7 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
     """Return the gain of each sample over ``reference`` (dB); `snr_gain` is their mean in variance.
 
     The noise of sample n is that of its row of the decorrelation, s^2 sum_k (A^+)_nk^2, with s of equation 12.
-    Different
-    super-pixels are compared per pixel.
+    Different super-pixels are compared per pixel.
 
     Parameters
     ----------

@@ -22,8 +22,7 @@ def polarisers(
     """Return a super-pixel of linear polarisers for the Stokes parameters S0, S1, S2; with retarders, also S3.
 
     A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator), half
-    of
-    unpolarised light, which has only S0. The share of a pixel is between 0 and 1 for any polarisation.
+    of unpolarised light, which has only S0. The share of a pixel is between 0 and 1 for any polarisation.
 
     Parameters
     ----------

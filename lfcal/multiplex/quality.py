@@ -243,8 +243,7 @@ class Transfer:
         Ratio of reconstructed to shown amplitude for each sample ``(N, n)``.
     aliased
         Rms of everything else that the wave produces (other frequencies, other samples), relative to the rms of the
-        wave
-        ``(N, n)``.
+        wave ``(N, n)``.
 
     Examples
     --------

@@ -157,8 +157,7 @@ def best_filter_set(
     """Return the filters with the largest gain at ``chi2`` for red, green and blue, with any transmissions in 0 … 1.
 
     Projected quasi-Newton steps minimize the noise of the recovered colours, including the shot noise of each pixel.
-    They
-    start from the best set of ideal filters and from random ones.
+    They start from the best set of ideal filters and from random ones.
 
     Parameters
     ----------

@@ -76,9 +76,8 @@ def reconstruct_weighted(
     Each measurement channel is interpolated linearly from the samples with weight, ``c = sum h w f / sum h w``. Its
     variance is ``sum h^2 w / (sum h w)^2`` if w are inverse variances. Then ``(A^T W A) x = A^T W c`` is solved
     (theorem 1 with the weights of Gauss and Markov). If no sample has weight, those within two super-pixels are used.
-    If
-    these have none either, the channel is omitted. Parts that the other channels do not determine are the least-norm
-    solution.
+    If these have none either, the channel is omitted. Parts that the other channels do not determine are the
+    least-norm solution.
 
     Parameters
     ----------
@@ -161,8 +160,7 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
     """Return weighted least squares ``(N, places)`` and its variances for channels ``(K, places)``.
 
     If the weighted equations do not have full rank, the result has the least norm; every sample that depends on
-    unmeasured
-    parts then has infinite variance.
+    unmeasured parts then has infinite variance.
     """
     inverse, lost = weighted_inverse(matrix, weights, rcond)
     found = np.einsum("pij,pj->ip", inverse, (weights * values).T @ matrix)

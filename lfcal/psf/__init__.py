@@ -1,11 +1,11 @@
 """The PSF matrix H.
 
 - ``matrix``: `PSFMatrix`, read lazily, with its transposed view; ``_planes`` provides its values, ``facts`` what is
-known about its positions, ``_travel`` sends it to another process
+  known about its positions, ``_travel`` sends it to another process
 - ``make``: make a matrix from planes of any source: in memory, in a file, or in units of a plane
 - ``saving``: write a matrix unchanged, transposed, within a tolerance, or together with other regions
 - ``opening``, ``store``, ``layout``: the H file; ``_chunk_codec`` compresses it on all processors, ``_nexus`` lets
-viewers plot it, ``_steps`` stores it within a tolerance
+  viewers plot it, ``_steps`` stores it within a tolerance
 - ``_specification``, ``_json_schema``: check an H file against the published schema of its format
 - ``cutout``, ``assembly``, ``_pedestal``: frames to H with the shifting cutout
 - ``picked``: patterns of a few positions, without reading the other frames

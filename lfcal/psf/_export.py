@@ -251,8 +251,8 @@ def iter_export(
     The suffixes are ``.h5`` (H file), ``.mat`` (MATLAB v7.3 with H, Ht, Nnum, CAindex, x3objspace, anchor,
     lensCentre), ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file has the form that this
     code reads. See `ExportOptions` for the options, and `export_notes` for conventions that differ in other programs.
-    With ``run``, a matrix opened from a file is written in units of a plane, by the given executor, and finished planes
-    stay for the next run. TIFF has no units.
+    With ``run``, a matrix opened from a file is written in units of a plane, by the given executor, and finished
+    planes stay for the next run. TIFF has no units.
 
     Raises
     ------

@@ -88,8 +88,8 @@ class MatOptions:
     include_transpose
         Also write ``Ht``, which doubles the file size.
     rows_first
-        arrays with rows first. With the default order, such an image must be transposed first.
-        arrays with rows first. With the default order such an image must be transposed first.
+        arrays with rows first. With the default order, such an image must be transposed first. arrays with rows first.
+        With the default order such an image must be transposed first.
     compress
         Whether to compress with gzip; otherwise data are contiguous.
     lens_centred
@@ -145,8 +145,8 @@ def iter_write_mat(
 
     Notes
     -----
-    ``Nnum`` is one number if nx = ny; otherwise ``[nx ny]``, which codes for square periods cannot use.
-    A cutout that is not square is padded with zeros: the codes crop rows and columns by the same ``CAindex``.
+    ``Nnum`` is one number if nx = ny; otherwise ``[nx ny]``, which codes for square periods cannot use. A cutout that
+    is not square is padded with zeros: the codes crop rows and columns by the same ``CAindex``.
     """
     options = options or MatOptions()
     small = _small(matrix, options)

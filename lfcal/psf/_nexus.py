@@ -1,8 +1,8 @@
 """NeXus attributes: with them, HDF5 viewers (silx, h5web, NeXpy) open an H file as a plot with named axes.
 
 ``/@default`` names an NXentry, whose ``@default`` names an NXdata. Its ``@signal`` and ``@axes`` name datasets in the
-same group. They are hard links to the file's datasets, because soft links are refused when the file is opened.
-See https://manual.nexusformat.org/datarules.html
+same group. They are hard links to the file's datasets, because soft links are refused when the file is opened. See
+https://manual.nexusformat.org/datarules.html
 """
 
 from __future__ import annotations

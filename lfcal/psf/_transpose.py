@@ -236,8 +236,8 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
 def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     """Return the sum of a depth plane over all positions, ``(nt, ns)``, in float64 (complex128 for complex H).
 
-    Every value is added in double precision: for n positions the relative error of a sum of non-negative
-    values is below n * 2**-53, and integer sums up to 2**53 are exact.
+    Every value is added in double precision: for n positions the relative error of a sum of non-negative values is
+    below n * 2**-53, and integer sums up to 2**53 are exact.
 
     Parameters
     ----------
@@ -272,8 +272,8 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
 def border_energy(H: Any) -> float:
     """Return the share of the energy of H that lies within (nx-1)/2 or (ny-1)/2 pixels of the cutout's edge.
 
-    Energy is the sum of absolute values, all positions and depths together. Other codes' transposers drop
-    part of this border, and so does ``method="paper"``; `transpose` keeps it.
+    Energy is the sum of absolute values, all positions and depths together. Other codes' transposers drop part of this
+    border, and so does ``method="paper"``; `transpose` keeps it.
     """
     shape = check_psf_shape(tuple(H.shape))
     _, ny, nx, nt, ns = shape

@@ -88,8 +88,7 @@ class Assembly:
         The shifting cutout.
     drift
         ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses the drift stated
-        by the
-        source, which may come from its manifest.
+        by the source, which may come from its manifest.
     strict
         Treat missing and repeated positions as errors.
     noise
@@ -423,8 +422,7 @@ def iter_assemble(
         Stored with H.
     drift
         ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses the drift stated
-        by the
-        source, which may come from its manifest.
+        by the source, which may come from its manifest.
     strict
         Treat missing and repeated positions as errors, instead of recording them in the file.
     fill

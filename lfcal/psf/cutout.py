@@ -48,15 +48,15 @@ class Cutout:
     shape
         ``(nt, ns)`` pixels, both odd.
     anchor
-        Sensor position (row, column) of the image of source position y = x = 0 (pixels, pixel centres
-        at whole numbers); position (y, x) is at ``anchor + (y, x)``.
+        Sensor position (row, column) of the image of source position y = x = 0 (pixels, pixel centres at whole
+        numbers); position (y, x) is at ``anchor + (y, x)``.
     interpolation
         One of `INTERPOLATIONS`.
     outside
         ``"error"``: a cutout that leaves the sensor is an error; ``"zero"``: it is padded with zeros.
     scale
-        Cutout pixels per sensor pixel (rows, columns): not 1 if the frames are resampled to make the
-        period of the array whole. Positions then step by cutout pixels; ``nearest`` cannot resample.
+        Cutout pixels per sensor pixel (rows, columns): not 1 if the frames are resampled to make the period of the
+        array whole. Positions then step by cutout pixels; ``nearest`` cannot resample.
 
     Examples
     --------

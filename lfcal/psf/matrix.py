@@ -25,9 +25,9 @@ __all__ = ["PSFMatrix"]
 class PSFMatrix:
     """The PSF matrix ``H[z, y, x, t, s]`` in an array, a memory map or an H file.
 
-    Slicing follows numpy's basic rules (integers, slices, ellipsis) and reads only what it needs.
-    ``H.T`` is the transposed matrix as a view: each slice is computed from H on demand, and ``H.T.T`` is H. Values
-    read must not be modified, because they may be views of the original.
+    Slicing follows numpy's basic rules (integers, slices, ellipsis) and reads only what it needs. ``H.T`` is the
+    transposed matrix as a view: each slice is computed from H on demand, and ``H.T.T`` is H. Values read must not be
+    modified, because they may be views of the original.
 
     Parameters
     ----------

@@ -298,8 +298,8 @@ class MatrixGroup:
 class PSFWriter:
     """Write an H file plane by plane; it gets its name only when all planes are complete.
 
-    Each chunk is one pattern, ``(1, 1, 1, nt, ns)``, compressed by all
-    processors, with checksums. Use it as a context manager.
+    Each chunk is one pattern, ``(1, 1, 1, nt, ns)``, compressed by all processors, with checksums. Use it as a context
+    manager.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@
 - ``resample``: resampling of light fields to whole periods; ``metric_grid``: volumes with one voxel size
 - ``series``, ``volumes``: many frames, and results as files; ``memory``: memory required
 - ``frame_run``: from files of frames to files of volumes, optionally in units (``_frame_units``); ``frame_files``: the
-frames; ``optics``: shared settings and H
+  frames; ``optics``: shared settings and H
 """
 
 from typing import TYPE_CHECKING

@@ -117,8 +117,7 @@ class MetricGrid:
             ``(Y, X)`` pixels of the image, and of each plane of the volume.
         anchor
             Pixel of the image on which H's position (0, 0) is imaged; None: that of H. Any other anchor gives the
-            place of
-            the image on the sensor.
+            place of the image on the sensor.
         voxel
             Side (µm); None: the smallest of all planes.
 

@@ -75,10 +75,10 @@ class ExpectedLight:
     def noise(self, plan: ScanPlan, peak: float = PLANNED_PEAK) -> tuple[float, ...]:
         """Return the expected relative RMS error of each plane of H that is due to the sensor's noise.
 
-        It includes photon noise, dark current, read noise and rounding, for frames whose mean dark frame is
-        subtracted and whose samples below zero are cut off. Errors that do not average out (the response of pixels, a
-        wrong position) are not included.
-        zero are cut off. What does not average out (the response of pixels, a wrong position) is not part of it.
+        It includes photon noise, dark current, read noise and rounding, for frames whose mean dark frame is subtracted
+        and whose samples below zero are cut off. Errors that do not average out (the response of pixels, a wrong
+        position) are not included. zero are cut off. What does not average out (the response of pixels, a wrong
+        position) is not part of it.
 
         Parameters
         ----------
@@ -171,8 +171,7 @@ class ScanChoice:
         Share of the full well that the brightest pixel reaches.
     seconds
         Recording time (s).
-    noise
-    2.1 % and 2.8 %
+    noise 2.1 % and 2.8 %
 
     Examples
     --------

@@ -27,8 +27,7 @@ class PlaneResponse:
     """Responses of one depth plane of a plan with a tuple of effects.
 
     Engines are made on demand: one for each wavelength, and for `rows` one for each displaced source point, which is
-    freed
-    before the next is made.
+    freed before the next is made.
 
     Parameters
     ----------

@@ -242,8 +242,8 @@ class Scene:
     image_um
         Distance a of the source's image behind the lenslet array, signed; 0 is the native plane.
     lattice
-        The lenslets on the array itself (not their micro-images), with focal lengths, clear diameter and gap
-        B; its offset is the centre of a type-0 lenslet from source position (0, 0).
+        The lenslets on the array itself (not their micro-images), with focal lengths, clear diameter and gap B; its
+        offset is the centre of a type-0 lenslet from source position (0, 0).
     cutout, period
         Pixels (nt, ns) around each source position; source positions (ny, nx) of a full plane.
     f_number
@@ -256,8 +256,8 @@ class Scene:
     pupil_um
         Distance b of the exit pupil before the array; inf is telecentric.
     wavefront
-        Aberration of the main lens: ``(n, m, waves)`` of Zernike R_n^|m|(rho) cos(m theta), sin for m < 0,
-        value 1 at the rim, rho = 1 on the disc f/(2N). Empty: none. See `seidel`.
+        Aberration of the main lens: ``(n, m, waves)`` of Zernike R_n^|m|(rho) cos(m theta), sin for m < 0, value 1 at
+        the rim, rho = 1 on the disc f/(2N). Empty: none. See `seidel`.
     main_diffraction, lenslet_diffraction
         Whether the fringes of the iris and the lenslets' diffraction are computed.
     exact_defocus
@@ -281,8 +281,8 @@ class Scene:
     specimen
         Media between a microscope's source and its immersion medium; None: nothing.
     offsets_um
-        Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The
-        pixels do not move.
+        Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The pixels do
+        not move.
     image_map
         Displacement of every image from its paraxial place, as a function of that place on the sensor, after offsets.
     tilt

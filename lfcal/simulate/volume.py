@@ -80,8 +80,8 @@ def iter_light_field(
     Parameters
     ----------
     volume
-        ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source
-        position (0, 0). Voxels outside of the volume are dark.
+        ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source position (0,
+        0). Voxels outside of the volume are dark.
     through
         A PSF matrix, or a scan plan whose camera is simulated; only the positions that glow are computed.
     effects, level, tolerance, sampling, workers

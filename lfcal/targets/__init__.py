@@ -4,10 +4,9 @@ Points whose cutouts do not overlap are independent measurements. Each has a pha
 lenslet array. The steps of using a target, and their modules:
 
 1. Describe it: ``target`` (holes, marks, and the notation of the command line), ``pose`` (its pose, and the
-uncertainty of
-   the pose).
+   uncertainty of the pose).
 2. Compute where its holes are imaged: ``images`` (chief rays, each hole at its depth), ``phases`` (counted in
-lenslets, so that an array may be rotated, distorted, or of fractional period).
+   lenslets, so that an array may be rotated, distorted, or of fractional period).
 3. Plan: ``planning`` (pitch, smallest spacing of holes, and the plan itself), ``offsets`` (offsets that show all
    phases), ``expected`` (error due to noise), ``plan`` (`TargetPlan`, a separate file that contains the scan),
    ``facts`` (contents and cost of its frames).

@@ -153,8 +153,7 @@ class Tails:
     ----------
     light
         Mean pattern ``(rows, columns)`` with odd sides in a window four cutouts wide, or the widest that fits on a
-        grid of
-        waves (`WINDOWS`); the light in its cutout is 1.
+        grid of waves (`WINDOWS`); the light in its cutout is 1.
     cutout
         Pixels ``(nt, ns)`` of a cutout.
     level
@@ -216,8 +215,7 @@ def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
     """Return the tails of plane ``z``: mean pattern of the described camera over phases, by rays or by waves.
 
     The error of a pattern is insensitive to its tails, which contain less than a percent of its light, and windows
-    about
-    lenslets cut them off. Waves are therefore computed on one grid for the whole array.
+    about lenslets cut them off. Waves are therefore computed on one grid for the whole array.
 
     Parameters
     ----------
@@ -339,8 +337,7 @@ def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = Non
     """Plan the positions of ``target`` at which its holes show all phases of ``scan`` with few frames.
 
     Each plane is planned separately, because its magnification differs. The pose is used as stated; for an uncertain
-    pose,
-    see `shown_within`.
+    pose, see `shown_within`.
 
     Raises
     ------

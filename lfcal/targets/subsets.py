@@ -42,8 +42,7 @@ def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64
     """Return the patterns of one hole in the first frames of a plane at their places, ``(frames, rows, columns)``.
 
     Neighbouring holes have the same pattern, so the window is as large as the distance of their images, and wraps
-    around.
-    Values are NaN outside each pattern's cutout.
+    around. Values are NaN outside each pattern's cutout.
     """
     scan = plan.scan
     effects = plan_effects(scan, TOLERANCE).effects

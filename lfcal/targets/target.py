@@ -160,8 +160,8 @@ def parse_target(text: str) -> Target:
     """Parse a target: ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
 
     An array's pitch is one length, or ``ROWxCOLUMN`` for rows and columns; lengths are in µm unless they end in mm.
-    Options may follow after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1`` (row:column of absent holes).
-    A hexagonal array has one pitch, that of neighbouring holes.
+    Options may follow after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1`` (row:column of absent holes). A
+    hexagonal array has one pitch, that of neighbouring holes.
 
     Raises
     ------

@@ -68,8 +68,7 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
     """Return the diameter of a circle with the area of the iris's shadow on the sensor (pixels).
 
     Without deflection by its lenslet, a ray through pupil point p meets the sensor at ``p (a - B)/(b + a)`` from the
-    chief
-    ray.
+    chief ray.
 
     Raises
     ------

@@ -58,9 +58,8 @@ _STATE_WORDS = {
 class DamagedFrame:
     """A recorded frame that is damaged.
 
-    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) is the position
-    in the
-    plan; ``what`` describes the damage; ``replaced`` says whether a later recording has an intact frame of the
+    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) is the position in
+    the plan; ``what`` describes the damage; ``replaced`` says whether a later recording has an intact frame of the
     position.
     """
 

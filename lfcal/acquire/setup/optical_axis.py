@@ -40,8 +40,8 @@ class OpticalAxis:
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     """Return the axis from images of the source at several depths and lateral positions.
 
-    In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral place p; the axis is the p
-    at which all planes agree, by least squares.
+    In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral place p; the axis is the p at which
+    all planes agree, by least squares.
 
     Parameters
     ----------
@@ -54,8 +54,7 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     ------
     InputError
         If the magnification is the same at all depths. A telecentric system has no such axis; if its image moves, a
-        stage
-        axis is tilted.
+        stage axis is tilted.
 
     Examples
     --------
@@ -153,8 +152,8 @@ def iter_optical_axis(
 def _places(plan: ScanPlan, planes: list[int]) -> NDArray[np.float64]:
     """Return object points ``(K, 45, 3)`` (right, down, away): nine within a cell, in the middle and around it.
 
-    Over the nine, a third of the period apart, the first harmonics of the lenslets' pattern cancel, which
-    moves centroids by more than the change of magnification does.
+    Over the nine, a third of the period apart, the first harmonics of the lenslets' pattern cancel, which moves
+    centroids by more than the change of magnification does.
     """
     ny, nx = plan.period
     rows, columns = (size // 4 // n * n for size, n in zip(plan.camera.sensor.shape, (ny, nx), strict=True))

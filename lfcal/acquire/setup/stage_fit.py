@@ -54,8 +54,7 @@ class StageFit:
     Attributes
     ----------
     matrix
-        Image movement (right, down) per planned movement (right, down), ``((a, b), (c, d))``; ideally the
-        unit matrix.
+        Image movement (right, down) per planned movement (right, down), ``((a, b), (c, d))``; ideally the unit matrix.
     axes
         Stage axes and origin that agree with the measurement.
     residual_px

@@ -59,8 +59,8 @@ def read_raytrix_xml(
     optics
         Main lens; by default 200 mm, f/4, focused at 1 m.
     gap_um
-        Distance from lenslets to sensor (µm); by default the pitch times the main lens's working f-number,
-        at which micro-images just touch.
+        Distance from lenslets to sensor (µm); by default the pitch times the main lens's working f-number, at which
+        micro-images just touch.
     focus_depths
         Virtual depth at which each type is in focus; by default the one with equal blur at both ends of the type's
         depth range, ``1/v = (1/near + 1/far) / 2``.

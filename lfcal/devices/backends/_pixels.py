@@ -70,8 +70,7 @@ class PixelFormat:
         """Decode ``data``, the bytes of a buffer, into a new array of samples of ``shape`` (rows, columns).
 
         A line of packed pixels may begin in the middle of a byte. Lines begin at a new byte if ``padding`` bytes
-        follow each
-        line, or if the size of the buffer is that of such lines.
+        follow each line, or if the size of the buffer is that of such lines.
 
         Raises
         ------

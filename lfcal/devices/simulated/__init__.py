@@ -2,7 +2,7 @@
 
 - ``backend``: the backend, and `simulated_rig` for scripts and tests
 - ``_camera``, ``_stage``: the devices; ``_optics``: the light that reaches the sensor, ``_targets``: that of many
-points
+  points
 - ``faults``: faults that can be injected
 """
 

@@ -46,8 +46,8 @@ def simulated_rig(
     axes
         Actual motion of the source by the stage's axes; by default as planned.
     optics
-        A `Renderer`, or a `FrameSource` of full sensor frames such as `lfcal.simulate.SimulatedCamera`;
-        by default a light, quick pattern.
+        A `Renderer`, or a `FrameSource` of full sensor frames such as `lfcal.simulate.SimulatedCamera`; by default a
+        light, quick pattern.
     time
         Clock; by default virtual: waits take no time.
     automatic
@@ -155,9 +155,8 @@ def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
     """Return the default options of the simulator and its optics.
 
     The plan's camera is simulated with the effects that it needs, because ideal optics focus a point into single
-    pixels,
-    which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because simulating all
-    holes takes seconds per frame.
+    pixels, which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because
+    simulating all holes takes seconds per frame.
     """
     if "optics" in options:
         return dict(options)

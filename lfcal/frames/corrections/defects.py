@@ -45,8 +45,8 @@ class Defects:
     Raises
     ------
     InputError
-        If a pixel is outside the sensor, has no good neighbour of its colour within two periods of the pattern,
-        or more than 5 % of the sensor is defect.
+        If a pixel is outside the sensor, has no good neighbour of its colour within two periods of the pattern, or
+        more than 5 % of the sensor is defect.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Image files, one module per format; each recognizes its files by their first bytes.
 
 - ``image_file``: the interface of a format, shared checks, and the choice of the format for a file, including formats
-from other distributions
+  from other distributions
 """
 
 from typing import TYPE_CHECKING

@@ -39,8 +39,8 @@ class Listing:
     files, pages
         File as written in the list, and page, of each frame.
     places
-        ``(N, 3)`` as (x, y, z): stage coordinates, or position numbers if ``unit`` is ``"index"``. NaN
-        for all z if the list has none.
+        ``(N, 3)`` as (x, y, z): stage coordinates, or position numbers if ``unit`` is ``"index"``. NaN for all z if
+        the list has none.
     unit
         Unit of length of the stage coordinates; ``"index"``; or empty if the list does not state it.
     exposures

@@ -48,8 +48,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
         Sum of all patterns of a depth plane ``(nt, ns)``; NaN counts as background.
     footprint_px
         Width over which one lenslet spreads its light (pixels), if known. An outline smaller than twice this width
-        shows the
-        lenslets and not the iris.
+        shows the lenslets and not the iris.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Sparse projection on a device: rows of shifted lattices gathered, and summed by small products.
 
-Entries of H are stored as in `projectors._sparse`, for both directions, in slices of rows of about equal
-length that are filled up with zeros (SELL: Kreutzer et al. 2014, SIAM J. Sci. Comput. 36, C401).
+Entries of H are stored as in `projectors._sparse`, for both directions, in slices of rows of about equal length that
+are filled up with zeros (SELL: Kreutzer et al. 2014, SIAM J. Sci. Comput. 36, C401).
 """
 
 from __future__ import annotations

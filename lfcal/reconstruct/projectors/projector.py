@@ -50,13 +50,13 @@ class Projector:
     Parameters
     ----------
     H
-        `PSFMatrix`, or any array, memory map or dataset ``(nz, ny, nx, nt, ns)``; any period, odd cutout.
-        Planes are read one at a time.
+        `PSFMatrix`, or any array, memory map or dataset ``(nz, ny, nx, nt, ns)``; any period, odd cutout. Planes are
+        read one at a time.
     image_shape
         Rows and columns of the image and of each volume plane (pixels); need not be whole periods.
     anchor
-        A pixel (row, column) on which the source of position (0, 0) is imaged; by default that of ``H``, else
-        (0, 0). Rounded down to whole pixels.
+        A pixel (row, column) on which the source of position (0, 0) is imaged; by default that of ``H``, else (0, 0).
+        Rounded down to whole pixels.
     method
         ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
         reference), or ``"auto"``: the cheapest by the `forecast`. With a `recipe` (``"polyphase:7x3"``: tiles down and

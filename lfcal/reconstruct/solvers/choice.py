@@ -91,8 +91,7 @@ class SolverChoice:
         over regions of it, which need more iterations; single voxels are then noisier.
     gain
         Counts per photo-electron; None: unknown (``"discrepancy"`` then assumes 1). With a gain, the result states
-        chi2
-        per pixel.
+        chi2 per pixel.
     noise
         Variance of a pixel without light (counts²), and per count of light (counts), as measured: for chi2 if ``gain``
         is not given. None: unknown.

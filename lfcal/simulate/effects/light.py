@@ -95,8 +95,7 @@ def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
     """Return ``(y, x, weight)`` of points on the unit disc, exact for polynomials up to ``degree``; weights sum to 1.
 
     Up to degree 5: the 7 points of Abramowitz & Stegun 25.4.61. Above: rings at Gauss-Legendre nodes of the squared
-    radius, each
-    of ``degree`` + 1 points.
+    radius, each of ``degree`` + 1 points.
     """
     if degree <= 5:
         radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6

@@ -81,8 +81,7 @@ class Backlash(MotionEffect):
     Attributes
     ----------
     play_um
-        Lost motion at a reversal of each lateral axis (µm in object space); None: 10 µm, 0.2 µm for a
-        microscope.
+        Lost motion at a reversal of each lateral axis (µm in object space); None: 10 µm, 0.2 µm for a microscope.
 
     Examples
     --------

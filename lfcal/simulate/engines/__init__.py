@@ -2,8 +2,7 @@
 
 - ``base``: interface of an engine, its sampling and energy balance; ``choose`` selects one
 - ``_geometric``: rays; ``_wave``: waves of each lenslet, added without phase; ``microscope``: Debye integral,
-coherent;
-  ``grid``: all lenslets on one grid, coherent; ``reference``: the coherent sum over the whole array
+  coherent; ``grid``: all lenslets on one grid, coherent; ``reference``: the coherent sum over the whole array
 - ``_fields_sum``: fields that do not interfere, with one engine for each
 - ``field``: the light in front of the array; ``masks``, ``_polygon``: apertures; ``tables``: tables computed once for
   each plane

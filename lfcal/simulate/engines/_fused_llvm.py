@@ -1,12 +1,12 @@
 """Compiled passes of a response on a grid: fast Fourier transforms on lanes, with all steps between them.
 
 Each lane holds one complex number of a separate transform, so that `LANES` columns or rows of the grid are transformed
-together in the caches (Van Loan, Computational Frameworks for the Fast Fourier Transform, 1992). The forward
-transform decimates in frequency (Gentleman and Sande 1966), which leaves the frequencies in digit-reversed order. The
-inverse decimates in time (Cooley and Tukey 1965), which accepts this order, so that no reordering is needed.
-Butterflies of composite size consist of smaller ones (those of Good 1958 if their sizes have no common factor). numba
-cannot express lanes, so they are written as LLVM code for any processor. The order of sums is fixed, and results are
-identical in every run.
+together in the caches (Van Loan, Computational Frameworks for the Fast Fourier Transform, 1992). The forward transform
+decimates in frequency (Gentleman and Sande 1966), which leaves the frequencies in digit-reversed order. The inverse
+decimates in time (Cooley and Tukey 1965), which accepts this order, so that no reordering is needed. Butterflies of
+composite size consist of smaller ones (those of Good 1958 if their sizes have no common factor). numba cannot express
+lanes, so they are written as LLVM code for any processor. The order of sums is fixed, and results are identical in
+every run.
 
 A buffer of ``n`` numbers on lanes is an array (n, 2, LANES) of reals, real parts before imaginary ones; addresses are
 counted in reals. The inverse is the forward transform with real and imaginary parts exchanged at its start and end.

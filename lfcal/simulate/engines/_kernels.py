@@ -170,7 +170,7 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
     A ray leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f. The integral makes
     it land at B times its slope. The phase is therefore -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, with G(v) = 1 - v/2
     - sqrt(1 - v) and s0 of the chief ray. With 8 G as a series and s^2 - s0^2 = kappa w, w = 2 (c - X0).x/a' + kappa
-    x^2, no division by kappa is needed. The chief ray is behind its parabola by 1/cos - 1 - tan^2/2.
+      x^2, no division by kappa is needed. The chief ray is behind its parabola by 1/cos - 1 - tan^2/2.
     """
     n, real = mask.re.shape[0], mask.re.dtype.type
     ux, uy, rate = spot.lx * optics.source_rate, spot.ly * optics.source_rate, optics.point_rate

@@ -130,8 +130,8 @@ class PlaneEngine(Protocol):
     ) -> NDArray[np.float32]:
         """Return ``(len(ys), len(xs), nt, ns)``: the cutouts of positions ys x xs (any whole numbers).
 
-        ``workers`` threads share the rows; None: all processors; 1: the caller's thread.
-        Raises `EnergyError` if the sampling is too coarse.
+        ``workers`` threads share the rows; None: all processors; 1: the caller's thread. Raises `EnergyError` if the
+        sampling is too coarse.
         """
         ...
 

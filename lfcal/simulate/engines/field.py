@@ -142,8 +142,8 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
     Raises
     ------
     InputError
-        If the table would need more than `MAX_SAMPLES` along a side, or the iris's diffraction is off
-        within its own depth of focus.
+        If the table would need more than `MAX_SAMPLES` along a side, or the iris's diffraction is off within its own
+        depth of focus.
     """
     chosen = mode or choose_mode(scene)
     made, transformed = _made(scene, dx, half, chosen)

@@ -189,8 +189,8 @@ class DebyePlane:
 
         The first is for even fields, the second for odd ones, if there are any.
 
-        The lenslets' phase is periodic, sum_m t_m exp(2 pi i m (x - place)/p), and order m of a band-limited
-        sample psi at x_k arrives as exp(-i pi L m^2/p^2 + 2 pi i m s/p) psi_L(s - x_k - L m/p), L = lambda B.
+        The lenslets' phase is periodic, sum_m t_m exp(2 pi i m (x - place)/p), and order m of a band-limited sample
+        psi at x_k arrives as exp(-i pi L m^2/p^2 + 2 pi i m s/p) psi_L(s - x_k - L m/p), L = lambda B.
         """
         with self._lock:
             known = self._matrices.get(phase)
