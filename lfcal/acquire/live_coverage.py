@@ -35,9 +35,9 @@ class CoverageState:
     ----------
     done, total
         Number of frames recorded so far, and in the plan.
-    ``(nz, ny, nx)`` number of recorded frames that show each position within the plan's tolerance, provided the
-    target is at its planned pose.
-        planned pose.
+    shown
+        ``(nz, ny, nx)`` number of recorded frames that show each position within the plan's tolerance, provided that
+        the target is at its planned pose.
     light
         ``(frames,)`` light of each frame above its median (counts), in the plan's order; NaN if not recorded.
     saturated

@@ -198,6 +198,8 @@ class Attempts:
     latest trusted position is taken again: if it equals its recorded frame, the rig is unchanged and the pattern
     itself is unusual; otherwise the rig has changed. Thus any pattern costs only a few additional frames, and never
     causes an alarm.
+
+    Parameters
     ----------
     taker, guard
         Objects that take and check frames.

@@ -125,8 +125,9 @@ def iter_record(
         Record these positions of a finished session again, into a separate file; the later frame counts. Positions
         that the session does not have are added. Whole frames are named as in `lfcal.acquire.frame_plan`.
     only
-        kept_aside
-            Recorded positions that are held out from a fit.
+        Positions of the scan to record; None: all of them.
+    kept_aside
+        Recorded positions that are held out from a fit.
     control, preview, observers
         See `Runner`.
     task

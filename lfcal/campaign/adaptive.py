@@ -232,11 +232,13 @@ def iter_adaptive(
     Parameters
     ----------
     folder
-        A new or empty folder; with ``resume`` that of a session of chosen positions, which is continued.
+        A new or empty folder; with ``resume``, that of an earlier session.
     plan, rig, options, control, preview, observers, task
         As in `lfcal.acquire.iter_record`.
     goal
         Stopping rule, and the unknowns to fit.
+    resume
+        Whether to continue a session of chosen positions in ``folder``.
     seen
         Function called with every step after its fit.
     workers

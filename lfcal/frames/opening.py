@@ -51,11 +51,12 @@ def open_frames(
     orientation: str = AS_IS,
     origin: tuple[int, int] | None = None,
 ) -> Frames:
-    """Open frames together with their metadata.
+    """Open the frames of a folder, a file, a recorded session or a scan plan, with their metadata.
 
     A recorded session (its folder) and a scan plan (its file, recorded by the simulated camera) are self-contained.
     For other files, positions come from exactly one source: a manifest, the file names, the scan order, or the file
-    itself (axes of a 5-D stack, or ``positions`` in the same group of an HDF5 file).
+    itself (axes of a 5-D stack, or ``positions`` in the same group of an HDF5 file). Guesses made on the way are
+    listed in the metadata as ``notes``, one line each.
 
     Parameters
     ----------
@@ -91,8 +92,6 @@ def open_frames(
     origin
         Row and column, on the sensor as delivered, of the first pixel of frames that show a part of it (a camera's
         region of interest); dark and white frames show the same part or the whole sensor.
-
-    The metadata list everything that was guessed as ``notes``, one line each.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class OrientationMatch:
     ----------
     name
         The orientation, one of `ORIENTATIONS`.
-    Median correlation with the camera's patterns.
+    alike
         Median correlation with the camera's patterns.
     index
         Positions ``(n, 3)`` as (z, y, x) of the camera.

@@ -40,8 +40,9 @@ class DatedFit:
     ----------
     label
         Folder of the fit.
-    Time of the recording, or else of the fit (UTC); and whether it is that of the recording. None: the file time,
-    because neither is known.
+    when, recorded
+        Time of the recording, or else of the fit (UTC), and whether it is that of the recording. ``recorded`` is None
+        if neither time is known; ``when`` is then the time of the file.
     camera
         The fitted camera.
     values

@@ -46,8 +46,8 @@ class FaultPicture:
         Title in words.
     axes
         Names of the axes: rows and columns of a map, abscissa of a curve.
-    Abscissa of a curve; None: indices from 0.
-        Abscissa of a curve; None: numbers from 0.
+    across
+        Abscissa of a curve ``(n,)``; None: indices from 0.
     origin
         Numbers of the first row and column of a map.
 
@@ -90,18 +90,19 @@ class FoundFault:
         Affected pixels of the sensor (row, column) ``(n, 2)``, relative to H's first cutout.
     picture
         Picture of the evidence.
-    Function that removes the fault from patterns; None: only a new recording helps.
-        Function that removes it from patterns; None: only a new recording helps.
-    Whether ``pixels`` have no valid measurements.
-        Whether ``pixels`` have no valid measurement.
+    repair
+        Function that removes the fault from patterns; None: only a new recording helps.
+    blinds
+        Whether ``pixels`` have no valid measurements.
     masked
         Function that returns which values of patterns are invalid.
     redo
         Whether the positions should be recorded again.
-    Function that adds the fault to clean patterns, to measure its cost.
-        Function that adds it to clean patterns, to measure its cost.
-    Share of all positions that have the fault, if ``positions`` are single frames; None: it does not concern single
-    frames.
+    put_in
+        Function that adds the fault to clean patterns, to measure its cost.
+    extent
+        Fraction of all positions that have the fault, if ``positions`` are single frames; None: it does not concern
+        single frames.
     scatters
         Whether ``put_in`` depends only on the size of the fault, or also on a part of the residuals.
     wider

@@ -50,7 +50,9 @@ class RenderedPlanes:
     slopes
         Slopes of the planes (`sensor_slope`).
     grid
-        Samples of the views; each contains ``samples`` image samples per side.
+        Samples of the views.
+    samples
+        Number of image samples along each side of a view's sample.
     """
 
     images: Image = field(repr=False)

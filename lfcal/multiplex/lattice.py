@@ -226,8 +226,9 @@ def lattice_channels(
         Distance of channels (pixels), one number or (down, across). None: the pitch divided by ``size``.
     filter
         ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels; between super-pixels it is linear.
-    ``"lattice"``: the super-pixels as they are, in the largest box along the lattice's axes. ``"frame"``: parallel to
-    the frame, interpolated between super-pixels (`lfcal.lattice.view_grid`).
+    axes
+        ``"lattice"``: the super-pixels as they are, in the largest box along the lattice's axes. ``"frame"``: parallel
+        to the frame, interpolated between super-pixels (`lfcal.lattice.view_grid`).
     weights
         Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
         `lfcal.multiplex.pixel_weights`). The filter is then linear. `lattice_channels_weighted` also returns the

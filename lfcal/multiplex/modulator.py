@@ -30,9 +30,9 @@ def default_rcond(shape: tuple[int, int]) -> float:
 class Modulator:
     """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., equation 2).
 
-    Conventions: the light at a pixel is one, distributed over the N plenoptic samples as in `light`, by default 1/N
-    each. A pixel that measures a sample completely has the entry 1 in `matrix`. A lenslet collects the light of the
-    whole super-pixel for its pixel and has the entry N.
+    Samples are ordered by view, by rows, and within a view by colour. The light at a pixel is one, distributed over
+    the N plenoptic samples as in `light`, by default 1/N each. A pixel that measures a sample completely has the entry
+    1 in `matrix`. A lenslet collects the light of the whole super-pixel for its pixel and has the entry N.
 
     Attributes
     ----------
@@ -55,8 +55,6 @@ class Modulator:
         Whether all pixels of a cell sample the light at the place of their lenslet, instead of each at its own place.
     light
         Samples ``(N,)`` of unmodulated light, which a bare pixel records as one; 1/N each by default.
-
-    Samples are ordered by view, by rows, and within a view by colour.
 
     Examples
     --------

@@ -90,8 +90,8 @@ class ExportOptions:
         cannot mark.
     code
         Code that reads the file, one of `lfcal.psf.codes.CODES`; it sets order, centring and names of variables.
-    ``.mat``, ``.npz``, TIFF: quality of H in words, such as ``"good"``, written into the file.
-        ``.mat``, ``.npz``, TIFF: word for the quality of H, written into the file.
+    quality
+        ``.mat``, ``.npz``, TIFF: quality of H in words, such as ``"good"``, written into the file.
     """
 
     compress: bool | None = None

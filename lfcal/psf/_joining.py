@@ -24,7 +24,7 @@ def adopt(writer: PSFWriter, z: int, path: Path) -> None:
     ------
     FileFormatError, StorageError
         If the file is damaged or missing.
-        InputError
+    InputError
         If its plane does not fit.
     """
     with H5File(path) as file:

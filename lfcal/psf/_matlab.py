@@ -88,8 +88,8 @@ class MatOptions:
     include_transpose
         Also write ``Ht``, which doubles the file size.
     rows_first
-        arrays with rows first. With the default order, such an image must be transposed first. arrays with rows first.
-        With the default order such an image must be transposed first.
+        Store ``H(t, s, y, x, z)`` instead of ``H(s, t, x, y, z)``, for codes that read images with ``imread`` as
+        arrays with rows first. With the default order, such an image must be transposed first.
     compress
         Whether to compress with gzip; otherwise data are contiguous.
     lens_centred

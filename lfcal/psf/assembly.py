@@ -93,8 +93,8 @@ class Assembly:
         Treat missing and repeated positions as errors.
     noise
         Noise of the samples, if the frames do not state it.
-    Whether ``noise`` was already measured, so that it is not measured here.
-        ``noise`` was measured before, so it is not measured here.
+    measured
+        Whether ``noise`` was already measured, so that it is not measured here.
 
     Raises
     ------
@@ -180,10 +180,10 @@ class Assembly:
         ----------
         z
             Number of the plane.
-        Clock that counts frames, and the number of frames of the planes ``before`` this one.
-            Clock that counts frames, and the number ``before`` of those in other planes.
-        Array of zeros ``(ny, nx, nt, ns)`` to fill with values.
-            Array of zeros ``(ny, nx, nt, ns)`` for its values.
+        clock, before
+            Clock that counts frames, and the number of frames in the planes before this one.
+        values
+            Array of zeros ``(ny, nx, nt, ns)`` to fill with values.
         workers
             Number of threads; None: all processors.
 

@@ -123,7 +123,9 @@ def iter_two_point(
     iterations
         Number of Richardson-Lucy iterations.
     photons
-        Photons of each pair; Poisson noise is generated with ``seed`` (None: no noise).
+        Number of photons of each pair.
+    seed
+        Seed of the Poisson noise; None: no noise.
     limit
         Points are resolved if the dip is below this value.
 

@@ -47,10 +47,12 @@ def _add(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, top: in
 
 
 def scatter(image: NDArray[np.float64], lit: NDArray[np.float32], row: Row, workers: int) -> None:
-    """Add the responses of one source row of the period to ``image`` ``(rows + nt - 1, columns + ns - 1)``.
+    """Add the responses of one source row of the period to ``image``.
 
     Parameters
     ----------
+    image
+        Image to add to, ``(rows + nt - 1, columns + ns - 1)``.
     lit
         Voxels ``(k, columns)`` at rows ``first + k step``.
     row

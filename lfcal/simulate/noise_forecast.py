@@ -77,8 +77,7 @@ class ExpectedLight:
 
         It includes photon noise, dark current, read noise and rounding, for frames whose mean dark frame is subtracted
         and whose samples below zero are cut off. Errors that do not average out (the response of pixels, a wrong
-        position) are not included. zero are cut off. What does not average out (the response of pixels, a wrong
-        position) is not part of it.
+        position) are not included.
 
         Parameters
         ----------
@@ -171,7 +170,8 @@ class ScanChoice:
         Share of the full well that the brightest pixel reaches.
     seconds
         Recording time (s).
-    noise 2.1 % and 2.8 %
+    noise
+        Expected relative RMS error of H due to the sensor's noise, over all planes.
 
     Examples
     --------

@@ -58,6 +58,8 @@ def scene_of(
 
     Parameters
     ----------
+    camera
+        Camera description.
     z_um, virtual_depth
         The plane, given by one of the two; without either, the native plane.
     cutout, period

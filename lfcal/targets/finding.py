@@ -203,8 +203,9 @@ def matches(
         Places of the spots ``(n, 2)``.
     target
         The target as described.
-    Places of the lattice ``(rows, columns)`` that the frame shows completely, for counting misses; the first is
-    `around` before place (0, 0) of the lattice.
+    on_frame
+        Places of the lattice ``(rows, columns)`` that the frame shows completely, for counting misses; the first is
+        ``around`` before place (0, 0) of the lattice.
     around
         Number of lattice places before (0, 0).
     reach

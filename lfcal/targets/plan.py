@@ -35,9 +35,9 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
     Parameters
     ----------
     code
-            Square matrix of 0 and 1 ``(frames, offsets)``: the offsets of a group that each of its frames shows.
-        count
-            Number of offsets, a multiple of the group's size.
+        Square matrix of 0 and 1 ``(frames, offsets)``: the offsets of a group that each of its frames shows.
+    count
+        Number of offsets, a multiple of the group's size.
     """
     order = len(code)
     if code.shape != (order, order) or count % order:
@@ -279,6 +279,8 @@ class TargetPlan:
 
         Parameters
         ----------
+        z
+            Number of the plane.
         target
             The target at its actual pose; None: as planned.
         tolerance_px

@@ -95,8 +95,9 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     ----------
     path, region
         As in `lfcal.psf.open_psf`.
-    As in `lfcal.psf.open_psf`, but ignored unless the file is a ``.mat`` file: a command with several files passes it
-    for all; see `check_mat_files`.
+    mat_order
+        As in `lfcal.psf.open_psf`, but ignored unless the file is a ``.mat`` file: a command with several files passes
+        it for all; see `check_mat_files`.
     quiet
         Report nothing; for workers, whose command has already reported it.
     """

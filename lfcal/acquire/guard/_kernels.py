@@ -113,6 +113,8 @@ def expect(table: NDArray[np.float64], y: int, x: int, pitch: int, out: NDArray[
     ----------
     table
         ``(ny, nx, 5)`` measurements of a plane, NaN where there are none.
+    y, x
+        Row and column of the position to predict.
     pitch
         Distance of the neighbours (positions).
     out

@@ -116,6 +116,8 @@ class SimCamera:
         peak; a gamma makes samples nonlinear.
     seed
         Seed of the noise.
+    faults
+        Device faults to inject, of the kinds in `CAMERA_FAULTS`.
     """
 
     name = "simulated camera"

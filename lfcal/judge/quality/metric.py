@@ -104,7 +104,7 @@ class CostModel:
         Largest possible cost.
     per_frame
         Whether the value counts frames. The cost then grows with the root of their share, and is ``at_bad`` for all
-        frames. frames.
+        frames.
 
     Examples
     --------
@@ -149,9 +149,9 @@ class MetricSpec:
         Limits of good and bad, and the cost.
     of_plane
         Function of one plane's shared measurements, called while the plane's patterns are in memory.
-        of_matrix
-            Function of all planes' shared measurements, called once at the end. It returns one `Reading` for each
-            plane, or a single one for the whole matrix. A metric has one of the two functions.
+    of_matrix
+        Function of all planes' shared measurements, called once at the end. It returns one `Reading` for each plane,
+        or a single one for the whole matrix. A metric has one of the two functions.
     needs_light
         Whether the value is unknown for a dark plane, without calling ``of_plane``.
     needs_centre

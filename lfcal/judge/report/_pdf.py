@@ -54,8 +54,8 @@ class PageBlock:
         Words of a table row instead, and the start of each (inches from the left margin).
     picture, width
         PNG under the words, and its width (inches) at most.
-    Space above the block (inches).
-        Space above (inches).
+    gap
+        Space above the block (inches).
     keep
         Whether the next block must be on the same page.
     """

@@ -68,8 +68,8 @@ class Arcs:
         Distance of each blade's middle from the centre (pixels), and apothem over blade radius.
     blades, rotation_rad
         Number of blades, 0 for a circle, and direction of the first vertex (rad).
-    Displaced blade, counted from the first vertex (-1: none), and its outward displacement as a share of the
-        Displaced blade, counted from the first vertex, -1 for none; its outward displacement as a share of the
+    stuck, stuck_share
+        Displaced blade, numbered from the first vertex (-1: none), and its outward displacement as a fraction of the
         apothem.
     rim
         A second rim: direction of its nearest point (rad), distance of that point, and curvature of the rim, both in

@@ -32,9 +32,10 @@ class Disturbance:
         Gaussian blur, standard deviation (pixels).
     ripple, ripple_pitch_px
         Amplitude and pitch of the residual lenslet lattice (pixels).
-    Pattern of the ripple. ``"square"``: two crossed waves along rows and columns. ``"hexagonal"``: three waves at 60
-    degrees in any rotation. ``"random"``: many waves of about this pitch in all directions, which a few waves cannot
-    describe. Phases are random.
+    pattern
+        Pattern of the ripple. ``"square"``: two crossed waves along rows and columns. ``"hexagonal"``: three waves at
+        60 degrees in any rotation. ``"random"``: many waves of about this pitch in all directions, which a few waves
+        cannot describe. Phases are random.
     vignetting, tilt
         Relative decrease of light from the centre to the rim, and slope of the light over a radius.
     hot

@@ -53,6 +53,8 @@ class ModelNoise:
         Counts per photo-electron of the frame.
     ends
         Whether the run ends when the misfit levels off.
+    misfits
+        Misfit of each iteration so far; the last entry is that of the current one.
     """
 
     projector: Projector

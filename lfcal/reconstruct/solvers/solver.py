@@ -173,11 +173,12 @@ class Solver:
         The `OPTIONS` that the solver uses; others raise an error.
     rank
         Order in lists.
-    Number of arrays of the volume's size in memory: during a projection, including its result, and the largest number
-    between projections.
-        between projections.
-    Function for the number of parts into which an image is divided with given ``subsets`` (None: its default); each
-    further part needs one more array.
+    volumes
+        Number of arrays of the volume's size in memory: during a projection, including its result, and the largest
+        number between projections.
+    parts
+        Function for the number of parts into which an image is divided with given ``subsets`` (None: its default);
+        each further part needs one more array.
     settles
         Whether it suppresses noise for any number of iterations, for example by a penalty; a run that stops
         automatically then ends only at its best estimate.

@@ -68,14 +68,15 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
 
 
 def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
-    """Return the effects and settings in words and files.
+    """Return the effects and settings stated in words and in files.
 
     Parameters
     ----------
-    ``NAME=on``, ``off`` or ``auto``; or ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
-    ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, with ``@`` for the direction; or the path of a
-    JSON file of effects (`read_entries`). A magnitude may be followed by the word measured: ``coma=0.3 measured``. If
-    a name occurs several times, the last entry counts.
+    items
+        ``NAME=on``, ``off`` or ``auto``; or ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
+        ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, with ``@`` for the direction; or the path
+        of a JSON file of effects (`read_entries`). A magnitude may be followed by the word measured: ``coma=0.3
+        measured``. If a name occurs several times, the last entry counts.
 
     Raises
     ------

@@ -88,8 +88,9 @@ class Magnitude:
     source
         ``"given"`` by the user; ``"camera"``: from the camera's description; ``"typical"``: the usual size of a
         deviation, which says nothing about this camera.
-    Mark of the value: for a given value one of `GIVEN`, otherwise the mark of the camera's value
-    (`lfcal.camera.Marks`).
+    mark
+        Mark of the value: for a given value one of `GIVEN`, otherwise the mark of the camera's value
+        (`lfcal.camera.Marks`).
     otherwise
         Source and mark of the effective value if no value is given.
     columns

@@ -64,6 +64,9 @@ def fitted_rule(
 ) -> NodeRule:
     """Return the rule for intensities band-limited to ``band`` cycles per pixel.
 
+    The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill, weighted by
+    the transfer function 1 - f/band of the light, with the sum constrained to ``fill``.
+
     Parameters
     ----------
     per_px
@@ -78,9 +81,6 @@ def fitted_rule(
         Power of 1 - f/band with which the light's spectrum falls to zero: `ONE_APERTURE` or `MANY_ANGLES`.
     even
         Strength of the pull towards equal weights. Without it, some nodes are unused if the light needs fewer nodes.
-
-    The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill, weighted by
-    the transfer function 1 - f/band of the light, with the sum constrained to ``fill``.
     """
     n = per_px + 2 * beyond
     x = (np.arange(n) - (n - 1) / 2) / per_px

@@ -63,8 +63,9 @@ class Tail:
         Ratio of the light that a lenslet transmits to that in its samples, which soften its edge slightly.
     share
         Share of a uniformly lit lenslet's light that pixels receive outside its window.
-    Whether the light in a window determines the missing light. This fails for pixels with gaps between them, which
-    receive an unrepresentative share of a small spot.
+    by_window
+        Whether the light in a window determines the missing light. This fails for pixels with gaps between them, which
+        receive an unrepresentative fraction of a small spot.
     """
 
     pattern: F4

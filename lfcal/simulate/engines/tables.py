@@ -87,8 +87,12 @@ class PlaneTables:
 
     Attributes
     ----------
+    kinds
+        Table of each lens type.
+    rule
+        Nodes and weights of the integration over pixels.
     spread_um2
-        L = lambda B'.
+        L = lambda B' (µm²).
     ratio
         B'/a' of the converging sphere; 0 in U-mode.
     floor

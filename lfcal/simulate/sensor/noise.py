@@ -82,6 +82,8 @@ def expose(
     ----------
     light_e
         Photoelectrons ``(rows, columns)`` of the whole sensor before any effect.
+    camera
+        Camera with the sensor that records them.
     effects
         Frame effects; they act in the order of their rank. Empty: sample values without noise.
     exposure_s
@@ -91,7 +93,8 @@ def expose(
 
     Returns
     -------
-    Sample values, black level included: uint16 with `Quantisation`, else float32.
+    NDArray
+        Sample values ``(rows, columns)`` including the black level: uint16 with `Quantisation`, else float32.
 
     Raises
     ------
