@@ -1,14 +1,14 @@
 """Sources of frames, and their corrections.
 
 - ``source``: the protocol of all frame sources, and parts of a frame; ``view``: a source that views another one
-- ``opening``: `open_frames`, the only entry; ``sources``: the kinds of source that it opens
+- ``opening``: `open_frames`, the only entry point; ``sources``: the kinds of source that it opens
 - ``formats``: image files, one module per format
-- ``manifest``, ``positions``: the position of each frame; ``lists``: positions from lists of other programs
+- ``manifest``, ``positions``: the position of each frame; ``lists``: positions from the lists of other programs
 - ``part``: frames that show a part of the sensor; ``cfa``, ``channels``: colour filter patterns, and channels of
   mosaics
 - ``described``: facts that a scan plan adds to the frames' metadata; ``aligned``: left-aligned samples
 - ``orientation``: the eight flips and turns, and frames turned upright
-- ``damage``: frames that cannot be read are named and left out
+- ``damage``: frames that cannot be read, which are reported and left out
 - ``corrections``: single corrections, their chain, the recipe, and the corrected view made from it
 """
 

@@ -21,9 +21,9 @@ MIN_VALUES = 16
 
 
 def find_shift(source: FrameSource) -> int:
-    """Return the number of bits by which the samples of ``source`` are left-aligned, 0 if they are not.
+    """Return the number of bits by which the samples of ``source`` are left-aligned; 0 if they are not.
 
-    Several frames, spread over all of them, are read completely: all samples must be multiples of ``2^bits``.
+    A few frames, evenly spread over the source, are read completely: all their samples must be multiples of ``2^bits``.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def find_shift(source: FrameSource) -> int:
 
 
 def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
-    """Return the bits to shift by for ``"auto"`` or a number, and a note if there is something to report."""
+    """Return the number of bits to shift by, for ``"auto"`` or a number as text, and a note if one is needed."""
     if text != "auto":
         try:
             bits = int(text)
@@ -86,7 +86,7 @@ def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
 
 
 class ShiftedSource(SourceView):
-    """Left-aligned samples shifted down by ``bits``, to the values of the camera's converter."""
+    """A source whose left-aligned samples are shifted down by ``bits``, to the values of the camera's converter."""
 
     def __init__(self, source: FrameSource, bits: int) -> None:
         super().__init__(source)
@@ -94,7 +94,7 @@ class ShiftedSource(SourceView):
         self.bits = bits
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames with the shift; stated levels and the noise are shifted too."""
+        """Return the metadata of the frames, including the shift; stated levels and noise are shifted too."""
         width, unit = 8 * self.source.dtype.itemsize, 1 << self.bits
         bit_depth = min(known.bit_depth or width, width) - self.bits
         black = known.black_level

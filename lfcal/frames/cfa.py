@@ -25,7 +25,7 @@ _LETTERS = "RGBWCMYE"
 
 
 def check_cfa(cfa: str) -> str:
-    """Return ``cfa`` or raise `InputError` unless it is a square pattern of filter letters by rows, or empty."""
+    """Return ``cfa``; raise `InputError` unless it is empty or lists the filter letters of a square pattern by rows."""
     if not isinstance(cfa, str) or len(cfa) not in _SIDES or any(letter not in _LETTERS for letter in cfa):
         raise InputError.expected(
             "colour filter pattern",
@@ -49,7 +49,7 @@ def cfa_from(cfa: str, origin: tuple[int, int]) -> str:
 
 
 def phases(cfa: str) -> list[tuple[slice, slice]]:
-    """Return the strided slices that pick each position of the pattern, by rows; one for monochrome."""
+    """Return the strided slices that select each position of the pattern, by rows; one for monochrome frames."""
     side = pattern_side(cfa)
     return [(slice(r, None, side), slice(c, None, side)) for r in range(side) for c in range(side)]
 
@@ -57,7 +57,7 @@ def phases(cfa: str) -> list[tuple[slice, slice]]:
 def channel_names(cfa: str) -> tuple[str, ...]:
     """Return a name for each position of the pattern by rows: its letter, numbered if it occurs several times.
 
-    ``"GRBG"`` gives ``("G1", "R", "B", "G2")``: G1 is the first green by rows.
+    ``"GRBG"`` becomes ``("G1", "R", "B", "G2")``: G1 is the first green by rows.
     """
     names = []
     for k, letter in enumerate(check_cfa(cfa)):
@@ -67,7 +67,7 @@ def channel_names(cfa: str) -> tuple[str, ...]:
 
 
 def channel_phase(cfa: str, channel: str) -> tuple[int, int]:
-    """Return row and column of ``channel`` in the pattern.
+    """Return the row and the column of ``channel`` in the pattern.
 
     Raises
     ------
@@ -106,16 +106,17 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
 
 
 def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
-    """Raise unless the two greens of a Bayer mosaic agree better than its red and blue do.
+    """Raise an error if the two greens of a Bayer mosaic differ more than its red and blue do.
 
     RAW readers do not check the Bayer tag. If the tag exchanges greens with red and blue, the supposed greens differ
-    in the brightest 1 % of the cells, while the others agree. The check requires a factor of 2.5 and a difference of 5
-    % of the light. It finds neither exchanged red and blue nor a wrong tag in a grey scene.
+    in the brightest 1 % of the cells, while the other two agree. An error requires that the difference of the greens
+    is more than 2.5 times that of the others, and more than 5 % of the light. An exchange of red and blue is not
+    found, and neither is a wrong tag in a grey scene.
 
     Raises
     ------
     FileFormatError
-        If the tag is wrong in this way.
+        If the tag exchanges greens with red and blue.
     """
     # RGGB, BGGR, GRBG and GBRG only: other mosaics have no second green in their cells
     if sorted(cfa) != ["B", "G", "G", "R"]:

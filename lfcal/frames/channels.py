@@ -28,7 +28,7 @@ __all__ = [
 
 
 class ChannelSource(SourceView):
-    """One position of the colour filter pattern as separate frames: half the rows and columns for Bayer.
+    """Frames of one position of the colour filter pattern, with half the rows and columns for Bayer.
 
     Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain ``channel_phase`` (r0,
     c0) and ``pixel_step``; drifts are in pixels of the channel.
@@ -44,13 +44,13 @@ class ChannelSource(SourceView):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the channel."""
+        """Numbers of rows and columns of the channel."""
         (r0, c0), (rows, columns) = self._origin, self.source.shape
         # ceiling division: a mosaic that ends within a pattern still has pixels of some channels
         return -(-(rows - r0) // self._step), -(-(columns - c0) // self._step)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the mosaic, with those of the channel."""
+        """Return the metadata of the mosaic, changed to those of the channel."""
         black, gains, place = known.black_level, known.gains, known.origin
         return replace(
             known,
@@ -65,7 +65,7 @@ class ChannelSource(SourceView):
         )
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts of frame ``index``; its drift is in pixels of the channel."""
+        """Return the facts about frame ``index``; its drift is in pixels of the channel."""
         info = self.source.info(index)
         place = self.known.origin or (0, 0)
         whole = info.origin == place
@@ -98,7 +98,7 @@ class ChannelSource(SourceView):
 
 
 class BalancedSource(SourceView):
-    """A mosaic as float32 with each pattern position multiplied by its gain; use it on dark-corrected frames."""
+    """A float32 mosaic whose pattern positions are each multiplied by a gain; use it on dark-corrected frames."""
 
     def __init__(self, source: FrameSource, gains: Sequence[float] | None = None) -> None:
         super().__init__(source)
@@ -119,11 +119,11 @@ class BalancedSource(SourceView):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """float32."""
+        """Sample type, float32."""
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the mosaic, with the gains used; from here on, saturation differs by colour."""
+        """Return the metadata of the mosaic with the gains used; saturation is unset, as it now differs by colour."""
         return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
@@ -167,7 +167,7 @@ def channel_source(source: FrameSource, channel: str) -> ChannelSource:
 
 
 def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -> BalancedSource:
-    """Return the whole mosaic with its colours multiplied by ``gains``, one per pattern position by rows.
+    """Return the mosaic with its colours multiplied by ``gains``, one for each position of the pattern by rows.
 
     Without ``gains``, those of the camera's white balance are used.
 
@@ -197,9 +197,9 @@ class ColourScan:
     channel
         Name of the channel.
     plan
-        Plan of the channel: a camera with larger pixels, fewer positions, a smaller cutout.
+        Plan of the channel, with a camera of larger pixels, fewer positions and a smaller cutout.
     first
-        First row and column of positions of the whole scan that belong to the channel; then every ``step``-th.
+        First row and first column of the scan's positions that belong to the channel; every ``step``-th one follows.
     step
         Side of the filter's pattern (pixels).
     """
@@ -211,7 +211,7 @@ class ColourScan:
 
 
 def colours_of(source: FrameSource, plan: ScanPlan) -> tuple[str, ...]:
-    """Return the channels of the frames, empty for monochrome ones, from their metadata or else the plan's sensor."""
+    """Return the channels of the frames, from their metadata or else the plan's sensor; empty if monochrome."""
     return channel_names(_filter(source, plan))
 
 
@@ -221,7 +221,7 @@ def _filter(source: FrameSource, plan: ScanPlan) -> str:
 
 
 def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan | None:
-    """Return the part of a mosaic's scan that ``channel`` sees; None if the plan is already that of the channel.
+    """Return the part of a mosaic's scan that ``channel`` sees; None if ``plan`` is already that of the channel.
 
     A step that moves the image by one pixel of the mosaic is half a pixel of a Bayer channel. H needs whole steps, so
     each channel uses the positions whose image is on one of its pixels: a quarter of them. After one cell of the
@@ -310,7 +310,7 @@ class ThinnedSource(SourceView):
         return len(self._kept)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts of a frame, at its position in the colour's plan."""
+        """Return the facts about a frame, with its position in the colour's plan."""
         info = self.source.info(self._kept[index])
         (y0, x0), step = self._scan.first, self._scan.step
         z, y, x = info.position

@@ -22,7 +22,7 @@ BLOCK = 64
 
 @contextmanager
 def frame_errors(label: str, position: Position) -> Iterator[None]:
-    """Add frame and position to the error of a frame that cannot be read, and how to continue without it."""
+    """Add to the error of an unreadable frame its name and position, and how to continue without it."""
     try:
         yield
     except (FileFormatError, StorageError) as error:
@@ -42,7 +42,7 @@ class SelectedSource(SourceView):
         self._left_out = left_out
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, with those ``left_out``."""
+        """Return the metadata of the frames, including those ``left_out``."""
         return replace(known, left_out=self._left_out)
 
     def __len__(self) -> int:
@@ -67,7 +67,7 @@ class SelectedSource(SourceView):
 
 
 def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[SelectedSource]:
-    """Read every frame once, in threads, and return the source without those that cannot be read.
+    """Read every frame once, in threads, and return the source without the unreadable frames.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def without_positions(source: FrameSource, positions: Collection[tuple[int, int,
     source
         Frames of a scan.
     positions
-        Positions (z, y, x); those without a frame change nothing.
+        Positions (z, y, x) to leave out; those without a frame are ignored.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Facts that a scan plan adds to frames which do not state them."""
+"""Facts that a scan plan adds to frames that do not state them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["DescribedSource", "sensor_noise", "stated_noise"]
 
 
 def sensor_noise(sensor: Sensor) -> Noise:
-    """Return the variance of raw samples from the sensor's description: read, quantization and photon noise."""
+    """Return the variance of raw samples due to read, quantization and photon noise, from the sensor's description."""
     gain = sensor.electrons_per_count
     return Noise((sensor.read_noise_e / gain) ** 2 + 1 / 12, 1 / gain, sensor.black_level)
 
@@ -35,8 +35,8 @@ def stated_noise(camera: Camera) -> Noise | None:
 class DescribedSource(SourceView):
     """Frames with the plan's exposures and the facts of its sensor, if they do not state their own.
 
-    Only raw samples (integers with enough bits for the sensor's bit depth) are treated as those of the plan's sensor,
-    because floats have been processed before.
+    The facts of the sensor are added only to raw samples, which are integers with enough bits for the sensor's bit
+    depth. Floats have been processed before.
     """
 
     def __init__(self, source: FrameSource, plan: ScanPlan) -> None:
@@ -47,7 +47,7 @@ class DescribedSource(SourceView):
         self._filled = self._raw and self.known.bit_depth is None and self.known.saturation is None
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata from frames and plan together."""
+        """Return the metadata of the frames, completed from the plan."""
         if not self._raw:
             return known
         sensor = self.plan.camera.sensor
@@ -63,14 +63,14 @@ class DescribedSource(SourceView):
         return known if known.noise is not None else replace(known, noise=stated_noise(self.plan.camera))
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts of frame ``index``, with the plan's exposure if it has none."""
+        """Return the facts about frame ``index``, with the plan's exposure if it has none."""
         info = self.source.info(index)
         if info.exposure_s is None and len(info.points) == 1 and info.points[0].z < len(self.plan.exposures):
             return replace(info, exposure_s=self.plan.exposures[info.points[0].z])
         return info
 
     def repeats(self) -> FrameSource | None:
-        """Return the source's repeated frames, described by the plan."""
+        """Return the source's repeated frames, with the facts of the plan."""
         found = self.source.repeats() if isinstance(self.source, Frames) else None
         return None if found is None else DescribedSource(found, self.plan)
 

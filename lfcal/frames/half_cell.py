@@ -1,4 +1,4 @@
-"""A half-cell scan as a complete one: every frame also serves for the position half a period away."""
+"""A half-cell scan as a complete one: every frame is also used for the position half a period away."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class HalfCellSource(SourceView):
         """Filled positions, as numbers ``(z * ny + y) * nx + x``."""
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, and which positions were filled."""
+        """Return the metadata of the frames, including the filled positions."""
         ends = np.flatnonzero(np.diff(self.filled) != 1)
         first = self.filled[np.r_[0, ends + 1]] if len(self.filled) else self.filled
         last = self.filled[np.r_[ends, len(self.filled) - 1]] if len(self.filled) else self.filled
@@ -62,7 +62,7 @@ class HalfCellSource(SourceView):
         return len(self.source) + len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts of frame ``index``; a copy is placed on the sensor as if it had been recorded there."""
+        """Return the facts about frame ``index``; a copy is placed on the sensor as if it had been recorded there."""
         extra = index - len(self.source)
         if extra < 0:
             return self.source.info(index)
@@ -87,7 +87,7 @@ class HalfCellSource(SourceView):
 
 
 def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
-    """Return the frames of a half-cell scan as those of the complete one.
+    """Return the frames of a half-cell scan as those of the complete scan.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The list of a session's frames, with its CSV and JSON files: file and page of each position."""
+"""The list of a session's frames (file and page of each position), with its CSV and JSON files."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class FrameEntry:
     position
         Position of the source.
     page
-        Page of a multi-page file or index into a stack, from 0.
+        Page of a multi-page file, or index into a stack, counted from 0.
     exposure_s
         Exposure (s), None if unknown.
     dy, dx
-        Displacement of the paraxial image from its planned place (px).
+        Displacement of the paraxial image from its planned position (px).
 
     Examples
     --------
@@ -164,9 +164,10 @@ class Manifest:
                     )
 
     def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
-        """Return the positions without a frame and those with several.
+        """Return the positions without a frame, and those with several frames.
 
-        Without a scan shape, within the box around all.
+        If ``plan_shape`` is unknown, missing positions are sought in the box from (0, 0, 0) that contains all
+        positions.
         """
         box = self.plan_shape or tuple(1 + max(e.position[k] for e in self.entries) for k in range(3))
         check_plan_shape(box)
@@ -180,7 +181,7 @@ class Manifest:
     def from_names(
         cls, names: Iterable[str], pattern: str | NamePattern, *, plan_shape: tuple[int, int, int] | None = None
     ) -> Manifest:
-        """Return the manifest of those relative paths ``names`` that match ``pattern``; others are not frames.
+        """Return the manifest of those relative paths ``names`` that match ``pattern``; the others are ignored.
 
         Raises
         ------
@@ -205,12 +206,13 @@ class Manifest:
     ) -> Manifest:
         """Return the manifest of ``pages`` (file, page) recorded in scan order.
 
-        With ``early`` they may be fewer than the positions: the first ones, of a scan that stopped early.
+        With ``early``, there may be fewer pages than positions: those of a scan that stopped early.
 
         Raises
         ------
         InputError
-            If their number differs from that of the positions: the order then does not show which are missing.
+            If the number of pages differs from that of the positions, because the order does not show which are
+            missing.
         """
         pages, positions = list(pages), scan_positions(plan_shape, order)
         if early and 0 < len(pages) < len(positions):
@@ -228,16 +230,16 @@ class Manifest:
 
 
 def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:
-    """Return the files ``names`` below ``root``, with links followed, or raise unless all exist and are inside.
+    """Return the files ``names`` below ``root`` with links resolved; all must exist and be inside ``root``.
 
     The content that git-annex keeps in the repository of the folder counts as inside.
 
     Raises
     ------
     UnsafeFileError
-        If one is outside ``root`` after resolving links and ``..``.
+        If a file is outside ``root`` after links and ``..`` are resolved.
     StorageError
-        If there is no such file.
+        If a file does not exist.
     """
     base = _follow(str(root), str(root))
     folders: dict[str, str] = {}
@@ -345,7 +347,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     Raises
     ------
     FileFormatError, InputError
-        With file, line and column of the error.
+        If the manifest is invalid; the message states file, line and column.
     UnsafeFileError
         If the file of a frame is not below the session folder.
     StorageError

@@ -65,7 +65,7 @@ def open_frames(
         folder of its files; a file of many frames (multi-page TIFF, ``.npy``, HDF5, also with the dataset:
         ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
     manifest
-        Manifest or its file; ``manifest.json`` or ``manifest.csv`` in a folder is found without it.
+        Manifest or its file; ``manifest.json`` or ``manifest.csv`` in a folder is found automatically.
     pattern
         File names with the position, e.g. ``"z{z}_y{y}_x{x}.png"``.
     order
@@ -96,7 +96,8 @@ def open_frames(
     Raises
     ------
     LfcalError
-        With one line: the file and its problem, or the option that does not apply to this kind of source.
+        If the frames cannot be opened; the message states the file and its problem, or the option that does not apply
+        to this kind of source.
 
     Examples
     --------
@@ -149,19 +150,19 @@ T = TypeVar("T")
 
 
 def open_component(opened: Callable[..., T], channel: str) -> T:
-    """Return the result of ``opened()``, or for colour pictures of ``opened(colour=component)``.
+    """Return the result of ``opened()``, or of ``opened(colour=component)`` for colour images.
 
     Parameters
     ----------
     opened
         Function that opens frames.
     channel
-        Name of a colour of a mosaic or a picture; ``"each"`` uses green first.
+        Name of a colour of a mosaic or an image; ``"each"`` uses green first.
 
     Raises
     ------
     FileFormatError
-        If the frames are colour pictures, and ``channel`` is not one of their components.
+        If the frames are colour images, and ``channel`` is not one of their components.
     """
     try:
         return opened()
@@ -177,7 +178,7 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def datasets_in(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
-    """Return name and axes of the datasets of an HDF5 file that may hold frames; nothing for any other file."""
+    """Return name and axes of the datasets of an HDF5 file that may contain frames; nothing for other files."""
     file, _ = split_dataset(path)
     if not file.is_file():
         return {}
@@ -188,7 +189,7 @@ def datasets_in(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
 
 
 def files_of(source: Path | str | None) -> list[Path]:
-    """Return an input file, or the files that commands read from an input folder: frames, tables and recordings."""
+    """Return an input file, or the frames, tables and recordings that commands read from an input folder."""
     if source is None or not str(source):
         return []
     path, _ = split_dataset(source)

@@ -1,4 +1,4 @@
-"""The eight orientations of a frame: names, their effect on arrays, places and regions, and turned frames."""
+"""The eight orientations of a frame: their names, their effect on arrays, positions and regions, and turned frames."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Orientation:
     name
         Name of the operation on the array, see `ORIENTATIONS`.
     words
-        State of the frames that need it, in words.
+        Description of the frames that need it, such as "turned by 180°".
     transposed, flip_rows, flip_columns
         Whether rows and columns are exchanged, and whether the order of the new rows or columns is reversed.
 
@@ -54,7 +54,7 @@ class Orientation:
 
     @property
     def option(self) -> str:
-        """The name in the spelling of the command line, without spaces."""
+        """The name as written on the command line, without spaces."""
         return self.name.replace(" ", "-")
 
     @property
@@ -69,11 +69,11 @@ class Orientation:
         return turned[:: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
 
     def shape(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Return rows and columns of a frame of ``shape`` after `apply`."""
+        """Return the rows and columns of a frame of ``shape`` after `apply`."""
         return (shape[1], shape[0]) if self.transposed else shape
 
     def places(self, places: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """Return the places of pixels ``(..., 2)`` (row, column) of a frame of ``shape`` after `apply`."""
+        """Return the positions ``(..., 2)`` (row, column) of pixels of a frame of ``shape`` after `apply`."""
         at = np.array(places, np.float64)
         if self.transposed:
             at = at[..., ::-1].copy()
@@ -150,7 +150,7 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
 
 
 def named_orientation(name: str) -> Orientation:
-    """Return the orientation of a name, written with spaces or hyphens; raises `InputError` for others.
+    """Return the orientation called ``name``, written with spaces or hyphens; raises `InputError` for other names.
 
     Examples
     --------
@@ -169,8 +169,8 @@ def named_orientation(name: str) -> Orientation:
 class OrientedSource(SourceView):
     """The frames of ``source`` turned by ``turn``; reading a region reads only that region.
 
-    This is the last view of all: frames, darks and whites from one camera have the same orientation and are combined
-    in it, and only the corrected result is turned. Places of cutouts are turned about the ``sensor``.
+    This view is applied last: frames, darks and whites of one camera have the same orientation and are combined as
+    delivered, and only the corrected result is turned. Positions of cutouts are turned with the ``sensor``.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ class OrientedSource(SourceView):
     turn
         The orientation that makes them upright.
     sensor
-        Rows and columns of the sensor as delivered; None: those of the frames, which are then whole.
+        Rows and columns of the sensor as delivered; None: those of the frames, which then show the whole sensor.
     """
 
     def __init__(self, source: FrameSource, turn: Orientation, sensor: tuple[int, int] | None = None) -> None:
@@ -198,7 +198,7 @@ class OrientedSource(SourceView):
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts of frame ``index``, with origin and mask turned.
+        """Return the facts about frame ``index``, with origin and mask turned.
 
         Drifts refer to the plan's upright image.
         """
@@ -254,7 +254,7 @@ def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) ->
     turn
         The orientation that makes them upright.
     sensor
-        Rows and columns of the upright sensor, about which cutouts are turned.
+        Rows and columns of the upright sensor, with which the positions of cutouts are turned.
 
     Examples
     --------

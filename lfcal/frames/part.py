@@ -1,4 +1,4 @@
-"""Frames that show a part of the sensor: their place on it, from metadata or from the light in them."""
+"""Frames that show a part of the sensor: their position on it, from metadata or from the light in them."""
 
 from __future__ import annotations
 
@@ -40,22 +40,19 @@ def parse_origin(text: str) -> Place | None:
 
 
 def check_origin(origin: Sequence[int]) -> Place:
-    """Return row and column of a first pixel on the sensor, checked.
+    """Return row and column of the first pixel on the sensor after checking them.
 
     Raises
     ------
     InputError
-        Unless it consists of two non-negative whole numbers.
+        If ``origin`` does not consist of two non-negative whole numbers.
     """
     row, column = check_tuple("origin of the frames (row, column)", origin, 2, at_least=0, integer=True)
     return int(row), int(column)
 
 
 def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
-    """Return column, row, width and height of a camera's region in common formats, ``"8-5-80-78"`` or four numbers.
-
-    None for any other form.
-    """
+    """Return column, row, width and height of a camera's region, from ``"8-5-80-78"`` or four numbers; else None."""
     parts: Iterable[Any] = value if isinstance(value, list | tuple) else re.split(r"[-,; ]+", str(value).strip(" []()"))
     try:
         numbers = [int(part) for part in parts]
@@ -68,14 +65,14 @@ def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
 
 
 def stated_origin(roi: tuple[int, int, int, int] | None, shape: Place) -> Place | None:
-    """Return row and column of a camera's region with the ``shape`` of the frames; None if it has another shape."""
+    """Return row and column of a camera's region; None if its shape is not that of the frames."""
     if roi is None or (roi[3], roi[2]) != shape:
         return None
     return roi[1], roi[0]
 
 
 def binned(sensor: Place, shape: Place) -> int:
-    """Return the binning factor of frames of ``shape``; 0 if they are not binned."""
+    """Return the binning factor of frames of ``shape`` on a ``sensor``; 0 if they are not binned."""
     for times in range(2, 9):
         if all(side // times <= length <= -(-side // times) for side, length in zip(sensor, shape, strict=True)):
             return times
@@ -103,7 +100,7 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
 
 
 def check_stated(source: FrameSource, camera: Camera) -> None:
-    """Raise `InputError` if frames extend beyond the sensor, or their metadata say that they show a part of it."""
+    """Raise `InputError` if frames extend beyond the sensor, or their metadata state that they show a part of it."""
     known = source.metadata
     if known.channel:  # one colour of a mosaic has fewer pixels than the sensor
         return
@@ -114,7 +111,7 @@ def check_stated(source: FrameSource, camera: Camera) -> None:
 
 
 def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, why: str) -> InputError:
-    """Return the error for frames of a part of the sensor without a stated place; ``origin`` if it is known."""
+    """Return the error for frames of a part of the sensor at an unstated position; ``origin`` is the one found."""
     got, words = f"{shape[0]} x {shape[1]} px", "ROW,COLUMN"
     if origin is not None:
         row, column = (max(0, math.floor(n + 0.5)) for n in origin)

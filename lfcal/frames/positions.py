@@ -31,10 +31,10 @@ _FIELD = re.compile(r"\{([^{}]*)\}|\*")
 
 
 def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list[Position]:
-    """Return all positions of a scan of ``(nz, ny, nx)`` in the order they are recorded.
+    """Return all positions of a scan of ``(nz, ny, nx)`` in the order in which they are recorded.
 
-    ``"raster"`` goes along x, then y, then z, always from the same side. ``"serpentine"`` reverses at the end of each
-    row and of each plane, so that every move is one step, as in `lfcal.camera.ScanPlan`.
+    ``"raster"`` varies x fastest, then y, then z, always in the same direction. ``"serpentine"`` reverses the
+    direction after each row and each plane, so that every move is one step, as in `lfcal.camera.ScanPlan`.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 def missing_numbers(names: Sequence[str]) -> list[int]:
     """Return the numbers that are missing between the first and the last of numbered files.
 
-    None are if the last number of each name is not all that differs, or more are missing than there are.
+    The result is empty if the names differ in more than their last number, or if more numbers are missing than present.
     """
     parts = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", Path(name).stem) for name in names]
     found = [part for part in parts if part is not None]
@@ -97,7 +97,7 @@ def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.i
     Parameters
     ----------
     numbers
-        ``(N, axes)`` numbers in names or lists.
+        Position numbers ``(N, axes)`` in names or lists.
     counts
         Number of positions along each axis; None: the number of different values.
     """
@@ -121,13 +121,13 @@ class NamePattern:
     Attributes
     ----------
     template
-        Path below the session folder. ``{z}``, ``{y}``, ``{x}`` are the position, ``{page}`` the page (all whole
-        numbers, leading zeros allowed; a width such as ``{z:03d}`` is used when names are made); ``*`` is any text
-        without a slash. ``z`` may be omitted for a single plane.
+        Path below the session folder. ``{z}``, ``{y}`` and ``{x}`` are the position, ``{page}`` is the page; all are
+        whole numbers, possibly with leading zeros. A width such as ``{z:03d}`` applies when names are made. ``*`` is
+        any text without a slash. ``z`` may be omitted for a single plane.
     first
         Number of the first position in the names, 0 or 1.
     expression
-        Regular expression of the names; computed from the above.
+        Regular expression of the names, computed from ``template``.
 
     Raises
     ------
@@ -197,7 +197,7 @@ class NamePattern:
         Raises
         ------
         InputError
-            If a number is below the first one.
+            If a number is less than ``first``.
         """
         match = self.expression.fullmatch(name)
         if match is None:
@@ -211,12 +211,12 @@ class NamePattern:
         return Position(z, y, x), found.get("page", 0)
 
     def name(self, position: Position, page: int = 0) -> str:
-        """Return the path of the frame at ``position``; ``*`` in the template cannot be filled in.
+        """Return the path of the frame at ``position``.
 
         Raises
         ------
         InputError
-            If the template contains ``*``.
+            If the template contains ``*``, which cannot be filled in.
         """
         if "*" in self.template:
             raise InputError.expected("name pattern to write", "no *", repr(self.template), "leave * out")
@@ -248,12 +248,12 @@ class NameGuess:
     Attributes
     ----------
     templates
-        Matching patterns, as `lfcal.frames.NamePattern` takes them: one if it is unambiguous; several if the numbers
-        have no names and the scan does not distinguish them; none if names contain no position.
+        Matching patterns in the form of `lfcal.frames.NamePattern`: one if it is unambiguous, several if the numbers
+        have no names and the scan does not distinguish them, none if names contain no position.
     numbered
-        Whether files differ in only one number, so that a scan order fits.
+        Whether names differ in only one number, so that files may be numbered in scan order.
     fitting, names
-        Number of matching names, and total number.
+        Number of matching names, and number of all names.
     """
 
     templates: tuple[str, ...]
@@ -271,7 +271,8 @@ def guess_pattern(names: Sequence[str], plan_shape: Sequence[int] | None = None)
     """Return the pattern that ``names`` follow.
 
     Numbers are identified by the preceding word (``x012``, ``row-3``, ``plane1``). Numbers without such a word are
-    identified by their count of different values, if the scan has as many planes, rows and columns and these differ.
+    identified by how many different values they have, if these equal the scan's numbers of planes, rows and columns,
+    and all three differ.
 
     Parameters
     ----------

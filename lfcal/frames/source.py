@@ -44,17 +44,17 @@ class FrameInfo:
     points
         Scan positions of the point sources that the frame shows: one for a single point.
     origin
-        Sensor (row, column) of the frame's first pixel: (0, 0) for whole sensor frames.
+        Row and column on the sensor of the frame's first pixel; (0, 0) for frames of the whole sensor.
     exposure_s
         Exposure (s).
     drift
-        Displacement of the paraxial image from its planned place, (rows, columns) in pixels.
+        Displacement of the paraxial image from its planned position (rows, columns; pixels).
     saturated
         Number of saturated pixels of the frame, if they were counted during recording.
     label
-        A short name for messages, such as the file's.
+        Short name for messages, such as that of the file.
     mask
-        Pixels of the frame that carry a measurement, ``(rows, columns)``; None: all pixels, as far as known.
+        True at pixels with a measurement, ``(rows, columns)``; None: all pixels, as far as known.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class FrameInfo:
 
     @property
     def position(self) -> Position:
-        """The scan position of a frame of one point; raises `InputError` for frames of several."""
+        """The scan position of a frame of one point; raises `InputError` for frames of several points."""
         if len(self.points) != 1:
             raise InputError.expected(
                 self.label or "frame", "one point source", len(self.points), "use what handles frames of many points"
@@ -98,8 +98,8 @@ class Noise(NamedTuple):
     """The variance of a sample of value v, ``constant + slope * max(v - black, 0)``, in squared sample values.
 
     A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12``
-    (quantization) and ``slope = 1 / g`` (photon noise). Each is a number, or an array with a value for every sample
-    ``(rows, columns)``. ``black`` is the value without light; None: unknown, and treated as 0.
+    (quantization) and ``slope = 1 / g`` (photon noise). Both are numbers, or arrays ``(rows, columns)`` with a value
+    for every sample. ``black`` is the sample value without light; None: unknown, and treated as 0.
 
     Examples
     --------
@@ -124,7 +124,7 @@ class Noise(NamedTuple):
         return Noise(self.constant / count, self.slope / count, self.black)
 
     def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Noise:
-        """Return the noise of samples that ``move`` rearranges; numbers apply to all samples and stay unchanged."""
+        """Return the noise of samples rearranged by ``move``; plain numbers apply to all samples and stay unchanged."""
         constant, slope = (move(n) if isinstance(n, np.ndarray) and n.ndim else n for n in (self.constant, self.slope))
         return Noise(constant, slope, self.black)
 
@@ -135,7 +135,7 @@ class Noise(NamedTuple):
         return found
 
     def typical(self, values: NDArray[Any]) -> Noise:
-        """Return the two numbers that best describe the variance of all ``values``, relative to black.
+        """Return the constant and the slope that best describe the variance of all ``values``, as two numbers.
 
         If constant and slope differ between samples, as after division by a white image, they come from a
         least-squares fit. The mean variance is kept, and its growth with the signal is approximated.
@@ -156,7 +156,7 @@ class Noise(NamedTuple):
 
 @dataclass(frozen=True)
 class DarkNoise:
-    """Noise of the subtracted dark frame: the mean of ``count`` frames, each with ``variance`` per sample.
+    """Noise of a subtracted dark frame that is the mean of ``count`` frames, each with ``variance`` per sample.
 
     The variance (squared sample values) is None if it is unknown, or not that of corrected samples.
     """
@@ -169,16 +169,16 @@ class DarkNoise:
 class FrameMetadata:
     """Facts about all frames of a source. None, an empty value, or the default below means unknown.
 
-    A view passes on the record of its source, changed by `dataclasses.replace`.
+    A view returns the record of its source, changed by `dataclasses.replace`.
 
     Attributes
     ----------
     bit_depth
-        Bits of a sample.
+        Number of bits of a sample.
     saturation
-        Sample value at which a pixel is saturated; None also if that differs between pixels.
+        Sample value at which a pixel is saturated; None also if it differs between pixels.
     black_level
-        Sample value without light; a tuple has one for each position of the colour filter pattern, by rows.
+        Sample value without light; a tuple has one value for each position of the colour filter pattern, by rows.
     cfa
         Colour filter pattern by rows, from the first pixel of the frames, such as ``"RGGB"``; empty also for monochrome
         frames.
@@ -216,17 +216,17 @@ class FrameMetadata:
     channel_phase
         Row and column of the channel's first pixel in the mosaic.
     pixel_step
-        Pixels of the mosaic from one pixel of the channel to the next.
+        Distance from one pixel of the channel to the next (pixels of the mosaic).
     balanced_by
         Factors by which the positions of the pattern were multiplied, by rows.
     shift
-        Bits by which left-aligned samples were shifted down.
+        Number of bits by which left-aligned samples were shifted down.
     corrections
         The applied corrections (`CorrectionChain.describe`). Stored with H.
     keeps_level
         Whether the corrections leave the black level in the frames; None: no corrections were applied.
     dark_noise
-        Noise that the subtracted dark frame adds, if the same one is subtracted from all frames.
+        Noise added by the subtracted dark frame, if the same one is subtracted from all frames.
     half_cell
         Positions whose frames are copied from half a period away, in the form stored with H
         (`lfcal.frames.half_cell`): numbers of ``frames`` and of positions ``filled``, the ``shift`` (positions) and
@@ -238,17 +238,17 @@ class FrameMetadata:
     devices
         Names of camera and stage, and camera settings, of a recorded session. Stored with H.
     optics
-        Simulation level of the frames of a simulated camera. Stored with H.
+        Level of simulation, if the camera is simulated. Stored with H.
     simulated
         ``effects``, ``level`` and ``seed`` of simulated frames. Stored with H.
     suspect
-        Positions with suspicious content during recording, and the reason: ``[z, y, x, words]``. Stored with H.
+        Positions whose content was suspicious during recording, and the reason: ``[z, y, x, words]``. Stored with H.
     kept_aside
         Positions ``[z, y, x]`` held out from a fit. Stored with H.
     earlier_tasks
         Tasks that recorded the frames, as returned by `lfcal.tasks.Task.to_dict`. Stored with H.
     target
-        Plan of the target that the frames show (`lfcal.targets.TargetPlan`, of a package that imports this one).
+        Plan of the target that the frames show (`lfcal.targets.TargetPlan`).
     target_frames
         Plane and offset number of each frame of a target.
     decoded
@@ -310,14 +310,14 @@ class FrameMetadata:
 
     @classmethod
     def of(cls, known: FrameMetadata | Mapping[str, Any]) -> FrameMetadata:
-        """Return the metadata record of a source; entries of a plain mapping without a field go to ``other``.
+        """Return the metadata record of a source; entries of a mapping that have no field are kept in ``other``.
 
         Sources of earlier plug-ins return a mapping, in which None means unknown, like a missing entry.
 
         Raises
         ------
         InputError
-            If it is neither a record nor a mapping.
+            If ``known`` is neither a record nor a mapping.
         """
         if isinstance(known, cls):
             return known
@@ -330,16 +330,23 @@ class FrameMetadata:
         return cls(**stated, other={key: value for key, value in known.items() if key not in names})
 
     def stated(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return those of the fields ``names`` that are not empty, in order, as stored with H."""
+        """Return the fields ``names`` that are not empty, in order and in the form stored with H."""
         return {name: value for name in names if (value := getattr(self, name))}
 
 
 class Samples(NamedTuple):
-    """A part of a frame as it was read.
+    """Samples of a frame or a part of it, as they were read.
 
-    ``values`` ``(rows, columns)``; ``valid`` of the same shape is False for samples without a measurement (saturated,
-    masked), or None if all are valid; ``noise`` if it is known; ``saturated``, the number of saturated pixels in this
-    part, None if unknown.
+    Attributes
+    ----------
+    values
+        Samples ``(rows, columns)``.
+    valid
+        False at samples without a measurement (saturated or masked), ``(rows, columns)``; None: all are valid.
+    noise
+        Noise of the samples; None: unknown.
+    saturated
+        Number of saturated pixels in this part; None: unknown.
 
     Examples
     --------
@@ -359,7 +366,7 @@ class Samples(NamedTuple):
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """A set of equally shaped 2-D frames. Subclass `Frames` to make one.
+    """Protocol of a set of equally shaped 2-D frames; subclass `Frames` to implement it.
 
     Frames may be in any order; a position may be missing or occur several times. Reading is thread-safe. ``metadata``
     does not change while the source is open.
@@ -393,7 +400,7 @@ class FrameSource(Protocol):
         ...
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the result of `read` together with facts about those samples."""
+        """Return the result of `read` with validity, noise and the number of saturated pixels."""
         ...
 
 
@@ -401,7 +408,7 @@ _UNKNOWN = FrameMetadata()
 
 
 class Frames(ABC):
-    """Base class of frame sources; see `FrameSource`.
+    """Base class of frame sources, which implement `FrameSource`.
 
     Examples
     --------
@@ -448,7 +455,7 @@ class Frames(ABC):
         return found if mask is None else masked(found, mask if region is None else mask[region])
 
     def repeats(self) -> FrameSource | None:
-        """Return further frames of one place, taken repeatedly with the same settings; None if there are none."""
+        """Return further frames of one position, taken repeatedly with the same settings; None if there are none."""
         return None
 
     def close(self) -> None:  # noqa: B027  most sources keep nothing open
@@ -466,8 +473,8 @@ class Frames(ABC):
 def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None = None) -> Samples:
     """Return raw ``values`` with those at ``saturation`` (sample value) or above marked as not valid.
 
-    Without a level, only the highest value of an integer type is certainly saturated. If no sample has it, the number
-    of saturated samples is unknown, because the sensor may saturate below the end of its sample type.
+    Without ``saturation``, only the highest value of an integer type is certainly saturated. If no sample has it, the
+    number of saturated samples is unknown, because the sensor may saturate below the end of its sample type.
     """
     # floats have no natural upper end: without a level none can be called saturated
     if saturation is None and values.dtype.kind == "f":
@@ -498,7 +505,7 @@ def masked(found: Samples, mask: NDArray[np.bool_]) -> Samples:
 
 
 def check_index(index: int, count: int) -> int:
-    """Return ``index`` or raise `InputError` unless it is one of ``count`` frames."""
+    """Return ``index``; raise `InputError` unless it is that of one of ``count`` frames."""
     if not 0 <= index < count:
         raise InputError.expected("frame index", f"0 … {count - 1}", index, "ask for a frame that is there")
     return int(index)

@@ -15,9 +15,9 @@ __all__ = ["SourceView"]
 
 
 class SourceView(Frames):
-    """A view of the frames of ``source``: metadata are passed on, pixels are not.
+    """Base class of views of the frames of ``source``.
 
-    A view states its changes of the metadata in `derived`.
+    Metadata are those of the source, with the changes that a view makes in `derived`.
     """
 
     def __init__(self, source: FrameSource) -> None:
@@ -44,7 +44,7 @@ class SourceView(Frames):
         return self.derived(self.known)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of this view; ``known`` is that of the viewed frames."""
+        """Return the metadata of this view; ``known`` are those of the viewed frames."""
         return known
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""Orientation of a white image, from its lattice and lens types compared with the camera in all eight orientations."""
+"""Orientation of a white image, from a comparison of its lattice and lens types with the camera."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class TurnedWhite:
     turns
         Orientations that make it upright, the best first; several if they are equally good.
     away_px, as_is_px
-        Distance of its micro-images from those of the camera in this orientation, and as delivered (px rms).
+        Distance of its micro-images from those of the camera in the best orientation, and as delivered (px rms).
     sigmas
         Significance of a reversed order of the lens types, in standard errors; None: no evidence.
     """
@@ -55,14 +55,14 @@ class TurnedWhite:
 
     @property
     def words(self) -> str:
-        """Description of its orientation, with the evidence."""
+        """Description of the orientation, with the evidence."""
         ways = " or ".join(turn.words for turn in self.turns)
         places = f"{self.away_px:.2f} px from the camera's lattice so, {self.as_is_px:.2f} px as it lies"
         return f"{ways} ({f'{self.sigmas:.0f} σ; ' if self.sigmas is not None else ''}{places})"
 
     @property
     def options(self) -> str:
-        """Command-line options that make it upright."""
+        """Command-line options that turn the white image upright."""
         return " or ".join(f"--orientation {turn.option}" for turn in self.turns)
 
 
@@ -76,8 +76,8 @@ class _Compared:
 def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> TurnedWhite | None:
     """Return the orientations in which a white image matches ``camera``; None if it matches as delivered, or in none.
 
-    The comparison uses the order of the lens types, and the places of the micro-images: rotation, and offset unless it
-    is assumed.
+    The comparison uses the order of the lens types, and the rotation of the lattice and its offset, unless the offset
+    is only assumed.
 
     Parameters
     ----------

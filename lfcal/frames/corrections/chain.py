@@ -40,7 +40,7 @@ class CorrectionChain:
     steps
         `PixelMask`, `Dark`, `White`, `Defects`, `Background`, `Exposure`.
     saturation
-        Sample value at which a pixel counts as saturated; None: from the frames' metadata.
+        Sample value at which a pixel counts as saturated; None: that in the frames' metadata.
 
     Raises
     ------
@@ -94,12 +94,12 @@ class CorrectionChain:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Rows and columns of the frames the chain fits; None for any."""
+        """Rows and columns of the frames that the chain fits; None: any shape."""
         return next((step.shape for step in self.steps if step.shape is not None), None)
 
     @property
     def margin(self) -> int:
-        """Margin of pixels around a region that is needed to correct it exactly as in the whole frame."""
+        """Number of pixels to read around a region to correct it exactly as in the whole frame."""
         defects = self._find(Defects)
         return 0 if defects is None else defects.margin
 
@@ -126,7 +126,7 @@ class CorrectionChain:
         exposure_s
             Exposure of this frame (s); needed if the chain has an `Exposure`.
         out
-            Contiguous float32 array to write to; made when None.
+            Contiguous float32 array to write to; None: a new one.
         workers
             Threads; None takes all processors.
 
@@ -157,8 +157,8 @@ class CorrectionChain:
         region
             Rows and columns of ``part`` in sensor coordinates, ``slice(start, stop)`` each.
         inside
-            Region to return, within ``region``; None returns all of it. For exactly the result of the whole frame,
-            read `grow_region` of it by `margin`.
+            Region to return, within ``region``; None: all of it. The result equals that of the whole frame if
+            ``region`` exceeds ``inside`` by `margin` on every side (`grow_region`).
         exposure_s
             As in `apply`.
         background
@@ -202,8 +202,8 @@ class CorrectionChain:
     ) -> Plane:
         """Return the background of one frame, ``(at pixel (0, 0), per row, per column)``, for `apply_region`.
 
-        ``read`` returns raw regions of the frame of ``shape``. Only the border is requested, and nothing if the
-        background is constant.
+        ``read`` is a function that returns raw regions of the frame of ``shape``. Only the border is read, and nothing
+        if the background is constant.
         """
         background: Background | None = self._find(Background)
         if background is None:
@@ -224,40 +224,40 @@ class CorrectionChain:
         return not any(isinstance(step, Dark | DarkSet | Background) for step in self.steps)
 
     def factor(self, exposure_s: float | None) -> float:
-        """Return the factor of `Exposure` for a frame of this exposure, 1 without that step."""
+        """Return the factor of `Exposure` for a frame with this exposure; 1 without that step."""
         step: Exposure | None = self._find(Exposure)
         return 1.0 if step is None else step.factor(exposure_s)
 
     def gain(self, region: Region) -> NDArray[np.float64] | None:
-        """Return the factors of `White` over a sensor region, None without that step."""
+        """Return the factors of `White` over a sensor region; None without that step."""
         white: White | None = self._find(White)
         return None if white is None else white.gain[region].astype(np.float64)
 
     def dark_at(self, exposure_s: float | None) -> Dark | None:
-        """Return what is subtracted from frames of this exposure, None if nothing is."""
+        """Return the dark that is subtracted from frames with this exposure; None if there is none."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         return None if found is None else found.at(exposure_s)
 
     def only_dark(self) -> Dark | None:
-        """Return the dark subtracted from every frame; None if there is none, or one for each exposure."""
+        """Return the dark that is subtracted from every frame; None if there is none, or one for each exposure."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         if isinstance(found, DarkSet):
             return next(iter(found.darks.values())) if len(found.darks) == 1 else None
         return found
 
     def level(self, plane: Plane, exposure_s: float | None, place: tuple[float, float]) -> float:
-        """Return the background of a frame at the sensor's (row, column), in corrected sample values."""
+        """Return the background of a frame at ``place`` (row, column) on the sensor, in corrected sample values."""
         _, offset = self._affine(plane, exposure_s)
         return float(offset[0] + offset[1] * place[0] + offset[2] * place[1])
 
     def masked(self, region: Region) -> NDArray[np.bool_] | None:
-        """Return which pixels of a sensor region the mask marks; None if there are none."""
+        """Return a map of the masked pixels in a sensor region; None if there are none."""
         mask: PixelMask | None = self._find(PixelMask)
         lost = None if mask is None else mask.lost[region]
         return lost if lost is not None and lost.any() else None
 
     def repaired(self, region: Region) -> NDArray[np.intp]:
-        """Return the pixels ``(n, 2)`` of a sensor region that are replaced, counted from its first one."""
+        """Return the replaced pixels ``(n, 2)`` (row, column) of a sensor region, relative to its first pixel."""
         defects: Defects | None = self._find(Defects)
         if defects is None or not len(defects):
             return np.zeros((0, 2), np.intp)
@@ -266,7 +266,7 @@ class CorrectionChain:
         return inside
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description for provenance: every step with its parameters and checksums."""
+        """Return a JSON-compatible description for provenance: every step with its parameters and checksums."""
         return {"steps": [step.describe() for step in self.steps], "saturation": self.saturation}
 
     def _find(self, kind: type[Any]) -> Any:

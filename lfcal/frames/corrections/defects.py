@@ -1,4 +1,4 @@
-"""Defective pixels: their places on the sensor, their detection from many frames, and their repair."""
+"""Defective pixels: their positions on the sensor, their detection from many frames, and their repair."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ MAX_SHARE = 0.05
 class Defects:
     """Repair defective pixels: each becomes the mean of its nearest good neighbours of the same colour.
 
-    They are in sensor coordinates, where they stay while the spots move. A repair is linear in the frame. Pixels that
-    are NaN in a frame of floats (masked by its reader) are repaired as well, if a neighbour within one period of the
-    pattern is good; they need not be listed.
+    Their coordinates are those of the sensor, because defects do not move with the spots. A repair is linear in the
+    frame. Pixels that are NaN in a frame of floats (masked by its reader) need not be listed: they are also repaired,
+    if a neighbour within one period of the pattern is good.
 
     Attributes
     ----------
@@ -39,14 +39,14 @@ class Defects:
     kinds
         ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"`` for each pixel, or empty if unknown.
     neighbours, margin
-        Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and the range of a repair (px);
-        computed from the above.
+        Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and the largest distance of a neighbour
+        (pixels); both are computed.
 
     Raises
     ------
     InputError
         If a pixel is outside the sensor, has no good neighbour of its colour within two periods of the pattern, or
-        more than 5 % of the sensor is defect.
+        more than 5 % of the sensor is defective.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class Defects:
         return mask
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description."""
+        """Return a JSON-compatible description of the step, for provenance."""
         return {
             "kind": "defects",
             "count": len(self),
@@ -138,7 +138,7 @@ class Defects:
 def nearest_good(
     pixels: NDArray[np.int32], bad: NDArray[np.bool_], cfa: str, *, origin: tuple[int, int] = (0, 0), reach: int = 2
 ) -> NDArray[np.int32]:
-    """Return for each pixel its nearest ring of neighbours of the same colour that contains a good one.
+    """Return, for each pixel, the nearest ring of same-colour neighbours that contains a good one.
 
     Parameters
     ----------
@@ -155,7 +155,8 @@ def nearest_good(
 
     Returns
     -------
-    Rows and columns of the neighbours in ``bad``, shape ``(n, m, 2)``, -1 where there is none.
+    NDArray
+        Rows and columns of the neighbours in ``bad``, shape ``(n, m, 2)``; -1 where there is none.
     """
     side = pattern_side(cfa)
     table = same_colour_offsets(cfa, reach)
@@ -180,10 +181,10 @@ def nearest_good(
 
 
 def repair_nan(values: NDArray[np.float32], origin: tuple[int, int], slopes: NDArray[np.float64], cfa: str) -> None:
-    """Set NaN in a corrected region to the mean of its nearest neighbours of the same colour, within one period.
+    """Replace each NaN of a corrected region by the mean of its nearest same-colour neighbours within one period.
 
-    ``slopes`` is the already subtracted background, ``(level, per row, per column)``. Pixels without a good neighbour
-    stay NaN.
+    ``slopes`` is the background that has been subtracted, ``(level, per row, per column)``. Pixels without a good
+    neighbour stay NaN.
     """
     bad = np.isnan(values)
     if not bad.any():
@@ -223,13 +224,13 @@ def iter_find_defects(
 ) -> Work[Defects]:
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
-    *Hot*: even the lowest value exceeds that of all but two of the eight nearest neighbours of the same colour, by
-    ``threshold`` robust standard deviations and by half of their difference from the field. The pixel must stand out
-    in half of the frames. *Dead* and *stuck*: the range of values is less than a tenth of the range of all but two
-    neighbours, and in some frame a spot surrounded the pixel. A dead one stays at the lowest value. Dead and stuck
-    pixels need 8 frames, and are found only where spots cover them. Use frames of different positions, or several dark
-    frames, because in frames of a single position the spots would look like hot pixels. Frames are read twice if
-    anything is suspect.
+    A pixel is *hot* if even its lowest value exceeds that of all but two of the eight nearest neighbours of the same
+    colour, by ``threshold`` robust standard deviations and by half of their difference from the field. It must also
+    stand out in half of the frames. A pixel is *dead* or *stuck* if the range of its values is less than a tenth of
+    the range of all but two neighbours, although a spot surrounded it in some frame; a dead pixel stays at the lowest
+    value. Dead and stuck pixels need 8 frames, and are found only where spots cover them. Use frames of different
+    positions, or several dark frames: in frames of a single position, spots would look like hot pixels. Frames are
+    read a second time if any pixel is suspect.
 
     Parameters
     ----------
@@ -238,9 +239,9 @@ def iter_find_defects(
     frames
         Largest number of frames to read, evenly spread.
     threshold
-        Standard deviations of the differences to the neighbours.
+        Threshold for hot pixels, in robust standard deviations of the differences from neighbours.
     ignore
-        True at pixels that are not judged, ``(rows, columns)``; None: all are.
+        True at pixels that are not examined, ``(rows, columns)``; None: all pixels are examined.
     workers
         Threads; None takes all processors.
 
@@ -398,7 +399,10 @@ class _Suspects:
 
 
 def nearest_offsets(cfa: str) -> NDArray[np.int32]:
-    """Return the eight nearest same-colour neighbours of each pattern position, shape ``(side, side, 8, 2)``."""
+    """Return the offsets (row, column) of the eight nearest same-colour neighbours of each pattern position.
+
+    The shape is ``(side, side, 8, 2)``.
+    """
     side = pattern_side(cfa)
     table = same_colour_offsets(cfa)
     return np.array([[np.concatenate(table[r][c])[:NEIGHBOURS] for c in range(side)] for r in range(side)], np.int32)

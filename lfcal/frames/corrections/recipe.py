@@ -48,7 +48,7 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     recipe
         The corrections to apply.
     plan
-        Source of bit depth, black level, exposures and colour filter if the frames do not state them.
+        Scan plan that states bit depth, black level, exposures and colour filter if the frames do not.
 
     Raises
     ------
@@ -75,16 +75,16 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
 
 
 def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
-    """Raise `InputError` if frames are turned whose colour pattern is known only from the upright sensor.
+    """Raise `InputError` if frames are turned but their colour pattern is known only for the upright sensor.
 
     Parameters
     ----------
     frames
         Frames as delivered, before their corrections.
     plan
-        Its sensor may have a colour filter.
+        Plan of the scan, whose sensor may have a colour filter.
     recipe
-        The corrections; some depend on single colours.
+        The corrections, some of which depend on single colours.
     applied
         Name of the orientation that makes the frames upright.
 
@@ -125,7 +125,7 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
 
 
 def first_image(path: str | os.PathLike[str]) -> Path:
-    """Return a file, or the first image of a folder."""
+    """Return the path of a file, or of the first image in a folder."""
     return _images(Path(path))[0]
 
 
@@ -192,7 +192,7 @@ def _check_levels(source: FrameSource, recipe: CorrectionRecipe) -> None:
 def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChain:
     """Return the correction chain of ``recipe`` for the frames of ``source``.
 
-    If these are one channel of a mosaic, the same channel of the dark and white mosaics is used.
+    If the frames show one channel of a mosaic, the same channel of the dark and white mosaics is used.
     """
     known = source.metadata
     dark = _dark(source, recipe)

@@ -33,7 +33,7 @@ DIFFERENCED = 1 << 20
 def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
     """Return the mean of equally shaped frames ``(rows, columns)``, summed in float64.
 
-    Used for dark and white sequences, and for repeated frames of one position.
+    It is used for dark and white sequences, and for repeated frames of one position.
 
     Examples
     --------
@@ -61,9 +61,9 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
 
 
 def difference_variance(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """Return the temporal variance of a sample from two frames of the same light, without outliers beyond 6 sigma.
+    """Return the temporal variance of a sample from two frames of the same light, ignoring outliers beyond 6 sigma.
 
-    It is half the mean square of the difference: static content of both frames, such as hot pixels, cancels.
+    It is half the mean square of the difference, in which static content such as hot pixels cancels.
     """
     step = max(1, int(np.sqrt(first.size / DIFFERENCED)))
     square = np.subtract(first[::step, ::step], second[::step, ::step], dtype=np.float64).ravel() ** 2
@@ -81,12 +81,12 @@ def fingerprint(array: NDArray[Any]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PixelMask:
-    """Ignore pixels without information: they are not valid, and no other pixel is computed from them.
+    """Mask pixels without information: they are invalid, and no other pixel is computed from them.
 
     Attributes
     ----------
     lost
-        True at these pixels, ``(rows, columns)`` of the sensor.
+        True at the masked pixels, ``(rows, columns)`` of the sensor.
 
     Raises
     ------
@@ -118,30 +118,31 @@ class PixelMask:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Shape of the frames that it fits."""
+        """Rows and columns of the frames that the step fits."""
         return self.lost.shape[0], self.lost.shape[1]
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description."""
+        """Return a JSON-compatible description of the step, for provenance."""
         return {"kind": "mask", "count": int(self.lost.sum()), "crc32": fingerprint(self.lost)}
 
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """Subtract the sensor's signal without light; differences stay signed.
+    """Subtract the dark signal of the sensor; negative differences are kept.
 
     Attributes
     ----------
     frame
-        Mean dark frame ``(rows, columns)`` in sample values, or None if a level suffices.
+        Mean dark frame ``(rows, columns)`` in sample values; None if a level suffices.
     level
         Constant level to subtract as well (sample values), e.g. the black level of a camera RAW file.
     origin
-        Sensor (row, column) of its first pixel; a dark frame of a part of the sensor fits only that part.
+        Row and column on the sensor of the first pixel of ``frame``; a dark frame of a part of the sensor fits only
+        that part.
     count
-        Number of averaged frames, which determines its noise; 0: unknown.
+        Number of averaged frames, which determines the noise of ``frame``; 0: unknown.
     variance
-        Temporal variance of a sample in a single dark frame; None: not measured.
+        Temporal variance of a sample in a single dark frame (squared sample values); None: not measured.
 
     Raises
     ------
@@ -171,18 +172,18 @@ class Dark:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames that it fits, None for any."""
+        """Rows and columns of the frames that the step fits; None: any shape."""
         # a dark of a part of the sensor does not know the shape of whole frames
         if self.frame is None or self.origin != (0, 0):
             return None
         return self.frame.shape[0], self.frame.shape[1]
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return itself: one dark for every exposure."""
+        """Return this dark, which applies to every exposure."""
         return self
 
     def part(self, region: Region) -> NDArray[np.float32] | None:
-        """Return the dark values of a sensor region, contiguous; raises `InputError` if it covers less."""
+        """Return the contiguous dark values of a sensor region; raises `InputError` if it is not covered."""
         if self.frame is None:
             return None
         inside = moved(region, (-self.origin[0], -self.origin[1]))
@@ -196,7 +197,7 @@ class Dark:
         return np.ascontiguousarray(self.frame[inside])
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description."""
+        """Return a JSON-compatible description of the step, for provenance."""
         record: dict[str, Any] = {"kind": "dark", "level": float(self.level)}
         if self.frame is not None:
             record |= {"mean": float(self.frame.mean(dtype=np.float64)), "crc32": fingerprint(self.frame)}
@@ -205,12 +206,12 @@ class Dark:
 
 @dataclass(frozen=True, eq=False)
 class DarkSet:
-    """Subtract the dark that was recorded with the exposure of each frame.
+    """Subtract from each frame the dark that was recorded with its exposure.
 
     Attributes
     ----------
     darks
-        Dark by exposure (s).
+        Dark frames by exposure (s).
     """
 
     darks: Mapping[float, Dark]
@@ -222,7 +223,7 @@ class DarkSet:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames that it fits, None for any."""
+        """Rows and columns of the frames that the step fits; None: any shape."""
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
@@ -245,14 +246,14 @@ class DarkSet:
         return self.darks[nearest]
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description."""
+        """Return a JSON-compatible description of the step, for provenance."""
         return {"kind": "darks", "by_exposure": {f"{s:g}": dark.describe() for s, dark in self.darks.items()}}
 
 
 def white_gain(
     light: NDArray[np.float32], floor: float, cfa: str = ""
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the factors that flatten the white image ``light``, and where they were limited to ``1 / floor``.
+    """Return the factors that flatten the white image ``light``, and a map of where they are limited to ``1 / floor``.
 
     ``light`` is relative to its 99th percentile, separately for each position of the pattern ``cfa``.
     """
@@ -288,7 +289,7 @@ class White:
     frame
         Mean white frame ``(rows, columns)`` in sample values; not stored.
     dark
-        Dark frame or level to subtract from it, 0 if that has been done; not stored.
+        Dark frame or level to subtract from ``frame``; 0 if it has been subtracted. Not stored.
     floor
         Lowest relative brightness to divide by, in ]0, 1].
     cfa
@@ -296,7 +297,7 @@ class White:
     saturation
         Sample value at which a pixel is saturated; None: the highest value of an integer type.
     gain, dim
-        The factors applied, and where they were limited; computed from the above.
+        The factors applied, and a map of where they are limited; both are computed.
 
     Raises
     ------
@@ -354,11 +355,11 @@ class White:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Shape of the frames that it fits."""
+        """Rows and columns of the frames that the step fits."""
         return self.gain.shape[0], self.gain.shape[1]
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description."""
+        """Return a JSON-compatible description of the step, for provenance."""
         return {
             "kind": "white",
             "floor": float(self.floor),
@@ -371,7 +372,7 @@ class White:
 
 @dataclass(frozen=True)
 class Exposure:
-    """Scale a frame to the exposure ``reference_s`` (s), by the ratio of exposures.
+    """Scale frames to the exposure ``reference_s`` (s), by the ratio of the exposures.
 
     Examples
     --------
@@ -388,11 +389,11 @@ class Exposure:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames that it fits: any."""
+        """Shape of the frames that the step fits: None, which means any."""
         return None
 
     def factor(self, exposure_s: float | None) -> float:
-        """Return the factor for a frame exposed for ``exposure_s`` (s).
+        """Return the factor for a frame with the exposure ``exposure_s`` (s).
 
         Raises
         ------
@@ -410,7 +411,7 @@ class Exposure:
         return self.reference_s / float(exposure_s)
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description."""
+        """Return a JSON-compatible description of the step, for provenance."""
         return {"kind": "exposure", "reference_s": float(self.reference_s)}
 
 
@@ -422,7 +423,7 @@ Plane = tuple[float, float, float]
 
 
 def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
-    """Return the regions that cover a border of ``width`` pixels once: top, bottom, left, right."""
+    """Return the regions (top, bottom, left, right) that cover a border of ``width`` pixels without overlap."""
     rows, columns = shape
     # such a small frame is only border
     if 2 * width >= min(rows, columns):
@@ -437,7 +438,7 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 
 
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
-    """Fit ``p0 + p1 row + p2 column`` by least squares, leaving out values beyond 3 robust sigma of the others."""
+    """Fit ``p0 + p1 row + p2 column`` by least squares, leaving out residuals beyond 3 robust standard deviations."""
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)
     # a wider first cut: the median ignores the slope, and a steep plane varies strongly about it
@@ -467,8 +468,8 @@ class Background:
     Attributes
     ----------
     kind
-        ``"constant"``: ``value`` is subtracted. ``"border"``: the median of the border, measured on each frame.
-        ``"plane"``: a plane fitted to the border of each frame, spots left out.
+        ``"constant"``: ``value`` is subtracted. ``"border"``: the median of each frame's border is subtracted.
+        ``"plane"``: a plane fitted to each frame's border is subtracted; spots are left out of the fit.
     value
         Level of the constant background, in sample values at this stage of the chain.
     width
@@ -497,16 +498,16 @@ class Background:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames that it fits: any."""
+        """Shape of the frames that the step fits: None, which means any."""
         return None
 
     @property
     def measured(self) -> bool:
-        """Whether it is measured on each frame."""
+        """Whether the background is measured on each frame."""
         return self.kind != "constant"
 
     def measure(self, part: Callable[[Region], NDArray[np.float32]], shape: tuple[int, int]) -> Plane:
-        """Return the background of the frame of ``shape`` whose regions, corrected so far, ``part`` returns."""
+        """Return the background of a frame of ``shape``; ``part`` returns its regions as corrected so far."""
         if self.kind == "constant":
             return float(self.value), 0.0, 0.0
         rows, columns, values = [], [], []
@@ -526,6 +527,6 @@ class Background:
         return fit_plane(np.concatenate(rows)[some], np.concatenate(columns)[some], value[some])
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON description."""
+        """Return a JSON-compatible description of the step, for provenance."""
         record: dict[str, Any] = {"kind": "background", "method": self.kind}
         return record | ({"width": self.width} if self.measured else {"value": float(self.value)})

@@ -36,23 +36,23 @@ REMEDY = "record RAW, or TIFF with LZW, deflate or no compression"
 
 
 def codec_fact(name: str, *, lossless: bool = True) -> dict[str, Any]:
-    """Return the entry ``codec`` of a frame source's metadata."""
+    """Return the entry ``codec`` for the metadata of a frame source."""
     return {"name": name, "lossless": lossless}
 
 
 def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], *, whole: bool = False) -> str:
-    """Return the name of a lossless compression scheme of TIFF.
+    """Return the name of a TIFF file's compression scheme, which must be lossless.
 
     Parameters
     ----------
     path
         The file, for messages.
     compression
-        Its tag of that name.
+        Value of the file's tag ``Compression``.
     stored
-        Function that returns the first piece of compressed data; called only for schemes whose header decides.
+        Function that returns the first piece of compressed data; called only for schemes that may be lossless or lossy.
     whole
-        Whether samples are integers, which an error below one half does not change.
+        Whether samples are integers, which errors below one half do not change.
 
     Raises
     ------

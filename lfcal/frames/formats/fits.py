@@ -1,4 +1,4 @@
-"""FITS images as frames: the first array of the file that is an image or a stack, not compressed."""
+"""FITS images as frames: the first uncompressed array of the file that is an image or a stack."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class FitsImage(ImageFile):
     """An array with axes (row, column), (frame, row, column) or (z, y, x, row, column) of a FITS file.
 
     Samples are ``BZERO + BSCALE`` times the stored ones, NaN where these are ``BLANK``. Rows keep the order of the
-    file. ``EXPTIME`` is the exposure (s). The format: FITS Standard 4.0, IAU FITS Working Group (2018).
+    file. ``EXPTIME`` is the exposure (s). The format is that of FITS Standard 4.0 (IAU FITS Working Group 2018).
 
     Raises
     ------
     FileFormatError
-        If the file is damaged or cut short, or holds no array that is an image.
+        If the file is damaged or truncated, or contains no image array.
     """
 
     def __init__(self, path: Path) -> None:

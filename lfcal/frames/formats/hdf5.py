@@ -1,4 +1,4 @@
-"""HDF5 stacks as frames, opened with every declared size checked."""
+"""HDF5 stacks as frames; every declared size is checked when they are opened."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Hdf5Image(ImageFile):
         Path of the file.
     dataset
         Path of the dataset within the file; None: ``frames``, the signal named by NeXus attributes (``default``,
-        ``signal``), or the only dataset with three or five axes that is not named as dark or white frames.
+        ``signal``), or the only dataset with three or five axes whose name does not indicate dark or white frames.
 
     Raises
     ------
@@ -175,7 +175,9 @@ class Hdf5Image(ImageFile):
 
 
 def stacks_in(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return name and shape of the datasets of an HDF5 file that may hold frames; dark and white frames if no other.
+    """Return name and shape of the datasets of an HDF5 file that may contain frames.
+
+    Datasets of dark and white frames are returned only if there are no others.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class ImageFile(ABC):
     pages
         Number of pages.
     metadata
-        Facts that the file states about them: ``cfa``, ``black_level``, ``saturation``, ``gains``, ``positions`` …
+        Facts that the file states about its pages: ``cfa``, ``black_level``, ``saturation``, ``gains``, ``positions`` …
     """
 
     path: Path
@@ -93,21 +93,21 @@ class ImageFile(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """An image format: the value ``FORMAT`` of its module.
+    """An image format, defined as ``FORMAT`` in its module.
 
     Attributes
     ----------
     name
         Display name.
     suffixes
-        Suffixes of its files, in lower case with the dot; files with these are searched for in folders.
+        Suffixes of its files, in lower case with the dot; folders are searched for files with these suffixes.
     recognises
         Function that decides from the first 16 bytes and the path whether a file has this format.
     open
-        Function that opens a file, from its path, the component of a colour image (or None), and the dataset in the
-        file (or None).
+        Function that opens a file. Its arguments are the path, the component of a colour image (or None), and the
+        dataset in the file (or None).
     rank
-        Formats of low rank are tried first: 0 for those with a unique signature.
+        Order in which formats are tried; 0 for formats with a unique signature.
     in_folders
         Whether single frames of a folder may have this format (a stack such as HDF5 contains all of them).
     """
@@ -143,7 +143,7 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: int) -> None:
-    """Raise unless ``shape`` is that of a frame and its bytes fit ``stored`` bytes of file."""
+    """Raise an error unless ``shape`` is that of a frame and its samples fit into ``stored`` bytes of the file."""
     rows, columns = shape[:2]
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
         raise UnsafeFileError.expected(
@@ -163,9 +163,9 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
 
 
 def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """Return ``samples``; raise `FileFormatError` if one is too large to be light.
+    """Return ``samples``; raise `FileFormatError` if one is too large to be a measurement.
 
-    NaN and infinity are accepted: they mark pixels without a measurement, which users of the frame handle.
+    NaN and infinity are accepted: they mark pixels without a measurement, which the caller handles.
     """
     # whole numbers of 32 bits cannot be so large
     if not samples.size or not (samples.dtype.kind == "f" or samples.dtype.itemsize == 8):
@@ -182,7 +182,7 @@ def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_grey(path: Path, components: int, colour: str | None, bits: int) -> None:
-    """Raise unless an image with ``components`` samples per pixel can be used as data."""
+    """Raise an error unless an image with ``components`` samples per pixel can be used as data."""
     if components == 1 or (components in (3, 4) and colour is not None):
         return
     raise FileFormatError.expected(
@@ -207,14 +207,14 @@ def image_suffixes() -> frozenset[str]:
 def open_image(path: str | os.PathLike[str], *, colour: str | None = None, dataset: str | None = None) -> ImageFile:
     """Open an image file of pages, each one frame.
 
-    Supported are 16-bit and other grey TIFF (single and multi-page), PNG, PGM, ``.npy`` arrays, HDF5 stacks, camera
-    RAW (the unprocessed mosaic), and formats from other packages. The format is detected from the first bytes, not
-    from the name, except for camera RAW.
+    Supported formats are grey TIFF (single and multi-page, 16-bit and others), PNG, PGM, ``.npy`` arrays, FITS, HDF5
+    stacks, camera RAW (the unprocessed mosaic), and formats from other packages. The format is detected from the first
+    bytes, not from the name, except for camera RAW.
 
     Parameters
     ----------
     path
-        The file; of an HDF5 file also with the dataset, ``scan.h5::/entry/data/data``.
+        Path of the file; for HDF5, the dataset may follow: ``scan.h5::/entry/data/data``.
     colour
         ``"R"``, ``"G"`` or ``"B"``: component to use from a lossless colour image. Without it, a colour image is
         refused, because its samples have been processed by the camera.
@@ -224,7 +224,8 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     Raises
     ------
     FileFormatError
-        If the file is damaged, cut short, compressed with loss, not an image, or colour without ``colour``.
+        If the file is damaged, truncated, lossily compressed or not an image, or if it is a colour image and
+        ``colour`` is not given.
     UnsafeFileError
         If it declares more data than its size allows, or contains Python objects.
     StorageError
@@ -250,14 +251,14 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
 
 
 def split_dataset(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
-    """Return the file and the dataset that ``scan.h5::/entry/data/data`` names; without ``::`` the path and None."""
+    """Return the file and the dataset named in ``scan.h5::/entry/data/data``; without ``::``, the path and None."""
     whole = Path(path)
     file, mark, name = os.fspath(path).partition("::")
     return (whole, None) if not mark or whole.exists() else (Path(file), name.strip("/") or None)
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:
-    """Return one page of an image file, ``(rows, columns)``: for dark and white frames. Raises as `open_image`.
+    """Return one page of an image file, ``(rows, columns)``, such as a dark or white frame; raises as `open_image`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Binary PGM frames, 8 and 16 bits, with unscaled samples, even if the declared maximum is below that of the type."""
+"""Binary PGM frames of 8 and 16 bits; samples are not scaled to the declared maximum."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ FORMAT = Format(
 
 @njit()
 def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -> int:
-    """Undo the row filters of a PNG image; return the number of the first bad row, or -1.
+    """Undo the row filters of a PNG image; return the number of the first invalid row, or -1 if all are valid.
 
     With a the byte one pixel to the left, b the byte above and c the byte above a (0 outside the image), each byte x
     of a row was stored as x minus 0, a, b, floor((a + b) / 2) or Paeth(a, b, c), modulo 256, as selected by the first
@@ -130,11 +130,11 @@ def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -
     Parameters
     ----------
     raw
-        Inflated stream: for each row the filter number and the bytes of the row.
+        Decompressed stream: for each row, the number of its filter and its bytes.
     pixel_bytes
         Bytes per pixel.
     out
-        ``(rows, bytes)``, filled with the image's bytes.
+        Array ``(rows, bytes)`` to fill with the image's bytes.
     """
     rows, stride = out.shape
     for r in range(rows):

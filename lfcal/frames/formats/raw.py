@@ -94,7 +94,7 @@ class RawImage(ImageFile):
 
 
 def codec_of(path: Path) -> dict[str, Any]:
-    """Return how a RAW file that is a TIFF internally compresses its mosaic; empty if unknown.
+    """Return the compression scheme of the mosaic in a RAW file based on TIFF; empty if unknown.
 
     Raises
     ------

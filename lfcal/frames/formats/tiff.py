@@ -1,4 +1,4 @@
-"""TIFF frames with one or many pages: the chain of pages and the places of their bytes are checked first."""
+"""TIFF frames with one or many pages; the chain of pages and the positions of their bytes are checked first."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _COLOURS = "RGB"
 
 
 def count_pages(path: Path) -> int:
-    """Return the number of pages by walking their chain: readers may stop early without an error.
+    """Return the number of pages by following their chain, because readers may stop early without an error.
 
     Raises
     ------
@@ -84,9 +84,9 @@ def _damaged(path: Path, reason: str) -> FileFormatError:
 
 
 class TiffImage(ImageFile):
-    """A TIFF file of grey pages (8, 16, 32 bits, float), or one component of colour ones.
+    """A TIFF file of grey pages (8, 16 or 32 bits, or float), or one component of its colour pages.
 
-    ``raw`` says whether the tags of a DNG require processing that only the camera RAW reader does.
+    ``raw`` states whether the tags of a DNG require processing that only the camera RAW reader does.
     """
 
     def __init__(self, path: Path, colour: str | None = None) -> None:

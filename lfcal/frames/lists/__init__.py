@@ -1,8 +1,8 @@
 """Lists of frames from other programs: assignment of columns, and the stage position of each frame.
 
-- ``table``: text tables with any separator, and the columns for file, place and exposure, by name or as stated
-- ``listing``: the frames of a table, with places as step numbers or lengths
-- ``entries``: the manifest of a list, whose files are found in the folder
+- ``table``: text tables with any separator, and the columns for file, position and exposure, by name or as stated
+- ``listing``: the frames of a table, with their positions as step numbers or stage coordinates
+- ``entries``: the manifest of a list, and the search for its files
 - ``list_file``: opening of a list: a text table or Micro-Manager metadata
 - ``_grid``: planes, rows and columns in stage coordinates
 - ``_depths``: depths of planes, from z and from the steps

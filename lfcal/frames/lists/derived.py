@@ -33,12 +33,12 @@ def plan_of_list(
     part: Part | None = None,
     **settings: Any,
 ) -> tuple[ScanPlan, tuple[str, ...]]:
-    """Return the plan whose positions are the places of a list, and notes on what was found, one line each.
+    """Return the plan whose positions are those of a list, and notes on what was found, one line each.
 
-    The number of steps gives the period. The axes and the anchor come from the light in some frames if ``read`` is
-    given; otherwise from the camera's period and ``stage``. Depths are those that match the steps in the list, because
-    behind a main lens a step of one pixel is longer for planes farther away. The steps of a microscope are equal in
-    all planes: there the stage's zero is assumed to be the working plane. See `lfcal.frames.lists._depths`.
+    The period is the number of steps. The axes and the anchor come from the light in some frames if ``read`` is given,
+    otherwise from the camera's period and ``stage``. Depths are those that match the steps in the list, because a step
+    of one pixel behind a main lens is longer for planes farther away. The steps of a microscope are equal in all
+    planes; its working plane is assumed to be at the stage's zero. See `lfcal.frames.lists._depths`.
 
     Parameters
     ----------
@@ -49,11 +49,11 @@ def plan_of_list(
     read
         Function that returns the frame of a row of the list.
     stage
-        Axes as far as they are known; only their signs if the light determines the rest.
+        Known stage axes; if the light determines the axes, only their signs are used.
     depths_um
-        Depths of the planes from the nearest to the farthest, if they are known better.
+        Depths of the planes (µm) from the nearest to the farthest, if they are known more accurately.
     part
-        Place on the sensor of frames that show a part of it; None: whole frames.
+        Position on the sensor of frames that show a part of it; None: whole frames.
     settings
         Further arguments of `ScanPlan.for_camera`: cutout, anchor, order …
 
@@ -286,9 +286,10 @@ def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
 
 
 def rounding(values: NDArray[np.float64], step: float) -> float:
-    """Return the 1, 2, 2.5 or 5 of a decimal that all values are multiples of; 0 if none is below 1/8 of a step.
+    """Return the unit to which all values are rounded: 1, 2, 2.5 or 5 times a power of ten; 0 if there is none.
 
-    Coarser units would be the steps themselves; units finer than seven decades leave no relevant uncertainty.
+    Only units below 1/8 of a step are considered, because coarser ones would be the steps themselves. Units more than
+    seven decades finer leave no relevant uncertainty.
     """
     top = math.floor(math.log10(step / MIN_UNITS_PER_STEP)) if step > 0 else 0
     for exponent in range(top, top - 7, -1):

@@ -1,4 +1,4 @@
-"""Manifests from lists: files are found in the folder, places are converted to positions."""
+"""Manifests from lists: files are found in the folder, and stage coordinates are converted to positions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["files_below", "find_files", "located", "manifest_of"]
 
 
 def located(listing: Listing, root: Path) -> Listing:
-    """Return the list with its files as found below ``root``, and a page for each use of a file."""
+    """Return the list with its files as found below ``root``, and with a separate page for each use of a file."""
     files, notes = find_files(listing, root)
     pages = listing.pages
     if not any(pages) and len(set(files)) < len(files):
@@ -78,7 +78,7 @@ def manifest_of(
     plan_shape
         Number of positions of the scan, if there is no plan.
     first
-        Number of the first position if the list counts positions; None: detected.
+        Number of the first position if the list states position numbers; None: detected.
     read
         Function that returns the frame of a row, for `lfcal.frames.lists.placing.place`.
     orientation, part
@@ -87,7 +87,7 @@ def manifest_of(
     Raises
     ------
     InputError
-        If stage coordinates have no plan or do not fit it, or numbers are outside the scan.
+        If stage coordinates have no plan or do not fit it, or position numbers are outside the scan.
     """
     shape = plan.shape[:3] if plan is not None else plan_shape
     if listing.unit == "index":

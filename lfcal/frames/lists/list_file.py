@@ -49,7 +49,7 @@ SAMPLE = 50
 
 
 def is_plain(path: Path) -> bool:
-    """Return whether a file is a manifest as written by lfcal: its columns, and places that are counted."""
+    """Return whether a file is a manifest as written by lfcal, with its columns and with position numbers."""
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
     lines = read_text(path, limit=256 << 20, foreign=True).splitlines()[: SAMPLE + 1]
@@ -81,10 +81,10 @@ def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manife
 def from_micromanager(
     path: Path, root: Path, options: FrameOptions
 ) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
-    """Return the manifest of the frames in Micro-Manager's ``metadata.txt``, notes, and common facts.
+    """Return the manifest of the frames in Micro-Manager's ``metadata.txt``, notes, and facts about all frames.
 
-    Of several channels one is read: the only channel without a dark name, or that of ``columns="channel=NAME"``. A
-    channel with a dark name contains the dark frames of the others.
+    Only one of several channels is read: the one named by ``columns="channel=NAME"``, or the only one that is not
+    named as dark frames. A channel named as dark frames contains those of the others.
     """
     role, _, channel = options.columns.partition("=")
     if options.columns and role.strip() != "channel":
@@ -132,7 +132,7 @@ _COORDINATE = re.compile(r"(?<![A-Za-z])([xyz])[_=]?([+-]?\d+(?:[.,]\d+)?)(um|µ
 
 
 def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]] | None:
-    """Return the manifest of files named after the stage, ``x-1.25um_y+0.42um_z-20um.tif``; None: not all are."""
+    """Return the manifest of files named by stage coordinates, ``x-1.25um_y+0.42um_z-20um.tif``, or None."""
     places = np.full((len(names), 3), np.nan)
     for row, name in enumerate(names):
         found = {axis.lower(): (number, unit) for axis, number, unit in _COORDINATE.findall(Path(name).stem)}
@@ -185,7 +185,7 @@ def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manife
 
 
 def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None, Any]:
-    """Return the shape of a list's first frame, the component used from colour pictures, and the camera's region."""
+    """Return the shape of a list's first frame, the component used of colour images, and the camera's region."""
     path = root / listing.files[0]
     colour = None
     try:
@@ -199,7 +199,7 @@ def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None
 
 
 def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orientation | None = None) -> Any:
-    """Return a function that reads the frame of a row of a list whose files were found below ``root``.
+    """Return a function that reads the frame in a row of a list, whose files were found below ``root``.
 
     ``turn`` is the orientation that makes the frames upright.
     """
@@ -228,18 +228,18 @@ def micromanager_list(folder: Path) -> Path | None:
 
 
 def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str, Any]]:
-    """Return the frames of ``metadata.txt`` or ``…_metadata.txt`` with their stage coordinates, and common facts.
+    """Return the frames of ``metadata.txt`` or ``…_metadata.txt`` with stage coordinates, and facts about all frames.
 
     Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``) are supported, with the entries ``XPositionUm``,
-    ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. Common facts are ``pixel_um`` (``PixelSizeUm``,
-    in object space), ``bit_depth`` and ``saturation``, and ``roi`` (``ROI``, the region of the camera as column, row,
-    width and height). The frames of a channel with a dark name are ``dark``. Of several other channels the one called
-    ``channel`` is read.
+    ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. The facts about all frames are ``pixel_um``
+    (``PixelSizeUm``, in object space), ``bit_depth``, ``saturation``, ``roi`` (``ROI``, the region of the camera as
+    column, row, width and height), and ``dark``, the frames of a channel named as dark frames. If there are several
+    other channels, only ``channel`` is read.
 
     Raises
     ------
     FileFormatError
-        If it is not from Micro-Manager, an entry has no place, or a channel must be chosen.
+        If the file is not from Micro-Manager, an entry has no coordinates, or a channel must be chosen.
     """
     body = parse_json(read_text(path, limit=MAX_BYTES), str(path), finite=False)
     entries = list(_frames(body))

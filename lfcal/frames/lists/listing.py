@@ -1,4 +1,4 @@
-"""Frames named in a list, with their places: position numbers or stage coordinates."""
+"""Frames named in a list, with their position numbers or stage coordinates."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class Listing:
     exposures
         Exposure of each frame (s), or None.
     drift
-        ``(N, 2)`` as (dy, dx): displacement of images from their planned places, as stated in the list (px).
+        ``(N, 2)`` as (dy, dx): displacement of images from their planned positions, as stated in the list (px).
     notes
         Notes on what was guessed, one line each.
     counted
-        Whether z are plane numbers while x and y are stage coordinates.
+        Whether z are plane numbers, although x and y are stage coordinates.
     roi
         Region of the camera's sensor that the frames show (column, row, width, height), if the list states it.
     """
@@ -88,12 +88,12 @@ def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
     path
         A text table with a row for each frame.
     columns
-        Assignment of columns, as parsed by `lfcal.frames.lists.table.parse_columns`; others are guessed.
+        Assignment of columns, in the form of `lfcal.frames.lists.table.parse_columns`; others are guessed.
 
     Raises
     ------
     LfcalError
-        With the line, or with the existing columns and what to type.
+        If the table cannot be read; the message states the line, or the existing columns and what to enter.
     """
     table = read_table(Path(path))
     stated = parse_columns(columns) if columns else None

@@ -1,4 +1,4 @@
-"""Motion of the light with the stage: which axes move it right and down on the sensor, and where the scan begins."""
+"""Motion of the light with the stage: the axes that move it right and down on the sensor, and the start of the scan."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class CentroidMotion:
     matrix
         ``(2, 2)``: pixels (row, column) per step along the first (column 0) and the second lateral axis (column 1).
     start
-        Row and column of the light at the first place along both axes.
+        Row and column of the light at the first position along both axes.
     rms_px
         Rms distance of the light from the fitted motion, over the frames (px).
     middle
-        Row and column of the light at the middle of the places.
+        Row and column of the light at the middle of the positions.
     shape
         Rows and columns of the frames.
     """
@@ -56,10 +56,7 @@ class CentroidMotion:
     shape: tuple[int, int]
 
     def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
-        """Return the signed axes that move the image down and right.
-
-        None if the light does not clearly determine them.
-        """
+        """Return the signed axes that move the image down and right; None if the light does not determine them."""
         down, right = np.abs(self.matrix)
         order = (int(down.argmax()), int(right.argmax()))
         main = np.array([down[order[0]], right[order[1]]])
@@ -71,7 +68,7 @@ class CentroidMotion:
         return (order[0], sense[0]), (order[1], sense[1])
 
     def on_sensor(self, part: Part, sensor: tuple[int, int]) -> CentroidMotion:
-        """Return the motion on a ``sensor`` of which the upright frames show a part."""
+        """Return the motion in coordinates of the ``sensor``, of which the upright frames show a ``part``."""
         turn = named_orientation(part.turn)
         first = np.array(part.origin)
         last = first + turn.inverse.shape(self.shape) - 1
@@ -81,14 +78,14 @@ class CentroidMotion:
 
 
 class Part(NamedTuple):
-    """Row and column on the sensor as delivered of the frames' first pixel, and the orientation of the frames."""
+    """Part of the sensor that frames show: row and column of their first pixel as delivered, and their orientation."""
 
     origin: tuple[int, int]
     turn: str = AS_IS
 
 
 def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
-    """Return up to ``count`` frames, each as far as possible from the previous ones: corners, edges, then between."""
+    """Return up to ``count`` frames, each as far as possible from the previous ones: corners, edges, then the rest."""
     chosen = [int(np.argmin(index.sum(axis=1)))]
     distance = np.full(len(index), np.inf)
     while len(chosen) < min(count, len(index)):
@@ -101,16 +98,16 @@ def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.i
 
 
 def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -> CentroidMotion | None:
-    """Return the motion of the light over frames at places ``index`` ``(n, 2)`` of one plane; None if undetermined.
+    """Return the motion of the light over the frames of one plane; None if it is not determined.
 
-    The content common to all frames (dark level, hot pixels) is subtracted first, and noise is ignored.
+    The content common to all frames (dark level, hot pixels) is subtracted, and values within the noise are ignored.
 
     Parameters
     ----------
     read
         Function that returns frame k.
     index
-        Place of frame k along the first and the second lateral axis.
+        Position numbers ``(n, 2)`` of frame k along the first and the second lateral axis.
     """
     if np.ptp(index, axis=0).min() < 2:
         return None
@@ -142,7 +139,7 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
 
 
 def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
-    """Return row and column of the centre of light above the noise; NaN if there is none."""
+    """Return row and column of the centroid of the light above the noise; NaN if there is none."""
     level = float(np.median(light))
     noise = 1.4826 * float(np.median(np.abs(light - level)))
     light = light - np.float32(level + max(5 * noise, 0.02 * (float(light.max()) - level)))
@@ -156,7 +153,7 @@ def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class StageOrientation:
-    """Stage axes, the corresponding orientation of frames, and the alternative if both would look the same.
+    """Stage axes with the corresponding orientation of frames, and the alternative if the two cannot be distinguished.
 
     Attributes
     ----------
@@ -165,7 +162,7 @@ class StageOrientation:
     turn
         Orientation that would make the frames upright.
     other
-        Orientation if the plan's axes were right; None if the light rules that out.
+        Orientation of the frames if the plan's axes are correct; None if the light rules that out.
     """
 
     stage: StageAxes
@@ -174,7 +171,7 @@ class StageOrientation:
 
 
 def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -> Orientation | None:
-    """Return the orientation of frames whose light moves along clear axes, if the stage axes are ``stage``."""
+    """Return the orientation of frames from the motion of their light, which has clear axes, and the stage axes."""
     seen = light.axes()
     if seen is None:
         return None
@@ -188,9 +185,9 @@ def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -
 def find_stage_orientation(
     allowed: Sequence[StageAxes], light: CentroidMotion, plan: ScanPlan, lateral: tuple[int, int], choice: str
 ) -> StageOrientation | None:
-    """Return the axes for interpreting the motion of light; None if no ``allowed`` axes match such frames.
+    """Return the stage axes that explain the motion of the light; None if no ``allowed`` axes do.
 
-    Frames that are certainly flipped or turned keep the plan's axes, so that only the frames need turning.
+    If the frames are certainly flipped or turned, the plan's axes are kept, so that only the frames need turning.
 
     Parameters
     ----------
@@ -203,8 +200,8 @@ def find_stage_orientation(
     lateral
         First and second lateral axis, of (x, y, z).
     choice
-        ``"check"``: if both would look the same, the axes differ from those of the plan; ``"auto"``: the frames are
-        turned; otherwise the frames are known to be upright.
+        If frames or axes may differ from the plan, and the light does not show which: ``"check"`` assumes that the
+        axes differ, ``"auto"`` that the frames are turned. Any other value: the frames are known to be upright.
     """
     found = [StageOrientation(stage, turn) for stage in allowed if (turn := turn_of(stage, light, lateral)) is not None]
     upright = next((one for one in found if one.turn.name == AS_IS), None)

@@ -56,7 +56,7 @@ class Placing:
     notes
         Notes on what was found, one line each.
     scales
-        Those notes that report differences of steps and plane distances from the plan.
+        The notes that report differences of steps and plane distances from the plan.
     """
 
     positions: NDArray[np.intp]
@@ -72,7 +72,7 @@ class Placing:
 def place(
     listing: Listing, plan: ScanPlan, read: ReadFrame | None = None, orientation: str = "", part: Part | None = None
 ) -> Placing:
-    """Return position and drift of each frame from its stage coordinates.
+    """Return the position and the drift of each frame from its stage coordinates.
 
     Unit, offset, scale and small rotations of the coordinates are found, as well as the assignment and sign of the
     axes. The axes come from the light in some frames, if ``read`` is given and the motion is clear; otherwise from the
@@ -88,15 +88,16 @@ def place(
     read
         Function that returns the frame of a row of the list.
     orientation
-        ``"check"`` or ``"auto"``: frames may be flipped or turned, and axes that only such frames show are not
-        attributed to the stage (`lfcal.frames.lists.motion`); otherwise they are upright as ``read`` returns them.
+        ``"check"`` or ``"auto"``: frames may be flipped or turned, which is then not attributed to the stage's axes
+        (`lfcal.frames.lists.motion`). Any other value: frames are upright as ``read`` returns them.
     part
-        Place on the sensor of frames that show a part of it; None: whole frames.
+        Position on the sensor of frames that show a part of it; None: whole frames.
 
     Raises
     ------
     InputError
-        If the list belongs to another scan, two frames belong to one position, or one is half a step away from any.
+        If the list belongs to another scan, two frames have the same position, or a frame is half a step away from
+        every position.
     """
     numbered = listing.counted
     if (
@@ -140,7 +141,7 @@ def place(
 
 
 def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[ScanGrid, tuple[int, int]]:
-    """Return the grid of a list, and the first and second lateral axis, of (x, y, z)."""
+    """Return the grid of a list, and the indices of the first and the second lateral axis in (x, y, z)."""
     depth = AXES.index(stage.away[1])
     lateral = tuple(k for k in range(3) if k != depth)
     if not listing.has_depth and (planes > 1 or depth != 2):

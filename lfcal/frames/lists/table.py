@@ -52,7 +52,7 @@ class Table:
     lines
         Line number in the file of each row, from 1.
     separator
-        Separator in words: tab, semicolon, bar, comma or blanks.
+        Name of the separator: tab, semicolon, bar, comma or blanks.
     decimal
         Decimal sign of the file, ``"."`` or ``","``.
     header
@@ -227,15 +227,15 @@ class Column:
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, str]]:
-    """Return the assignment in ``"file=Name,y=PosY,exposure_ms=Exp"``: column name and unit by role.
+    """Return column name and unit by role, from an assignment such as ``"file=Name,y=PosY,exposure_ms=Exp"``.
 
-    A unit follows the role, as in ``y_mm=PosY``. ``y_index=Row`` states that a column counts positions. ``exposure=``
-    states that no column contains it, whatever its name.
+    A unit follows the role, as in ``y_mm=PosY``. ``y_index=Row`` states that a column contains position numbers.
+    ``exposure=`` states that no column contains the exposure, whatever the names of the columns.
 
     Raises
     ------
     InputError
-        If it does not have this form, or names an unknown role.
+        If ``text`` does not have this form, or names an unknown role.
     """
     found: dict[str, tuple[str, str]] = {}
     for part in text.split(","):
@@ -259,7 +259,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
     Raises
     ------
     InputError
-        If several columns could have the same role, a required one is not found, or ``stated`` names a missing one.
+        If several columns could have the same role, a required column is not found, or ``stated`` names a missing one.
     """
     chosen, doubtful = _sorted_out(table, stated or {})
     for role, found in doubtful.items():
@@ -308,7 +308,7 @@ def _sorted_out(
 
 
 def columns_in_words(columns: tuple[Column, ...]) -> str:
-    """Return the assignment found, in the form that is displayed and that ``--columns`` accepts."""
+    """Return the assignment found, in the form of the option ``--columns``."""
     return ", ".join(map(str, columns))
 
 

@@ -2,12 +2,12 @@
 
 - ``_values``: a number with its standard error
 - ``frame_list``: flats and darks found in folders and files, with their exposures
-- ``_converter``: what properties of the converter from sample values: bits in use, alignment, clipping
+- ``_converter``: properties of the converter from sample values: bits in use, alignment, clipping
 - ``_darks``: read noise, black level, dark current
 - ``_pairs``: mean and variance of pixels of similar brightness, from pairs of flats
 - ``_flats``: levels of equal light, linearity, fixed pattern and defective pixels
-- ``_curve``: the photon-transfer curve: gain, saturation; ``_checks``: signs that frames are not raw
-- ``measurement``: the complete measurement; ``result``: the values in words, as a picture, and in a camera
+- ``_curve``: the photon-transfer curve: gain, saturation; ``_checks``: indications that frames are not raw
+- ``measurement``: the complete measurement; ``result``: the values as text, as a plot, and in a camera
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Flats and darks on disk: single frames, with exposures from names and files."""
+"""Flats and darks on disk, as single frames with exposures from names and files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _EXPOSURE = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)[ _]?(us|µs|ms|sec|s)(?![a-
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFrame:
-    """One frame of a series, read on demand.
+    """One flat or dark, read on demand.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class CalibrationFrame:
     page
         Page of the file.
     exposure_s
-        Exposure (s), if file, file name or folder name state it.
+        Exposure (s), if the file, its name or its folder's name states it; else None.
     group
-        Subfolder of the given folder; frames of different subfolders have different levels.
+        Subfolder of the given folder; frames of different subfolders have different light levels.
     shift
-        Bits by which left-aligned samples are shifted down.
+        Number of bits by which left-aligned samples are shifted down.
     """
 
     source: Path | NDArray[Any]
@@ -72,15 +72,15 @@ class CalibrationFrame:
 
 
 def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
-    """Return the frames of an image file, of a folder, or of its subfolders, with the facts that their files state.
+    """Return the frames of an image file, of a folder or of its subfolders, and the facts that their files state.
 
-    Frames come in the natural order of their names. An exposure comes from the file itself (``exposure_s``), else
-    from its name or that of its folder: ``flat_10ms_3.tif``, ``0.5s/``.
+    Frames are in the natural order of their names. The exposure is that stated in the file (``exposure_s``), else that
+    in the name of the file or its folder: ``flat_10ms_3.tif``, ``0.5s/``.
 
     Raises
     ------
     LfcalError
-        If there are none, or one cannot be opened.
+        If there are no frames, or one cannot be opened.
     """
     if not split_dataset(path)[0].exists():
         raise StorageError(f"{path}: no such file or folder; check the path")

@@ -47,16 +47,17 @@ def iter_measure_sensor(
     Parameters
     ----------
     flats
-        Two or more for each level of light, with any static structure (a white image of a lenslet array is suitable).
+        Two or more flats for each light level. They may contain any static structure: a white image of a lenslet array
+        is suitable.
     darks
-        Two or more for each exposure, recorded with the settings of the flats.
+        Two or more darks for each exposure, recorded with the settings of the flats.
     cfa
         Colour filter pattern by rows, empty for none.
 
     Raises
     ------
     InputError
-        If frames differ in shape, are identical, single, without light, or saturated everywhere.
+        If frames differ in shape, are identical, dark or saturated everywhere, or a level has only one frame.
     """
     files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
     if files[0] & files[1]:

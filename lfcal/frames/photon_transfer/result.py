@@ -1,4 +1,4 @@
-"""Measured properties of a sensor: in words, as a picture, and in a camera."""
+"""Measured properties of a sensor: as text, as a plot, and in a camera."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ VALUES = (
 
 @dataclass(frozen=True)
 class SensorMeasurement:
-    """Sensor properties measured from flats and darks; None: undetermined, and ``notes`` state why.
+    """Sensor properties measured from flats and darks; None: not determined, for the reason in ``notes``.
 
     Attributes
     ----------
     gain
-        Sample values per electron.
+        Gain (sample values per electron).
     black_level
         Sample value without light; None if darks are clipped at zero.
     dark_level
-        Mean of the darks of the shortest exposure (sample values), the reference of signals.
+        Mean of the darks with the shortest exposure (sample values), to which signals are relative.
     read_noise_counts, read_noise_e
-        Read noise, rms without rounding noise (sample values; electrons).
+        Rms read noise without quantization noise, in sample values and in electrons.
     saturation
         Sample value at which samples are saturated.
     full_well_e
@@ -46,23 +46,23 @@ class SensorMeasurement:
     prnu
         Relative rms of the pixels' responses.
     dsnu_counts, dsnu_e
-        Rms of the pixels' offsets (sample values; electrons).
+        Rms of the pixels' offsets, in sample values and in electrons.
     dark_current_e_s
         Dark current (electrons per pixel and second).
     bits
-        Bits that the sample values need.
+        Number of bits that the sample values need.
     shift
-        Bits by which left-aligned samples were shifted down; all counts refer to shifted samples.
+        Number of bits by which left-aligned samples were shifted down; all sample values refer to shifted samples.
     hot, dead
-        Pixels that are too bright in the dark, and dead ones; they are left out of all other values.
+        Numbers of pixels that are too bright in the dark, and of dead pixels; they are left out of all other values.
     channels
         Gain of each channel of the colour filter pattern.
     frames
         Number of flats and darks read.
     shape
-        Pixels of a frame ``(rows, columns)``.
+        Rows and columns of a frame.
     doubts
-        Why the values are not those of the sensor; empty if there is no doubt.
+        Reasons why the values may not be those of the sensor; empty if there is no doubt.
     notes
         Further remarks.
     curve
@@ -98,7 +98,7 @@ class SensorMeasurement:
         return None if self.gain is None else self.gain.inverse()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return the measurement as a dictionary of plain values."""
         found: dict[str, Any] = {}
         for name in VALUES:
             one: MeasuredValue | None = getattr(self, name)
@@ -118,14 +118,14 @@ class SensorMeasurement:
         return self.dark_level.value + float(self.curve.points.x.max())
 
     def sensor(self, known: Sensor) -> tuple[Sensor, tuple[str, ...]]:
-        """Return ``known`` with the measured values, and the names of those entries.
+        """Return ``known`` with the measured values, and the names of the changed entries.
 
         Its full well refers to the highest sample value, which pixels that saturate earlier do not reach.
 
         Raises
         ------
         InputError
-            If the values are doubtful, or the samples need more bits than ``known`` has without showing how many.
+            If the values are doubtful, or the samples need an unknown number of bits above that of ``known``.
         """
         if self.doubts or self.gain is None:
             why = self.doubts[0] if self.doubts else "the gain was not measured"
@@ -161,14 +161,14 @@ SMALLEST, LARGEST = 0.5, 2.0
 
 
 def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tuple[str, str]]:
-    """Return name and value with error and unit of every property; "unknown" if it is undetermined.
+    """Return the name of every property, and its value with error and unit, or "unknown".
 
     Parameters
     ----------
     found
         The measured properties.
     known
-        The described sensor; with it, the full well for its description is included.
+        The described sensor; if given, the full well for its description is included.
     """
     channels = [(f"  {name}", _text(gain, "counts per e⁻")) for name, gain in found.channels.items()]
     return [
@@ -241,7 +241,7 @@ def _text(value: MeasuredValue | None, unit: str) -> str:
 
 
 def save_curve(found: SensorMeasurement, path: str | os.PathLike[str]) -> None:
-    """Draw noise against signal, both logarithmic: the points, the fit, and its limit."""
+    """Draw the photon-transfer curve with logarithmic axes: points, fit, and saturation limit."""
     curve = found.curve
     with figure(6.4, 4.4) as fig:
         axes = fig.add_subplot()

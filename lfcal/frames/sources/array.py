@@ -22,15 +22,15 @@ class ArraySource(Frames):
     frames
         Array, memory map or HDF5 dataset of numbers.
     positions
-        One `Position` (or ``(z, y, x)``) per frame; a 5-D array defines them by its axes.
+        One `Position` or ``(z, y, x)`` for each frame; not needed for a 5-D array, whose axes define them.
     exposures_s
         Exposure of each frame (s), or None.
     drifts
         Drift ``(dy, dx)`` of each frame (px), or None.
     origins
-        Sensor (row, column) of each frame's first pixel, or None for whole sensor frames.
+        Row and column on the sensor of each frame's first pixel; None: frames of the whole sensor.
     mask
-        Pixels with a measurement in every frame, ``(rows, columns)``, or None for all.
+        True at pixels with a measurement in every frame, ``(rows, columns)``; None: all pixels.
     metadata
         Facts about the frames: `FrameMetadata`, or a mapping of its fields, in which ``exposure_s`` is the exposure of
         every frame if ``exposures_s`` is None.

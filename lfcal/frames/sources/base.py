@@ -19,7 +19,7 @@ __all__ = ["FrameOptions", "SourceKind"]
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """Options of the user for frames in files; see `lfcal.frames.open_frames`."""
+    """The user's options for frames in files; see `lfcal.frames.open_frames`."""
 
     manifest: str | os.PathLike[str] | Manifest | None = None
     pattern: str | NamePattern | None = None
@@ -37,7 +37,7 @@ class FrameOptions:
     origin: tuple[int, int] | None = None
 
     def refuse(self, what: str, *accepted: str) -> None:
-        """Raise `InputError` for the first option that is set but does not apply to the source ``what``."""
+        """Raise `InputError` for the first option that is set but not ``accepted`` by the kind of source ``what``."""
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name not in (*accepted, "plan_shape", "plan", "orientation") and value != entry.default:
@@ -46,18 +46,18 @@ class FrameOptions:
 
 @dataclass(frozen=True, slots=True)
 class SourceKind:
-    """One kind of source: the value ``SOURCE`` of its module, or an entry point of group ``lfcal.sources``.
+    """A kind of source, defined as ``SOURCE`` in its module or as an entry point of the group ``lfcal.sources``.
 
     Attributes
     ----------
     name
-        Name in messages and documents.
+        Name in messages and documentation.
     recognises
         Function that decides whether a path is of this kind.
     open
-        Function that opens it.
+        Function that opens a path of this kind.
     rank
-        Kinds of low rank are tried first; the folder of files, rank 100, accepts the rest.
+        Order in which kinds are tried; folders of files come last, with rank 100.
     """
 
     name: str

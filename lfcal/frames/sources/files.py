@@ -29,7 +29,7 @@ __all__ = ["SOURCE", "open_files", "open_unplaced"]
 
 
 def open_files(path: Path, options: FrameOptions) -> FolderSource:
-    """Open a folder, a manifest or list, or one file of many frames; see `lfcal.frames.open_frames`."""
+    """Open a folder, a manifest, a list, or one file of many frames; see `lfcal.frames.open_frames`."""
     ways = {"manifest": options.manifest, "pattern": options.pattern, "order": options.order}
     given = [name for name, value in ways.items() if value]
     if len(given) > 1:

@@ -46,7 +46,7 @@ _OF_PAGES = (
 def check_frame(
     frame: NDArray[Any], name: str, *, nan: str = "refuse", blank: str = "reject", bit_depth: int | None = None
 ) -> NDArray[Any]:
-    """Return ``frame`` if its values are possible for a sensor; readers may return others without an error.
+    """Return ``frame`` after checking that a sensor can produce its values, which readers do not check.
 
     Parameters
     ----------
@@ -55,16 +55,17 @@ def check_frame(
     name
         Name for messages.
     nan
-        ``"refuse"`` frames of floats with NaN or infinity, or ``"mask"`` them: infinity also becomes NaN.
+        ``"refuse"``: raise an error for NaN and infinity in frames of floats; ``"mask"``: accept them, and replace
+        infinity by NaN.
     blank
-        ``"reject"`` frames with a single value, or ``"accept"`` them.
+        ``"reject"``: raise an error for frames with a single value; ``"accept"``: allow them.
     bit_depth
-        Number of bits that a sample may use; None: all of its type.
+        Number of bits that a sample may use; None: all bits of its type.
 
     Raises
     ------
     FileFormatError
-        With the name and the problem.
+        If a value is impossible; the message states ``name`` and the problem.
     """
     if frame.dtype.kind == "f":
         bad = ~np.isfinite(frame)
@@ -92,7 +93,7 @@ def check_frame(
 
 
 def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
-    """Return a frame whose NaN are the mean of their nearest neighbours of one colour; far from any, the median."""
+    """Return a frame with each NaN replaced by the mean of its nearest same-colour neighbours, else by the median."""
     from lfcal.frames.corrections import repair_nan
 
     values = np.array(frame, np.float32)
@@ -107,8 +108,8 @@ def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
 class FolderSource(Frames):
     """The frames that a manifest lists in the files of a folder.
 
-    Files are opened on demand; multi-page ones stay open until `close`. The first frame, or the manifest if it states
-    them, sets shape, dtype and colour filter, which every other frame must have.
+    Files are opened on demand; multi-page files stay open until `close`. All frames must have the same shape, dtype
+    and colour filter, which are those of the manifest or else of the first frame.
 
     Parameters
     ----------
@@ -119,17 +120,17 @@ class FolderSource(Frames):
     colour, dataset
         As in `open_image`.
     nan
-        What happens to NaN and infinity in frames of floats. ``"auto"``: pixels that have no value in the first, the
-        middle and the last frame are masked, others refused. ``"mask"``: all are masked. ``"refuse"``. Samples of
-        masked pixels are not valid; they are read as the mean of their nearest neighbours.
+        Treatment of NaN and infinity in frames of floats. ``"mask"``: the pixels are masked. ``"refuse"``: an error is
+        raised. ``"auto"``: pixels without a value in the first, the middle and the last frame are masked, others
+        refused. Samples of masked pixels are invalid and are read as the mean of their nearest neighbours.
     blank
         As in `check_frame`.
     skip_damaged
         Take shape and dtype from the first frame that can be read.
     notes, facts
-        Notes on what was guessed, and further facts about all frames; both go to the metadata.
+        Notes on what was guessed, and further facts about all frames; both are added to the metadata.
     origin
-        As in `lfcal.frames.open_frames`; also in the metadata.
+        As in `lfcal.frames.open_frames`; it is added to the metadata.
     frames_last
         Whether the frames of a stack run along its last axis.
 
