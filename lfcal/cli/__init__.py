@@ -32,12 +32,12 @@ class _Ended(BaseException):
 
 
 def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") -> None:
-    """Run ``lfcal``. Bad input ends it with one clear line and exit code 2, a signal with 128 plus its number.
+    """Run ``lfcal``. Invalid input ends it with a one-line message and exit code 2, a signal with 128 plus its number.
 
     Parameters
     ----------
     command_line
-        Function that makes the parser; another program may pass its own to end in the same way.
+        Function that runs the commands; another program may pass its own one, and then handles errors in the same way.
     program
         Name of the program in its help.
 

@@ -51,7 +51,7 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
 
 
 def show_coverage(facts: Mapping[str, Any]) -> None:
-    """Print which positions a session of a target shows."""
+    """Print which positions the frames of a target's session show."""
     shown = ", ".join(format_share(share) for share in facts["coverage_of_planes"])
     typer.echo(
         f"  phases shown, where the target lies as planned: {shown}; {facts['mean_repeats']:.2f} times on average"

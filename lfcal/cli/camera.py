@@ -19,7 +19,7 @@ __all__ = ["as_json", "print_camera", "register", "save_camera"]
 
 
 def register(app: typer.Typer) -> None:
-    """Add ``camera`` and its commands, those of the modules ``camera_*``, to the app."""
+    """Add ``camera`` and its subcommands, which are in the modules ``camera_*``, to ``app``."""
     camera_app = typer.Typer(
         help="Describe a camera, show which of its values are known, and check it against a white image.",
         epilog="Example: `lfcal camera show r29_calibration.xml`",
@@ -32,7 +32,7 @@ def register(app: typer.Typer) -> None:
 
 
 def print_camera(camera: Camera) -> None:
-    """Print the values of ``camera`` with their sources, derived quantities, and doubts."""
+    """Print the values of ``camera`` with their sources, the derived quantities, and any doubts."""
     rows = [
         [quantity.label, quantity.text(value_at(camera, quantity.path)), camera.marks[quantity.path]]
         for quantity in quantities_of(camera)
@@ -51,7 +51,7 @@ def print_camera(camera: Camera) -> None:
 
 
 def as_json(camera: Camera) -> dict[str, Any]:
-    """Return ``camera`` with derived quantities, assumed values and doubts, as plain values."""
+    """Return ``camera``, its derived quantities, assumed values and doubts as plain values for JSON."""
     return {
         "camera": camera.to_dict(),
         "assumed": camera.marks.paths("assumed"),

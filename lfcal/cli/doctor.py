@@ -1,4 +1,4 @@
-"""``lfcal doctor``: list what this machine has, and why a part is missing."""
+"""``lfcal doctor``: list what lfcal can use on this machine, and the reason for each fault."""
 
 from __future__ import annotations
 

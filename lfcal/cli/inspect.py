@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[InspectedMatrix, ...]) -> None:
-    """Print verdict, metrics, comparisons, and the path of the report; with ``--all`` also apertures."""
+    """Print the verdict, metrics, comparisons and the path of the report; with ``--all``, also the apertures."""
     for one in made:
         _show(one)
         if one.loss is not None:

@@ -83,7 +83,7 @@ def data_home(environment: Mapping[str, str] = os.environ) -> Path:
 
 
 def window_program() -> str:
-    """Return the path of ``lfcal-gui``: next to this program, or found in PATH."""
+    """Return the path of ``lfcal-gui``, which is next to this program or in PATH."""
     beside = Path(sys.executable).with_name("lfcal-gui")
     found = str(beside) if os.access(beside, os.X_OK) and beside.is_file() else shutil.which("lfcal-gui")
     if found is None:
@@ -92,7 +92,7 @@ def window_program() -> str:
 
 
 def desktop_files(program: str) -> dict[str, bytes]:
-    """Return the files to write for a ``program``, by the path below the folder of `data_home`."""
+    """Return the contents of the files to write for ``program``, by their paths below the folder of `data_home`."""
     return {
         "applications/lfcal.desktop": ENTRY.format(program=_quoted(program)).encode(),
         "icons/hicolor/scalable/apps/lfcal.svg": ICON.read_bytes(),

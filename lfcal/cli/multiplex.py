@@ -53,7 +53,7 @@ ReferenceOption: TypeAlias = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add ``multiplex`` with its subcommands."""
+    """Add ``multiplex`` with its subcommands to ``app``."""
     group = typer.Typer(
         help="Plenoptic multiplexing: compare modulators, demultiplex frames.",
         epilog="Example: `lfcal multiplex demosaic shot.dng -o shot.tif`",

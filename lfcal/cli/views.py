@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GivenLattice:
-    """Options for the lattice: a white image with the kind and nominal pitch (px) of its fit; or a lattice file."""
+    """Options for the lattice: a white image, with kind and nominal pitch (px) for its fit, or a lattice file."""
 
     white: Path | None
     file: Path | None
@@ -35,7 +35,7 @@ class GivenLattice:
 
 @dataclass(frozen=True)
 class ViewedFrame:
-    """Colours of a frame and its white image, the lattice and its source, lens types, dark lenslets, radius."""
+    """A frame and its white image by colour, with the lattice and its source, lens types, dark lenslets and radius."""
 
     planes: Planes
     lattice: FrameLattice
@@ -46,7 +46,7 @@ class ViewedFrame:
     radius_px: float | None = None
 
     def rows(self, found: dict[str, list[Views]]) -> list[list[str]]:
-        """Return the rows of the table of views; ``found`` is by lens type and colour."""
+        """Return the rows of the table of views; ``found`` contains the views of each colour, by lens type."""
         views, lattice = next(iter(found.values()))[0], self.lattice
         count, masked = len(views.offsets), int((~views.mask).sum())
         turned = f"turned by {math.degrees(lattice.rotation_rad):+.3f}°"
@@ -62,12 +62,12 @@ class ViewedFrame:
         return table if "" in self.planes else [*table, ["colours", ", ".join(self.planes)]]
 
     def read(self) -> Iterator[tuple[Any, dict[str, Any]]]:
-        """Yield the plane of each colour, with the weights of its micro-images."""
+        """Yield the samples of each colour, with the weights of its micro-images."""
         for name, plane in self.planes.items():
             yield plane, {"white": None if self.white is None else self.white[name], "radius_px": self.radius_px}
 
     def to_dict(self, found: dict[str, list[Views]]) -> dict[str, Any]:
-        """Return the same as plain values."""
+        """Return the table of views and the lattice as plain values for JSON."""
         views = next(iter(found.values()))[0]
         names = ("kind", "pitch_px", "row_pitch_px", "rotation_rad")
         return {
@@ -87,7 +87,7 @@ def _field(views: Views) -> dict[str, Any]:
 
 
 def viewed_frame(path: Path, given: GivenLattice, camera: Camera | None, reading: ColourReading) -> ViewedFrame:
-    """Return a frame and the basis of its views: a white image, a measured lattice, or that of the camera.
+    """Return a frame with the lattice for its views: from a white image, from a file, or from the camera.
 
     Without a white image, all pixels of a micro-image have equal weight, up to the lenslets' clear aperture or to half
     a pitch.

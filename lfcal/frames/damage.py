@@ -74,7 +74,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
     source
         Raw frames.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------

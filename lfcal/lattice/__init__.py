@@ -5,9 +5,9 @@
 - ``lattice_file``: a measured lattice as files
 - ``lens_types``: the type of each lenslet
 - ``vignetting``: the fall-off of light over the field; ``_smooth_field`` is its model
-- ``micro_images``: the lattice interface that views need, and lattices of a camera description, of a crop, of one lens
-  type
-- ``views``: sub-aperture views; ``_view_grid`` defines the places of their samples and the lenslets that contribute
+- ``micro_images``: the lattice interface that views need; lattices of a camera description, of a part of the sensor,
+  and of one lens type
+- ``views``: sub-aperture views; ``_view_grid`` defines the positions of their samples and the lenslets that contribute
 - ``view_files``: views and focal stacks as files
 - ``_refocus``: refocused images from views
 - ``rendering``: refocused images of a focused plenoptic camera, weighting lens types by sharpness, and all-in-focus

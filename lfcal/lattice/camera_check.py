@@ -33,9 +33,9 @@ class CheckLine:
     label
         Name of the value.
     expected, measured
-        Both with units; the measured one with its standard error, if known.
+        Described and measured value with units; the measured one with its standard error, if known.
     edge_px
-        Displacement of a micro-image at the frame's edge by the difference (pixels); None if there is none.
+        Displacement of a micro-image at the frame's edge due to the difference (pixels); None if there is none.
     verdict
         `FITS`, `DIFFERS`, `WRONG`, or `UNKNOWN` if the expected value was only assumed.
     """
@@ -49,7 +49,10 @@ class CheckLine:
 
 @dataclass(frozen=True, slots=True)
 class CameraCheck:
-    """The comparison, the lattice fit and lens types, and the measured camera (None if kind or shape differ)."""
+    """Comparison of a camera with a white image: its lines, the lattice fit, lens types, and the measured camera.
+
+    The measured camera is None if the kind of lattice or the shape of the frame differs.
+    """
 
     data: ClassVar[str] = "camera"
 
@@ -60,13 +63,13 @@ class CameraCheck:
 
     @property
     def known(self) -> str:
-        """Number of values that fit, in words."""
+        """The number of values that agree, as text."""
         fits = sum(line.verdict == FITS for line in self.lines)
         return f"confirmed by the white image in {fits} of {format_count(len(self.lines), 'value', 'values')}"
 
     @property
     def verdict(self) -> str:
-        """The worst verdict of all lines; an assumed value cannot be wrong."""
+        """The worst verdict of all lines; assumed values cannot be wrong."""
         found = {line.verdict for line in self.lines}
         return next((verdict for verdict in (WRONG, DIFFERS) if verdict in found), FITS)
 
@@ -79,7 +82,7 @@ def check_camera(
     origin: tuple[int, int] | None = None,
     workers: int | None = None,
 ) -> CameraCheck:
-    """Compare ``camera`` with a white image.
+    """Return the comparison of ``camera`` with a white image.
 
     The lattice is fitted independently of the camera, so that a wrong description cannot bias it.
 
@@ -88,12 +91,12 @@ def check_camera(
     camera
         Camera description.
     white, dark
-        White frame ``(rows, columns)`` and dark frame or level.
+        White frame ``(rows, columns)``, and dark frame or level to subtract.
     origin
-        Row and column on the sensor of the first pixel of frames that show a part of it; None: whole frames. Places in
-        the comparison are then relative to the part.
+        Row and column on the sensor of the first pixel of frames that show a part of it; None: frames of the whole
+        sensor. Positions in the comparison are relative to the frames.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------

@@ -104,26 +104,26 @@ class DepthMap:
     Attributes
     ----------
     slope
-        ``(rows, columns)`` float32: slope w (`sensor_slope`).
+        Slope w (`sensor_slope`), ``(rows, columns)`` float32.
     sigma
         Standard error of `slope`.
     confidence
-        Probability (0 to 1) that the disparity is wrong by less than 0.3 px, from its standard error and from the
-        share of the micro-images that agree; 0 where the depth is unknown.
+        Probability (0 to 1) that the error of the disparity is less than 0.3 px, from its standard error and the
+        fraction of micro-images that agree; 0 where the depth is unknown.
     image
-        Light of the central view, all in focus.
+        All-in-focus image of the central view.
     method
         ``"micro-images"`` or ``"views"``.
     corner_px, step_px
-        Place of sample (0, 0) on the frame, and distance of samples down and right (pixels).
+        Position of sample (0, 0) on the frame (row, column), and distances of samples down and right (pixels).
     disparity_px
-        Micro-images: disparity of neighbours times `slope`, which is the pitch. Views: disparity of the outermost view
-        and the central one (samples) for a slope of 1.
+        Scale of the disparity. For micro-images: disparity of neighbours times `slope`, which is the pitch (pixels).
+        For views: disparity between the outermost and the central view at a slope of 1 (samples).
     z_um, z_sigma_um
         Depth from the working plane, positive away from the camera, and its standard error (µm); None before
         `metric_depth`.
     across_um
-        ``(rows, columns, 2)``: place (down, right) of each sample in object space, from the axis (µm); None before
+        Position (down, right) of each sample in object space, from the axis (µm), ``(rows, columns, 2)``; None before
         `metric_depth`.
     """
 
@@ -141,12 +141,12 @@ class DepthMap:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Samples with a depth."""
+        """Map of the samples with a depth, ``(rows, columns)``."""
         return np.isfinite(self.slope)
 
     @property
     def disparity(self) -> Image:
-        """Disparity: of neighbouring micro-images (pixels), or of the outermost view and the central one (samples)."""
+        """Disparity of neighbouring micro-images (pixels), or between the outermost and the central view (samples)."""
         if self.method == "views":
             return self.slope * np.float32(self.disparity_px)
         return np.float32(self.disparity_px) / self.slope
@@ -159,15 +159,15 @@ class DepthMap:
         return self.sigma / self.slope**2 * np.float32(self.disparity_px)
 
     def places_px(self) -> Array:
-        """Return the places ``(rows, columns, 2)`` of the samples on the frame (row, column; pixels)."""
+        """Return the positions ``(rows, columns, 2)`` of the samples on the frame (row, column; pixels)."""
         steps = zip(self.corner_px, self.step_px, self.slope.shape, strict=True)
         rows, columns = (corner + step * np.arange(n) for corner, step, n in steps)
         return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
 
     def points(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the points ``(n, 3)`` as (x, y, z), and which samples they are.
+        """Return the points ``(n, 3)`` as (x, y, z), and a map of the samples that they come from.
 
-        In µm if the depth is metric; else x and y are pixels of the frame, and z is the slope.
+        Units are µm if the depth is metric; otherwise x and y are in pixels of the frame, and z is the slope.
         """
         if self.z_um is None or self.across_um is None:
             chosen, across, depth = self.known, self.places_px(), self.slope
@@ -190,33 +190,34 @@ def iter_depth_map(
     radius_px: float | None = None,
     workers: int | None = None,
 ) -> Work[DepthMap]:
-    """Return the depth of every place of the central view that one light-field frame shows.
+    """Return the depth map of one light-field frame, in the central view.
 
-    Only places with texture get a depth. Nothing is filled in: unknown places are NaN.
+    Depth is found only where the scene has texture. Unknown samples are NaN and are not filled in.
 
     Parameters
     ----------
     frame
-        Light-field frame ``(rows, columns)``. NaN and infinity are left out.
+        Light-field frame ``(rows, columns)``; NaN and infinity are ignored.
     lattice, white, dark
         As in `extract_views`. Without a white frame, the fall-off in the micro-images is estimated from the frame.
     mask
-        Pixels to leave out, ``(rows, columns)``.
+        True at pixels to leave out, ``(rows, columns)``; None: all pixels are used.
     camera
-        Camera, for the range of slopes, the blur of its lens types, and the choice of the method.
+        Camera that determines the range of slopes, the blur of its lens types, and the method; None: unknown.
     type_of
-        Lens types of lenslets q, r: the method of `LensTypes`, or of the camera's lattice if ``lattice`` is that of the
-        camera. Lenslets of different blur are then compared with less weight.
+        Function that returns the lens types of lenslets q, r: the method of `LensTypes`, or of the camera's lattice if
+        ``lattice`` is that of the camera. Lenslets of different blur are then compared with less weight.
     method
         ``"micro-images"``: match each micro-image with its neighbours, for lenslets that are focused on the scene.
-        ``"views"``: compare the views on planes, for lenslets focused at infinity. ``"auto"``: by the focus of the
-        lenslets, or without a camera, the method that explains more of the frame's middle.
+        ``"views"``: compare the views on planes, for lenslets focused at infinity. ``"auto"``: choose by the focus of
+        the camera's lenslets; without a camera, choose the method that explains more of the middle of the frame.
     slopes
-        Smallest and largest slope; by default those of the camera's lenslets, else all that the method allows.
+        Smallest and largest slope; by default those of the camera's lenslets, or without a camera the limits of the
+        method.
     radius_px
         Radius of the micro-images (pixels); by default 0.45 pitches.
     workers
-        Threads.
+        Number of threads; None: all processors.
 
     Yields
     ------
@@ -226,7 +227,7 @@ def iter_depth_map(
     Raises
     ------
     InputError
-        If a frame does not fit the lattice, no micro-image is whole, or the slopes do not suit the method.
+        If a frame does not fit the lattice, no micro-image is complete, or the slopes do not suit the method.
 
     Examples
     --------
@@ -266,7 +267,7 @@ def metric_depth(
     origin: tuple[int, int] = (0, 0),
     measured: Sequence[tuple[float, float]] = (),
 ) -> DepthMap:
-    """Return the map with depths in µm, by the camera and, where given, by planes whose slope was measured.
+    """Return the map with depths in µm, converted by the camera and corrected by planes of measured slope, if any.
 
     Parameters
     ----------
@@ -277,8 +278,8 @@ def metric_depth(
     origin
         Row and column on the sensor of the frame's first pixel.
     measured
-        Depth (µm) and measured slope of planes, as H shows them. A line through them corrects the slopes before the
-        camera converts them; a single plane corrects their scale.
+        Depth (µm) and measured slope of planes, for example from H. A line fitted to them corrects the slopes before
+        they are converted; a single plane corrects their scale.
 
     Examples
     --------

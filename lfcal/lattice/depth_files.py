@@ -23,7 +23,7 @@ CLOUD = np.dtype(
 def save_depth(path: Path, found: DepthMap) -> None:
     """Write depth, standard error, confidence, light and disparity as float32 pages, NaN where the depth is unknown.
 
-    The file is an ImageJ hyperstack; its labels hold the quantities and units, its ``Info`` the same as JSON.
+    The file is an ImageJ hyperstack. Its labels state the quantities and units; its ``Info`` contains them as JSON.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def save_depth(path: Path, found: DepthMap) -> None:
 
 
 def save_points(path: Path, found: DepthMap) -> int:
-    """Write the points with a depth as a binary PLY file with their brightness; return their number.
+    """Write the points with a depth and their brightness to a binary PLY file; return their number.
 
     Examples
     --------

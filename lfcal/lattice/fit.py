@@ -57,9 +57,9 @@ def fit_lattice(
     pitch_px: float | None = None,
     workers: int | None = None,
 ) -> LatticeFit:
-    """Fit the lattice of micro-images to a white image.
+    """Return the lattice of micro-images, fitted to a white image.
 
-    The spectrum gives a first lattice (`guess_lattice`), which is extended from the middle of the frame outwards
+    A first lattice is found in the spectrum (`guess_lattice`) and extended from the middle of the frame outwards
     (`fit_outwards`). Three steps then alternate: the mean micro-image is computed, each lenslet is located with it to
     a fraction of a pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted robustly to the
     positions. `select_form` chooses the form of the lattice: straight, or with a distortion. Finally, the lattice is
@@ -69,7 +69,7 @@ def fit_lattice(
     Parameters
     ----------
     white
-        Frame ``(rows, columns)`` of evenly lit lenslets, at least 7 of them, pitch above 4 px. A part of the frame may
+        Frame ``(rows, columns)`` of at least 7 evenly lit lenslets, with a pitch above 4 px. A part of the frame may
         be dark: the lattice is fitted to the lit part (`LatticeFit.outline_px`).
     dark
         Dark frame or level to subtract.
@@ -78,12 +78,13 @@ def fit_lattice(
     pitch_px
         Nominal pitch along a row, accurate to 10 %; None: detected.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        With the reason, if the frame is blank or textured, or shows no such lattice, a checkerboard or a specimen.
+        If the frame is blank or textured, or shows no such lattice, a checkerboard or a specimen; the message states
+        the reason.
 
     Examples
     --------
@@ -249,13 +250,13 @@ TRACKING_DEGREE = 3
 
 
 def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
-    """Return the radius of the first region (pixels)."""
+    """Return the radius of the first fitted region (pixels)."""
     wanted = max(START_PITCHES * model.pitch, min(START_SHARE * frame.scale, START_PX))
     return wanted if 3 * (wanted / model.pitch) ** 2 >= MIN_REGION else frame.scale
 
 
 def tracking_form(count: int) -> LatticeForm:
-    """Return the form that extrapolates from ``count`` lenslets."""
+    """Return the form of the lattice that is reliable for extrapolation from ``count`` lenslets."""
     form = flexible_form(count // 2)
     return form if form.degree <= TRACKING_DEGREE else flexible_form(100)
 
@@ -263,9 +264,9 @@ def tracking_form(count: int) -> LatticeForm:
 def fit_outwards(
     image: NDArray[np.float32], model: LatticeModel, start: Array, workers: int | None
 ) -> tuple[LatticeModel, PlacedLenslets]:
-    """Return the lattice fitted in growing regions about ``start`` (x, y), each predicted by the one before.
+    """Return the lattice fitted in growing regions about ``start`` (x, y), each predicted by the previous one.
 
-    The lenslets of the last region, the whole frame, are returned too.
+    The lenslets of the last region, which is the whole frame, are also returned.
     """
     frame = DistortionFrame.of(image.shape)
     farthest = float(np.hypot(*(frame.outline() - start).T).max())

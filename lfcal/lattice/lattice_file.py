@@ -1,4 +1,4 @@
-"""Files of a measured lattice: ``lattice.json``, which can be read again, and its residuals as table and picture."""
+"""Files of a measured lattice: ``lattice.json``, which can be read again, and its residuals as a table and a plot."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ MAX_ANGLE_RAD = 4.0
 
 
 def lattice_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the files that `save_lattice` writes into a folder: lattice, residuals, and a map of the residuals."""
+    """Return the paths of the files that `save_lattice` writes: lattice, residuals, and a map of the residuals."""
     return [Path(folder) / name for name in ("lattice.json", "residuals.csv", "residuals.png")]
 
 
 def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write the lattice, the residual of every lenslet and a map of them into ``folder``; return the files.
+    """Write the lattice, the residual of every lenslet and a map of the residuals into ``folder``; return the paths.
 
     Examples
     --------
@@ -116,12 +116,12 @@ def _draw(fit: LatticeFit, path: Path) -> None:
 
 
 def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
-    """Return the lattice in a ``lattice.json`` with all lenslets of its frame; only dead ones are marked.
+    """Return the lattice in a ``lattice.json`` with all lenslets of its frame, of which the dead ones are marked.
 
     Raises
     ------
     FileFormatError
-        If the file has another content, or an impossible number.
+        If the file is not a lattice, or contains an impossible number.
 
     Examples
     --------

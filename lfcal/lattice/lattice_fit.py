@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class LatticeErrors:
-    """Standard errors of a fitted lattice's parameters, under the weights of the fit.
+    """Standard errors of a fitted lattice's parameters, for the weights of the fit.
 
     Attributes
     ----------
@@ -82,35 +82,35 @@ class LatticeFit:
     rotation_rad
         Angle from the +x (column) axis to a row, positive towards +y (down) (rad).
     origin_px
-        Centre ``(row, column)`` of the lenslet q = r = 0, the one nearest the frame's centre.
+        Centre ``(row, column)`` of the lenslet q = r = 0, which is nearest to the frame's centre (pixels).
     pitch_error_px
         Standard error of the pitch (pixels).
     shear_rad
-        Deviation of the angle from a row to the next from the ideal one; 0 if it is not significant (rad).
+        Deviation of the angle between the lattice vectors from the ideal one (rad); 0 if it is not significant.
     residual_rms_px
-        Distance of the located micro-images from the lattice, distortion included, rms along one axis (pixels).
+        Rms distance along one axis of the located micro-images from the lattice, including distortion (pixels).
     index
-        ``(n, 2)``: q along a row and r across, of every lenslet wholly in the frame.
+        ``(n, 2)``: indices q along a row and r across rows of every lenslet that is completely in the frame.
     measured_px
-        ``(n, 2)``: located centres (row, column); NaN for dead ones.
+        ``(n, 2)``: located centres (row, column) (pixels); NaN for dead lenslets.
     light
-        ``(n,)``: mean sample value within half a pitch.
+        ``(n,)``: mean sample value within half a pitch of each lenslet.
     dead
-        ``(n,)``: lenslets that give too little light or cannot be located.
+        ``(n,)``: True for lenslets that are too dark or cannot be located.
     distortion
-        Displacement from the straight lattice (pixels, points (column, row)); None: straight. Pitch, row pitch,
-        rotation and shear are the straight lattice's.
+        Displacement from the straight lattice (pixels, points (column, row)); None: no distortion. Pitch, row pitch,
+        rotation and shear are those of the straight lattice.
     errors
         Standard errors of the parameters above.
     form, reason
-        The chosen form of the lattice, and the reason, in words.
+        The chosen form of the lattice, and the reason for the choice, as text.
     places_px
-        ``(n, 2)``: best estimate of every centre (row, column), also of dead lenslets: the lattice, plus the common
-        deviation of the neighbours from it.
+        ``(n, 2)``: best estimate of every centre (row, column), including dead lenslets (pixels): the lattice plus the
+        common deviation of the neighbours from it.
     notes
         Doubts about the frame as a white image, and limits of the fit, one line each.
     outline_px
-        ``(m, 2)``: corners (row, column) of the convex outline of the located micro-images (pixels): outside it, the
+        ``(m, 2)``: corners (row, column) of the convex outline of the located micro-images (pixels), outside which the
         lattice is extrapolated. None if a file does not state it.
 
     Examples
@@ -157,7 +157,7 @@ class LatticeFit:
         return LatticeModel(self.kind, origin, along, ratio, math.tan(self.shear_rad), self.distortion)
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres ``(..., 2)`` as (row, column) of lenslets q, r, distortion included."""
+        """Return the centres ``(..., 2)`` as (row, column) of lenslets q, r, including distortion (pixels)."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         return self.model.places(index)[..., ::-1]
 
@@ -169,7 +169,7 @@ class LatticeFit:
     def residual_map(self, size: int = 48) -> Array:
         """Return the mean residual ``(2, rows, columns)`` as (row, column) on a grid over the frame (pixels).
 
-        ``size`` cells along the longer side; NaN if no lenslet was located there.
+        The grid has ``size`` cells along the longer side. Cells without a located lenslet are NaN.
         """
         residual = self.measured_px - self.centres_px(self.index[:, 0], self.index[:, 1])
         return gridded(self.measured_px, residual, self.shape, size)
@@ -187,17 +187,17 @@ class LatticeFit:
         Parameters
         ----------
         camera
-            The camera that took the frame; lens types and gap are kept.
+            The camera that took the frame; its lens types and gap are kept.
         origin
-            Lenslet (q, r) at the lattice's offset, of type 0 if there are three types; by default the one nearest to
-            the present offset.
+            Lenslet (q, r) at the lattice's offset, of type 0 if there are three types; by default the lenslet nearest
+            to the present offset.
         type_step
-            Direction of the lens types along a row; by default unchanged.
+            Direction of the lens types along a row (1 or 2); by default unchanged.
 
         Raises
         ------
         InputError
-            If the kind of lattice or the frame's shape is not the camera's.
+            If the kind of lattice or the shape of the frame differs from that of the camera.
         """
         if camera.sensor.shape != self.shape:
             raise InputError.expected(
@@ -242,7 +242,7 @@ def outline_of(places: Array) -> Array:
 
 
 def within_outline(places: Array, outline: Array) -> NDArray[np.bool_]:
-    """Return which ``places`` ``(n, 2)`` lie within a convex ``outline``, its border included."""
+    """Return which of the points ``places`` ``(n, 2)`` are within or on a convex ``outline``."""
     side = np.roll(outline, -1, axis=0) - outline
     away = places[:, None] - outline
     turn = side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0]
@@ -259,20 +259,20 @@ SPREAD = 1.5
 
 
 def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Array:
-    """Return best estimates ``(n, 2)`` of the lenslets' places.
+    """Return the best estimates ``(n, 2)`` of the lenslets' positions (pixels).
 
-    The estimate is the lattice's place plus a share of the weighted mean deviation of the neighbours. The share is the
-    part of this mean that is common to the neighbours: with scatter alone, its variance would be sum(w²)/sum(w)² times
-    that of a single one (James and Stein 1961).
+    The estimate is the position in the lattice plus a fraction of the weighted mean deviation of the neighbours. The
+    fraction is the part of this mean that is common to the neighbours: with scatter alone, its variance would be
+    sum(w²)/sum(w)² times that of a single one (James and Stein 1961).
 
     Parameters
     ----------
     index
         ``(n, 2)``: lattice indices (q, r).
     lattice
-        ``(n, 2)``: places by the lattice (pixels).
+        ``(n, 2)``: positions in the lattice (pixels).
     measured
-        ``(n, 2)``: places measured; NaN if there is none.
+        ``(n, 2)``: measured positions (pixels); NaN where there is none.
     """
     residual = measured - lattice
     known: NDArray[np.bool_] = np.asarray(np.isfinite(residual).all(1))
@@ -313,9 +313,10 @@ def _means(index: NDArray[np.intp], values: Array, inliers: NDArray[np.bool_]) -
 
 
 def gridded(places: Array, values: Array, shape: tuple[int, int], size: int) -> Array:
-    """Return the mean of ``values`` ``(n, 2)`` in the cells of a grid, ``(2, rows, columns)``; NaN where there is none.
+    """Return the mean of ``values`` ``(n, 2)`` in the cells of a grid, ``(2, rows, columns)``; NaN in empty cells.
 
-    ``size`` cells along the longer side of a frame of ``shape``; ``places`` are (row, column), NaN left out.
+    The grid has ``size`` cells along the longer side of a frame of ``shape``. ``places`` ``(n, 2)`` are positions
+    (row, column); NaN are ignored.
     """
     known = np.isfinite(places).all(1) & np.isfinite(values).all(1)
     cell = max(shape) / size

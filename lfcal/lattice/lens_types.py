@@ -46,10 +46,10 @@ class LensTypes:
     phase
         ``(q - r) mod 3`` of the lenslets of type 0 in the lattice fit's indices.
     sharpness
-        Mean sharpness of types 0, 1 and 2 relative to their neighbours (log): the light in the inner part of the
-        micro-image, or gradient energy over squared light.
+        Logarithm of the mean sharpness of types 0, 1 and 2 relative to their neighbours. Sharpness is the light in the
+        inner part of the micro-image, or the gradient energy divided by the squared light.
     agreement
-        Share of triangles of neighbours that select this assignment individually; 1/6 by chance.
+        Fraction of triangles of neighbours that individually select this assignment; 1/6 by chance.
     sigmas
         Margin of this assignment over the next best, in standard errors.
     triangles
@@ -65,7 +65,7 @@ class LensTypes:
 
     @property
     def confidence(self) -> float:
-        """Probability that this assignment is correct, from the margin alone and at most 1 - 1e-6."""
+        """Probability that this assignment is correct, from its margin alone; at most 1 - 1e-6."""
         return min(0.5 * math.erfc(-self.sigmas / math.sqrt(2)), 1 - 1e-6)
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
@@ -74,7 +74,7 @@ class LensTypes:
         return np.mod(self.type_step * (coset - self.phase), 3)
 
     def to_lattice(self, fit: LatticeFit, camera: Camera) -> LensletLattice:
-        """Return ``camera``'s lattice with fit and assignment: a lenslet of type 0 near the stated offset."""
+        """Return ``camera``'s lattice with the fitted values and lens types, and a lenslet of type 0 at its offset."""
         row, column = camera.pixels(camera.lattice.offset_um)
         near = np.rint(fit.lenslet_at(row, column)).astype(int)
         # the nearest lenslet of type 0 is at most two steps away
@@ -88,8 +88,8 @@ class LensTypes:
 def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[float, ...]:
     """Return the blur ``|1/vf - 1/v|`` of each lens type, in lenslet diameters.
 
-    ``virtual_depth`` is that of the point in the frame; None means a white image, in which the lenslets image the
-    main lens's pupil, v = -b/B.
+    ``virtual_depth`` is that of the point in the frame. None: a white image, in which the lenslets image the main
+    lens's pupil, v = -b/B.
 
     Examples
     --------
@@ -117,13 +117,13 @@ def classify_lens_types(
     dark: ArrayLike | float = 0.0,
     workers: int | None = None,
 ) -> LensTypes:
-    """Assign the three lens types from a white image or a frame of a point.
+    """Return the assignment of the three lens types, from a white image or a frame of a point source.
 
-    Types alternate so that every triangle of neighbours contains one of each. In each triangle, the sharpness of the
-    lenslets is compared, which is independent of vignetting and of slow changes of the scene. Of the six assignments,
-    the result is the one whose expected blurs are most strongly anticorrelated with the measured sharpness. In a white
-    image, sharpness is the light in the inner part of the micro-images. This requires that all types transmit the same
-    light, as lenslets of equal size do.
+    Types alternate so that every triangle of neighbouring lenslets contains one of each type. The sharpness is
+    compared within each triangle, which is independent of vignetting and of slow changes of the scene. The result is
+    the one of the six assignments whose expected blurs are most strongly anticorrelated with the measured sharpness.
+    In a white image, sharpness is the light in the inner part of the micro-images. This requires that all types
+    transmit the same amount of light, as lenslets of equal size do.
 
     Parameters
     ----------
@@ -134,16 +134,17 @@ def classify_lens_types(
     blur
         Expected blur of types 0, 1 and 2 in this frame, in any unit: `expected_blur`.
     content
-        ``"white"``: evenly lit; ``"spots"``: a point off the lenslets.
+        ``"white"``: an evenly lit frame; ``"spots"``: a point source away from the focus of the lenslets.
     dark
         Dark frame or level to subtract.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        If the lattice is not hexagonal, two types have the same expected blur, or the image does not decide.
+        If the lattice is not hexagonal, two types have the same expected blur, or the image does not determine the
+        assignment.
 
     Examples
     --------

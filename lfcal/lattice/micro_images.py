@@ -1,4 +1,4 @@
-"""The lattice interface that views need, and its implementations: of a camera, cropped, of one lens type."""
+"""The lattice interface that views need, and lattices of a camera, of a part of the sensor, and of one lens type."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ INVERSE_PX, INVERSE_ROUNDS = 1e-8, 25
 
 
 class MicroImageLattice(Protocol):
-    """Positions of micro-images, as needed for views. `LatticeFit` and `CameraLattice` implement it."""
+    """Protocol of the positions of micro-images that views need; `LatticeFit` and `CameraLattice` implement it."""
 
     @property
     def kind(self) -> str:
@@ -55,14 +55,14 @@ class MicroImageLattice(Protocol):
         """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) of lenslets q (in row), r (row)."""
+        """Return centres ``(..., 2)`` as (row, column) of lenslets q (index in the row), r (row) (pixels)."""
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
         """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points."""
 
 
 class FrameLattice(MicroImageLattice, Protocol):
-    """A lattice of micro-images on frames of one shape."""
+    """Protocol of a lattice of micro-images on frames of one shape."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -101,7 +101,7 @@ class CameraLattice:
         return self.camera.lattice.rotation_rad
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y) (pixels)."""
+        """Return the lattice vectors ``(2, 2)`` as rows (x, y) (pixels)."""
         return self.camera.lattice.basis_um() / self.camera.sensor.pixel_um
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
@@ -124,7 +124,7 @@ class CameraLattice:
 
 @dataclass(frozen=True, slots=True)
 class CroppedLattice:
-    """The lattice on frames that show a part of its sensor: ``origin`` is the sensor pixel of their first pixel."""
+    """The lattice on frames that show a part of the sensor; ``origin`` (row, column) is their first pixel on it."""
 
     whole: FrameLattice
     shape: tuple[int, int]
@@ -151,25 +151,25 @@ class CroppedLattice:
         return self.whole.rotation_rad
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y) (pixels)."""
+        """Return the lattice vectors ``(2, 2)`` as rows (x, y) (pixels)."""
         return self.whole.basis_px()
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) in the part."""
+        """Return centres ``(..., 2)`` as (row, column) in the part of the sensor (pixels)."""
         centres: Array = self.whole.centres_px(q, r) - np.array(self.origin, float)
         return centres
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional indices ``(..., 2)`` as (q, r) of points in the part."""
+        """Return fractional indices ``(..., 2)`` as (q, r) of points in the part of the sensor."""
         return self.whole.lenslet_at(np.asarray(row) + self.origin[0], np.asarray(column) + self.origin[1])
 
 
 @dataclass(frozen=True, slots=True)
 class TypeLattice:
-    """The lenslets of one of three types: a hexagonal lattice, sqrt(3) times as wide and rotated by -30 degrees.
+    """The lenslets of one of three types: a hexagonal lattice of sqrt(3) times the pitch, rotated by -30 degrees.
 
-    Its lenslet (Q, R) is ``(first + 2 Q + R, R - Q)`` of ``every``: a step of (2, -1) or (1, 1) keeps the type,
-    which is that of ``(q - r) mod 3``.
+    Its lenslet (Q, R) is lenslet ``(first + 2 Q + R, R - Q)`` of the lattice ``every``. The type depends on ``(q - r)
+    mod 3``, which steps of (2, -1) and (1, 1) do not change.
 
     Examples
     --------
@@ -210,7 +210,7 @@ class TypeLattice:
         return math.atan2(y, x)
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y) (pixels)."""
+        """Return the lattice vectors ``(2, 2)`` as rows (x, y) (pixels)."""
         basis: Array = np.array([[2.0, -1.0], [1.0, 1.0]]) @ self.every.basis_px()
         return basis
 
@@ -235,21 +235,21 @@ class TypeLattice:
 def lattice_of(
     camera: Camera, shape: Sequence[int] | None = None, origin: tuple[int, int] | None = None
 ) -> FrameLattice:
-    """Return the lattice that ``camera`` states, on its frames or on parts of them.
+    """Return the lattice in the description of ``camera``, on frames of the whole sensor or of a part.
 
     Parameters
     ----------
     camera
-        A described camera; no white image is needed.
+        Camera description; no white image is needed.
     shape
-        Rows and columns of the frames; by default those of the sensor.
+        Rows and columns of the frames; None: those of the sensor.
     origin
-        Row and column on the sensor of the frames' first pixel, if they show a part of it.
+        Row and column on the sensor of the frames' first pixel, if they show a part of it; None: the whole sensor.
 
     Raises
     ------
     InputError
-        If the frames have another shape without a given origin, or are not inside the sensor.
+        If ``shape`` is not that of the sensor and ``origin`` is None, or the frames are not inside the sensor.
 
     Examples
     --------
@@ -308,7 +308,7 @@ def _by(shape: Sequence[int]) -> str:
 def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> TypeLattice:
     """Return the lenslets of one of three types as a separate lattice.
 
-    ``type_of`` is the method of `LensTypes` or of the camera's lattice.
+    ``type_of`` is the method of `LensTypes` or of the camera's lattice. ``lens_type`` is 0, 1 or 2.
 
     Raises
     ------

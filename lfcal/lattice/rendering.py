@@ -1,7 +1,7 @@
-"""Rendering for the focused plenoptic camera: planes at depths, lens types weighted by sharpness, all in focus.
+"""Rendering for focused plenoptic cameras: refocused planes, lens types weighted by sharpness, all-in-focus images.
 
-If lenslets are focused on the scene, a micro-image is a small picture. Rendering resolves places between lenslets at
-the resolution of the pixels, unlike views, whose samples are lenslets (Georgiev and Lumsdaine 2010).
+If lenslets are focused on the scene, a micro-image is a small image of it. Rendering resolves detail between lenslets
+at the resolution of the pixels, unlike views, whose samples are lenslets (Georgiev and Lumsdaine 2010).
 """
 
 from __future__ import annotations
@@ -43,16 +43,15 @@ class RenderedPlanes:
     Attributes
     ----------
     images
-        ``(n, rows, columns)`` float32: light relative to the white frame; 0 if no lenslet sees the place.
+        ``(n, rows, columns)`` float32: light relative to the white frame; 0 where no lenslet sees the plane.
     disagreement
-        ``(n, rows, columns)`` float32: variance between lenslets at each place, smallest if the scene is on the plane.
-        Infinite if fewer than two lenslets see the place.
+        ``(n, rows, columns)`` float32: variance between lenslets at each sample, which is smallest if the scene is on
+        the plane. Infinite if fewer than two lenslets see the sample.
     slopes
         Slopes of the planes (`sensor_slope`).
     grid
-        Samples of the views.
-    samples
-        Number of image samples along each side of a view's sample.
+        Grid of the views' samples, each of which is divided into samples of the images. samples Number of image
+        samples along each side of a view's sample.
     """
 
     images: Image = field(repr=False)
@@ -63,9 +62,9 @@ class RenderedPlanes:
 
 
 def sharpness_shares(camera: Camera, slope: float) -> tuple[float, ...]:
-    """Return the weight of each lens type at a slope: proportional to 1 / blur², and 1 for the sharpest.
+    """Return the weight of each lens type at a slope: proportional to 1 / blur², and 1 for the sharpest type.
 
-    The blur on the sensor is ``d |1/v - 1/v_focus|`` for clear diameter d, and at least a pixel.
+    The blur on the sensor is ``d |1/v - 1/v_focus|`` for the clear diameter d, and at least one pixel.
 
     Examples
     --------
@@ -93,23 +92,21 @@ def render(
     samples: int = 4,
     workers: int | None = None,
 ) -> RenderedPlanes:
-    """Return images of the planes at ``slopes``; each place is the mean over all lenslets that see it.
+    """Return images of the planes at ``slopes``; each sample is the mean over all lenslets that see it.
 
-    A place S on the plane of slope w is seen below the lenslet whose micro-image is centred at c at c + (S - c)/w.
+    A point S on the plane of slope w is seen at c + (S - c)/w below the lenslet whose micro-image is centred at c.
 
     Parameters
     ----------
     frame, lattice, white, dark, radius_px
         As in `extract_views`.
     slopes
-        Slope of each plane, at least `MIN_SLOPE` or at most its negative.
+        Slope of each plane; its absolute value must be at least `MIN_SLOPE`.
     type_of, shares
-        Function for the lens type of lenslets q, r, and the weight of each type for each plane: `sharpness_shares`, or
-        1 for one type and 0 for the others. By default all weights are equal.
+        Function that returns the lens types of lenslets q, r, and the weight of each type for each plane:
+        `sharpness_shares`, or 1 for one type and 0 for the others. By default all weights are equal.
     samples
-        Number of samples along each side of a view's sample.
-    workers
-        Threads.
+        Number of image samples along each side of a view's sample. workers Number of threads; None: all processors.
 
     Raises
     ------
@@ -197,10 +194,10 @@ def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
 
 
 def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
-    """Return the all-in-focus image, and the slope of the plane chosen at each place.
+    """Return the all-in-focus image, and the slope of the plane chosen at each sample.
 
-    The chosen plane has the smallest disagreement between lenslets in a small window. Without texture in the scene it
-    is meaningless, but the image is then the same on all planes.
+    The chosen plane has the smallest disagreement between lenslets in a small window. Where the scene has no texture,
+    the choice is meaningless, but the image is then the same on all planes.
 
     Examples
     --------

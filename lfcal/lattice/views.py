@@ -30,16 +30,16 @@ class Views:
     Attributes
     ----------
     images
-        ``(nv, nu, rows, columns)`` float32: view from below each lenslet's centre, displaced by `offsets` pixels in v
-        (down) and u (right); 0 if no lenslet sees a sample.
+        ``(nv, nu, rows, columns)`` float32: views from the pixels displaced by `offsets` in v (down) and u (right)
+        from each lenslet's centre; 0 where no lenslet sees a sample.
     weights
-        Weight of each sample: the same views of a white frame, or of the aperture's mask.
+        Weight of each sample, ``(nv, nu, rows, columns)``: the same views of a white frame, or of the aperture's mask.
     offsets
         Offsets of the views from the micro-images' centres, the same in v and u (pixels).
     radius_px
         Radius of the micro-images used (pixels).
     grid
-        Places of the samples, and contributing lenslets.
+        Positions of the samples, and contributing lenslets.
 
     Examples
     --------
@@ -76,7 +76,7 @@ class Views:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Samples that a lenslet sees, ``(rows, columns)``."""
+        """Map of the samples that a lenslet sees, ``(rows, columns)``."""
         return self.grid.mask
 
     @property
@@ -87,7 +87,7 @@ class Views:
         return result
 
     def mosaic(self, every: int = 1) -> Image:
-        """Return the views side by side, from above to below and left to right; every n-th about the middle."""
+        """Return the views side by side, top to bottom and left to right; only every ``every``-th about the middle."""
         middle = len(self.offsets) // 2
         pick = np.arange(middle % every, len(self.offsets), every)
         chosen = self.images[np.ix_(pick, pick)]
@@ -111,8 +111,8 @@ def extract_views(
 ) -> Views:
     """Return the sub-aperture views of a light-field frame.
 
-    The pixel u to the right of a lenslet's centre sees the scene through one part of the main lens's aperture. Taken
-    over all lenslets, these pixels form a view. Samples between pixels are interpolated bilinearly, those between
+    A pixel at a fixed offset from a lenslet's centre sees the scene through one part of the main lens's aperture. Such
+    pixels of all lenslets form a view. Samples between pixels are interpolated bilinearly, and samples between
     lenslets as described in `view_grid`.
 
     Parameters
@@ -120,24 +120,25 @@ def extract_views(
     frame
         Light-field frame ``(rows, columns)``.
     lattice
-        Lattice of its micro-images: a `LatticeFit` from a white image of the same camera, or `lattice_of` a described
-        one.
+        Lattice of its micro-images: a `LatticeFit` from a white image of the same camera, or `lattice_of` a camera
+        description.
     white
-        White frame whose light weights the views. Without it, the weights are equal up to the radius.
+        White frame ``(rows, columns)`` whose light weights the views. Without it, the weights are equal up to the
+        radius.
     dark
-        Dark frame or level subtracted from both.
+        Dark frame or level to subtract from both.
     radius_px
         Radius of the micro-images (pixels); by default 0.45 pitches.
     axes, full, missing, raster
-        As in `view_grid`: rows along the frame or the lattice, the largest box or the whole field with a mask,
-        lenslets that show nothing, the samples of another lattice.
+        As in `view_grid`: direction of the rows (that of the frame or of the lattice), whole field with a mask instead
+        of the largest box, lenslets without light, and the samples of another lattice.
     workers
-        Threads.
+        Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        If a frame does not fit the lattice, or holds no whole micro-image.
+        If a frame does not fit the lattice, or contains no complete micro-image.
 
     Examples
     --------
@@ -180,12 +181,12 @@ def extract_views(
 
 
 def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
-    """Return a frame minus its dark frame or level, float32, after checking that both fit the lattice.
+    """Return a frame minus its dark frame or level as float32, after checking that both fit the lattice.
 
     Raises
     ------
     InputError
-        If one does not fit; ``what`` names the frame.
+        If one does not fit; the message calls the frame ``what``.
     """
     image = as_sensor_frame(what, frame)
     if image.shape != tuple(lattice.shape):
@@ -216,8 +217,8 @@ def sample_views(
     """Fill ``out`` ``(nv, nu, rows, columns)`` with the views of a frame, and return it.
 
     View (v, u) is the frame at each lenslet's centre + ``step_px`` (v - (nv - 1)/2, u - (nu - 1)/2), down and right
-    along the pixels, interpolated by ``filter`` (`TAPS`). Each sample is the weighted sum of its lenslets by their
-    shares, 0 if none sees it. float32 or float64.
+    along the pixels, interpolated by ``filter`` (`TAPS`). Each sample is the weighted sum over its lenslets; it is 0
+    if no lenslet sees it. ``out`` is float32 or float64.
 
     Examples
     --------

@@ -15,18 +15,18 @@ __all__ = ["Vignetting", "vignetting_map"]
 
 @dataclass(frozen=True, eq=False)
 class Vignetting:
-    """Relative light over the field; 1 at the brightest place of the smooth surface.
+    """Relative light over the field; 1 at the maximum of the smooth surface.
 
     Attributes
     ----------
     lenslets
-        ``(n,)``: light of each lenslet of the fit, in its order; NaN for dead ones.
+        ``(n,)``: light of each lenslet, in the order of the fit; NaN for dead lenslets.
     surface
-        The smooth surface through them.
+        The smooth surface fitted to the lenslets.
     scatter
-        Rms deviation of working lenslets from the surface (relative).
+        Relative rms deviation of working lenslets from the surface.
     falloff
-        Light at the dimmest place of the lit part of the frame (relative).
+        Relative light at the minimum of the surface within the lit part of the frame.
     """
 
     lenslets: NDArray[np.float64] = field(repr=False)
@@ -45,14 +45,15 @@ class Vignetting:
 
 
 def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
-    """Return how the light of the lenslets falls off over the field.
+    """Return the fall-off of the lenslets' light over the field.
 
     Parameters
     ----------
     fit
-        Lattice of a white image with its dark subtracted: a pedestal would hide part of the fall-off.
+        Lattice fitted to a white image after its dark was subtracted, because a pedestal would hide part of the
+        fall-off.
     degree
-        Largest degree of the polynomial surface; a few lenslets determine a lower one.
+        Largest degree of the polynomial surface; with only a few lenslets, a lower degree is used.
 
     Examples
     --------

@@ -224,7 +224,7 @@ def reconstruct_by_estimation(
     out
         Float array; its type is that of the arithmetic.
     workers
-        Number of threads.
+        Number of threads; None: all processors.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def reconstruct_spatial(
     out
         Float array; its type is that of the arithmetic.
     workers
-        Number of threads.
+        Number of threads; None: all processors.
     """
     if filter == "sinc":
         return _by_sinc(frame, modulator, inverse, samples, out)

@@ -236,7 +236,7 @@ def lattice_channels(
     out
         Output array, float32 or float64.
     workers
-        Number of threads.
+        Number of threads; None: all processors.
 
     Raises
     ------

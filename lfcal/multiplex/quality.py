@@ -172,7 +172,7 @@ def iter_measure_filters(
     rounds
         Number of timed runs of each way, after one run for compilation; the shortest time is used.
     workers
-        Number of threads.
+        Number of threads; None: all processors.
 
     Yields
     ------

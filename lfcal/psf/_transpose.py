@@ -244,7 +244,7 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     plane
         Depth plane of H, ``(ny, nx, nt, ns)``, any numeric dtype and memory layout.
     workers
-        Threads; None takes every processor.
+        Number of threads; None: all processors.
     """
     _, ny, nx, nt, ns = check_psf_shape((1, *plane.shape))
     _check_dtype(plane.dtype)

@@ -128,7 +128,7 @@ class CorrectionChain:
         out
             Contiguous float32 array to write to; None: a new one.
         workers
-            Threads; None takes all processors.
+            Number of threads; None: all processors.
 
         Raises
         ------

@@ -243,7 +243,7 @@ def iter_find_defects(
     ignore
         True at pixels that are not examined, ``(rows, columns)``; None: all pixels are examined.
     workers
-        Threads; None takes all processors.
+        Number of threads; None: all processors.
 
     Raises
     ------

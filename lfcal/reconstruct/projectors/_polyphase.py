@@ -38,7 +38,7 @@ class Polyphase:
     dtype
         float32 (complex64 spectra) or float64 (complex128).
     workers
-        Number of threads.
+        Number of threads; None: all processors.
     phases
         ``(ny, nx)`` mask of the image phases to compute and to use; None: all.
     band

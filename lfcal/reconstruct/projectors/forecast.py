@@ -64,7 +64,7 @@ class ProjectionProblem:
     dtype
         float32 or float64.
     workers
-        Number of threads.
+        Number of threads; None: all processors.
     density
         Share of non-zero entries of H.
     read_s
