@@ -16,7 +16,7 @@ SECONDS = 10.0
 """Default time limit for a place (s)."""
 
 FOR_RUNGS = 0.4
-"""Share of the time limit that is reserved for the rungs, however long the reference took."""
+"""Fraction of the time limit that is reserved for the rungs, however long the reference took."""
 
 
 @dataclass(frozen=True, slots=True)

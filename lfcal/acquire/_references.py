@@ -18,7 +18,8 @@ CLEAR = 20.0
 FEW = 5
 """Smallest number of frames that distinguish scatter from drift."""
 HOT_SIGMAS, HOT_SHARE = 20.0, 0.02
-"""Thresholds of a hot pixel above its dark surroundings: standard deviations of the noise, and share of the range."""
+"""Thresholds of a hot pixel above its dark surroundings: standard deviations of the noise, and fraction of the
+range."""
 ALONE, FEW_HOT = 4.0, 16
 """Smallest ratio of its rise to that of its neighbours; largest number of pixels that become hot between two frames."""
 MANY = 1000

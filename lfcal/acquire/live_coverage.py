@@ -58,7 +58,7 @@ class CoverageState:
 
     @property
     def coverage(self) -> float:
-        """Share of the positions shown so far."""
+        """Fraction of the positions shown so far."""
         return float((self.shown > 0).mean())
 
     def to_dict(self) -> dict[str, Any]:

@@ -33,8 +33,8 @@ LIMITS = {
 """Limits of findings on recorded frames, by kind.
 
 ``position`` (px rms), ``drift`` and ``scatter`` (of the light of the reference frames, px and px rms), ``lamp``
-(relative change), ``dark`` (change of the level without light, share of the range), ``hot`` (pixels that became hot),
-``dim`` (share of positions), ``saturated`` (positions), ``follow`` (px the image moves in the cutout per step).
+(relative change), ``dark`` (change of the dark level, fraction of the range), ``hot`` (pixels that became hot),
+``dim`` (fraction of positions), ``saturated`` (positions), ``follow`` (px the image moves in the cutout per step).
 """
 
 SUBJECT = {"lamp": "light", "dim": "light", "dark": "sensor", "hot": "sensor", "saturated": "sensor"}

@@ -106,7 +106,7 @@ def find_spot(frame: NDArray[Any]) -> Spot:
 
 
 def _moments(share: NDArray[np.float64]) -> tuple[float, float]:
-    """Return mean and variance (pixels) of a position along an axis whose pixels have these shares of the light."""
+    """Return mean and variance (pixels) of a position along an axis whose pixels have these fractions of the light."""
     place = np.arange(len(share))
     mean = float(share @ place)
     return mean, float(share @ (place - mean) ** 2)

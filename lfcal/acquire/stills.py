@@ -31,7 +31,7 @@ DARK = 0.05
 
 @dataclass(frozen=True)
 class Stills:
-    """Written frames: kind, files, and brightness (share of the range above black)."""
+    """Written frames: kind, files, and brightness (fraction of the range above black)."""
 
     kind: str
     files: tuple[Path, ...]

@@ -109,6 +109,6 @@ def format_count(many: int, one: str, several: str) -> str:
 
 
 def format_share(share: float) -> str:
-    """Return a share of 1 in per cent, with two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
+    """Return a fraction of 1 in per cent, with two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
     percent = 100 * share
     return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{percent:.2g} %"

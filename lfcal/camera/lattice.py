@@ -198,7 +198,7 @@ class LensletLattice:
 
     @property
     def fill_factor(self) -> float:
-        """Share of the array covered by the lenslets: discs of the clear diameter, within their cells."""
+        """Fraction of the array covered by the lenslets: discs of the clear diameter, within their cells."""
         if self.gapless:
             return 1.0
         radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um

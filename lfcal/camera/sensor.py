@@ -34,9 +34,9 @@ class Sensor:
     prnu
         Pixel response non-uniformity, rms (relative).
     quantum_efficiency
-        Detected share of photons.
+        Detected fraction of photons.
     fill_factor
-        Light-sensitive share of a pixel's area.
+        Light-sensitive fraction of a pixel's area.
     cfa
         Colour filter pattern by rows, e.g. ``"GRBG"`` for 2 x 2; empty for a monochrome sensor.
     saturation

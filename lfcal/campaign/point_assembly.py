@@ -175,7 +175,7 @@ def target_facts(points: Points) -> dict[str, Any]:
 
     ``crosstalk`` is the largest light of neighbours in a cutout: that of the plan, for equally bright holes, times the
     largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the deviation of frames from the
-    planned positions (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful`` the share of
+    planned positions (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful`` the fraction of
     uncertain labels.
     """
     found = list(points.found.values())
@@ -243,7 +243,7 @@ def iter_assemble_points(
     view
         Whole frames with their dark level subtracted.
     plan
-        The target with its planned places.
+        The target with its planned positions.
     out
         H file.
     settings

@@ -1,4 +1,4 @@
-"""Fit one camera to the points of a target, each at its actual place on the sensor and in the field.
+"""Fit one camera to the points of a target, each at its actual position on the sensor and in the field.
 
 A part of the field is computed with the optics of its middle, so that derivatives by all unknowns need only one set of
 tables per part. The remaining difference of a point's pattern hardly changes while the unknowns move. It is therefore
@@ -224,7 +224,7 @@ HOLE = "hole"
 """Group of unknowns (`lfcal.fit.groups.light.Holes`)."""
 
 NEEDED_SHARE = 0.1
-"""Share of the residual beyond noise in held-out patterns that another size must explain."""
+"""Fraction of the residual beyond noise in held-out patterns that another size must explain."""
 
 VAGUE = 0.5
 """Standard deviation of the squared diameter, relative to the described one, above which it is undetermined."""
@@ -348,7 +348,7 @@ def iter_fit_points(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Fit one camera to the points of a target's frames, each at its actual place.
+    """Fit one camera to the points of a target's frames, each at its actual position.
 
     Nothing is reduced modulo the array's period: patterns are computed at their own pixels, including the fractions of
     their positions, under the actual array. The field is divided into parts, each with the optics of its middle.

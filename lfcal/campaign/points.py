@@ -1,4 +1,4 @@
-"""Find the points in frames of a target: their labels, places on the sensor, and patterns for a fit.
+"""Find the points in frames of a target: their labels, positions on the sensor, and patterns for a fit.
 
 Repeats of a hole at the same place are averaged, which reduces their variance.
 """
@@ -132,7 +132,7 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
         Whole frames, with their dark level subtracted: pass the corrected view. ``metadata.target_frames``, or else
         the plan's order, identifies the frames.
     plan
-        The target with its planned places.
+        The target with its planned positions.
     frames
         Frames to read; None: all.
 

@@ -22,7 +22,7 @@ REACH = 2
 """Largest distance of the image's place from the centre of light (pixels)."""
 
 EXPLAINED = 0.2
-"""Largest unexplained share of the light in a reported orientation."""
+"""Largest unexplained fraction of the light in a reported orientation."""
 
 BETTER = 0.5
 """Largest ratio of the residual in a reported orientation to that as delivered."""
@@ -49,7 +49,7 @@ class TurnedFrames:
     turns
         Orientations of the frames; several if they explain the patterns equally well.
     residual, as_is
-        Unexplained shares of the light (squared) in this orientation, and as delivered.
+        Unexplained fractions of the light (squared) in this orientation, and as delivered.
     """
 
     turns: tuple[Orientation, ...]

@@ -299,7 +299,7 @@ def _not_negative(matrix: F8, gradient: F8) -> F8:
 
 
 def _deviation(x: F8, noise: F8) -> float:
-    """Return the standard deviation of a share of ``x`` for pure noise, whose squares have the variance 2 V²."""
+    """Return the standard deviation of a fraction of ``x`` for pure noise, whose squares have the variance 2 V²."""
     total = float((x * x / noise).sum())
     return math.sqrt(2.0 * float((x * x).sum())) / total if total > 0 else math.inf
 
@@ -350,10 +350,10 @@ NEAR = Moving(0.0, 1.0, 0.5)
 """Correlation of the part of the spots' residuals that hardly extends from one position to the next."""
 
 NEAR_SHARES = (0.3, 0.6)
-"""Shares of the variance tried for it; with one correlation length, the field would be too smooth or too rough."""
+"""Fractions of the variance tried for it; with one correlation length, the field would be too smooth or too rough."""
 
 LIT = 0.02
-"""Share of the plane's brightest pixel above which a pixel is lit."""
+"""Fraction of the plane's brightest pixel above which a pixel is lit."""
 
 RATIOS = np.linspace(-3.0, 3.0, 13)
 """Decadic logarithms of variance over noise at which the posterior's share of the variance is computed."""
@@ -371,7 +371,7 @@ class ResidualKind:
     spots, stray
         Correlation of the residuals of spots and stray light; None: only noise.
     near
-        Share of the spots' variance that is hardly correlated between neighbouring positions.
+        Fraction of the spots' variance that is hardly correlated between neighbouring positions.
     supported
         Whether held-out positions are predicted better with their neighbours than by the model alone.
     spread
@@ -540,7 +540,7 @@ def _spread(data: PlaneResiduals, sets: Sequence[Flags], kind: ResidualKind, see
 
 
 def _shares(part: PlaneResiduals, kind: ResidualKind, seed: int) -> F4:
-    """Return the share of the variance that is left ``(ny, nx, ratios)``, by position and by variance over noise.
+    """Return the fraction of the variance that is left ``(ny, nx, ratios)``, by position and by variance over noise.
 
     The ratio is that of `RATIOS`, to the noise that a recorded pattern has or would have.
     """

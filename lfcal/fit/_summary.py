@@ -229,7 +229,7 @@ UNIDENTIFIED_SIGMA = 1.0
 """Standard deviation, in scales of the unknowns, above which a combination is not determined."""
 
 LEAST_COMPONENT = 0.3
-"""Share of a combination above which an unknown is listed."""
+"""Fraction of a combination above which an unknown is listed."""
 
 
 def unidentified(unknowns: Sequence[Unknown], data: F8) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ class PatternLevels:
     def between(self, seen: NDArray[np.intp], depths_um: Sequence[float]) -> PatternLevels:
         """Return the levels, with gains of planes without patterns interpolated in depth between those ``seen``.
 
-        Beyond the outermost seen plane, its gain is used. A gain is counts per share of the light. Without a pattern
+        Beyond the outermost seen plane, its gain is used. A gain is counts per fraction of the light. Without a pattern
         it is undetermined. However, one lamp illuminates all planes, and a gain of 1 would give H of such a plane in
         another unit.
         """
@@ -98,7 +98,7 @@ class Weighed:
     robust
         Square root of Huber's weight.
     bright
-        Share of the variance that is due to light, between 0 and 1.
+        Fraction of the variance that is due to light, between 0 and 1.
     """
 
     residual: F4

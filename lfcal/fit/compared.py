@@ -39,7 +39,7 @@ class Compared:
     label
         Name of the frame.
     found
-        Position in H, place on the sensor, and correlation.
+        Position in H, position on the sensor, and correlation.
     displacement_px, displacement_sigma
         Displacement of the source from that position (dy, dx), fitted with gain and background, and its standard
         deviation.
@@ -52,7 +52,7 @@ class Compared:
     doubt
         Uncertainty of H's prediction for a source between its positions (relative L2).
     beside_px
-        Distance (dy, dx) of the source from its known place, if this is known.
+        Distance (dy, dx) of the source from its known position, if this is known.
     values, light, noise, weight
         Samples minus background, prediction of H, variance, and 1/sigma (0: not measured), each ``(nt, ns)``.
     moved

@@ -153,7 +153,7 @@ def _exchanged(chosen: Chosen, free: NDArray[np.intp], taken: list[int]) -> bool
 
 
 HELD_OUT_SHARE = 0.2
-"""Share of the positions that are spread evenly and held out to measure the quality of the fit."""
+"""Fraction of the positions that are spread evenly and held out to measure the quality of the fit."""
 
 CANDIDATES = 300
 """Number of candidate positions, spread evenly over a larger scan; it determines most of the computing time."""

@@ -173,7 +173,7 @@ ALONE = ("geometry", "focal_lengths", "iris")
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A Zernike term of the wavefront at a place in the field, with its standard deviation (waves at the rim)."""
+    """A Zernike term of the wavefront at a position in the field, with its standard deviation (waves at the rim)."""
 
     n: int
     m: int
@@ -274,17 +274,17 @@ def iter_fit_field(
     """Return the one camera that explains patterns of several regions of the field.
 
     Its parameters are the same in all regions. The wavefront changes between regions by the group ``field_wavefront``,
-    the distance of the image by ``field_curvature``. Light, background, and places of the sources are separate for
+    the distance of the image by ``field_curvature``. Light, background, and positions of the sources are separate for
     each region.
 
     Parameters
     ----------
     patterns
-        Patterns of each region by name; the anchors of their plans state its place on the sensor.
+        Patterns of each region by name; the anchors of their plans state its position on the sensor.
     camera
         The described camera, from which the fit starts; None: that of the first region.
     unknowns, effects, stage, workers
-        As in `fit_camera`; pitch and places of the sources are always fitted.
+        As in `fit_camera`; pitch and positions of the sources are always fitted.
 
     Yields
     ------

@@ -70,7 +70,7 @@ class FitProgress(Progress):
         coarse model. The value approaches 1 from round to round. It may rise when the fit continues with finer
         sampling.
     held_out, below_noise
-        Error of the held-out patterns beyond model and noise, as a share of their rms (relative L2), NaN without
+        Error of the held-out patterns beyond model and noise, as a fraction of their rms (relative L2), NaN without
         held-out patterns; and whether noise hides it, so that the value is an upper limit of two standard deviations.
     """
 
@@ -117,7 +117,7 @@ ROUNDS = 4
 """Number of rounds in which groups are selected."""
 
 LEAST_GAIN = 0.1
-"""Share of the held-out residual that a group must remove in the first round."""
+"""Fraction of the held-out residual that a group must remove in the first round."""
 
 Finished = tuple[Problem, Point, tuple[str, ...], Columns, tuple[Outlier, ...]]
 

@@ -102,7 +102,7 @@ PATTERNS_SAMPLED = 20
 """Number of patterns with which the effect of a displacement is measured."""
 
 NUISANCE_SHARE = 0.5
-"""Share of the model's error that lamp or displacements must cause to be removed."""
+"""Fraction of the model's error that lamp or displacements must cause to be removed."""
 
 STEP_PX = 0.05
 """Step of a source's displacement (pixels)."""
@@ -322,7 +322,7 @@ def _outliers(data: PlaneResiduals) -> NDArray[np.bool_]:
 
 
 INFORMED_SHARE = 0.95
-"""Largest share of the variance that may remain for a position to be interpolated from its neighbours."""
+"""Largest fraction of the variance that may remain for a position to be interpolated from its neighbours."""
 
 
 @dataclass(frozen=True, slots=True)

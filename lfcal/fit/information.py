@@ -37,7 +37,7 @@ class Expected:
     Attributes
     ----------
     full
-        Brightest pixel of the scan, as a share of the full well.
+        Brightest pixel of the scan, as a fraction of the full well.
     stage_px
         Source position error (rms along an axis, pixels); 0: none.
     lamp

@@ -16,10 +16,10 @@ __all__ = ["LocatedPattern", "NewFrame", "find_source", "window_of"]
 F4 = NDArray[np.float32]
 
 NEAR = 2
-"""Distance from a known place within which the source is searched for (pixels), as stages are not more accurate."""
+"""Distance from a known position within which the source is searched for (pixels), as stages are not more accurate."""
 
 INSIDE = 0.5
-"""Share of a cutout that must be on the frame and valid."""
+"""Fraction of a cutout that must be on the frame and valid."""
 
 ABOVE = 4.0
 """Standard deviations of dark pixels above which a pixel is lit."""

@@ -19,7 +19,7 @@ __all__ = ["QUICK_PATTERN", "Measured", "check_optics", "kept_aside", "measured_
 QUICK_PATTERN = "recorded with the simulator's quick pattern, which has no lenslets"
 
 HELD_OUT = 0.2
-"""Share of the patterns that is held out for validation."""
+"""Fraction of the patterns that is held out for validation."""
 
 
 MOST_FEW = 3
@@ -177,7 +177,7 @@ def measured_of(
     most
         Largest number of patterns, spread evenly.
     held_out
-        Share of the patterns to hold out, spread over each plane; or the positions (z, y, x) to hold out.
+        Fraction of the patterns to hold out, spread over each plane; or the positions (z, y, x) to hold out.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class Fineness:
 
 
 LIGHT_OUTSIDE = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 0.003}
-"""Share of the light that may be outside a grid's margin; coarse patterns of a main lens use the default."""
+"""Fraction of the light that may be outside a grid's margin; coarse patterns of a main lens use the default."""
 
 
 class PlaneModel:
@@ -130,7 +130,7 @@ def predict(
 ) -> NDArray[np.float32]:
     """Return the patterns ``(n, nt, ns)`` of positions ``(n, 3)`` as (z, y, x), sources displaced by ``(n, 2)`` pixels.
 
-    Values are shares of the light that passes the iris, as everywhere in the simulator.
+    Values are fractions of the light that passes the iris, as everywhere in the simulator.
     """
     out = np.empty((len(index), *planned.cutout), np.float32)
     for z in np.unique(index[:, 0]).tolist():

@@ -23,7 +23,7 @@ SHOWN = 3.0
 """Standard deviations by which the scatter of held-out patterns must exceed their noise to be significant."""
 
 NUISANCE_SHARE = 0.5
-"""Share of the scatter (rms) of held-out patterns below which effects on single patterns may be part of it."""
+"""Fraction of the scatter (rms) of held-out patterns below which effects on single patterns may be part of it."""
 
 F8 = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class ModelError:
     Attributes
     ----------
     squared, squared_sigma
-        Scatter of held-out patterns beyond their noise, as a share of their squares, and its standard deviation; for
+        Scatter of held-out patterns beyond their noise, as a fraction of their squares, and its standard deviation; for
         an incomplete model, of all patterns.
     statistical
         Contribution of the errors of the unknowns.

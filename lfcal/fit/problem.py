@@ -27,7 +27,7 @@ STEP_PX = 0.05
 """Step of a source's displacement (pixels)."""
 
 ERRORS = {Fineness.coarse: 4e-3, Fineness.fine: 1e-3, Fineness.finest: 6e-4}
-"""Error of the computation at each sampling, as a share of the light (relative L2, for the bench camera)."""
+"""Error of the computation at each sampling, as a fraction of the light (relative L2, for the bench camera)."""
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -213,5 +213,5 @@ class Problem:
 
 
 def _error(sampling: Sampling, local: Local) -> float:
-    """Return what predictions err by as a share of the light: by the computation, and by uneven pixels."""
+    """Return what predictions err by as a fraction of the light: by the computation, and by uneven pixels."""
     return math.hypot(ERRORS[sampling], local.response.rms)

@@ -76,7 +76,7 @@ class Answer:
 
 
 def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the residual of the patterns ``keep`` beyond model and noise (share of their squares), and its error."""
+    """Return the residual of patterns ``keep`` beyond model and noise (fraction of their squares), and its error."""
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
     off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
@@ -90,7 +90,7 @@ def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tupl
 
 
 def misfit(problem: Problem, point: Point) -> float:
-    """Return the residual of fitted patterns beyond model and noise, as a share of their rms (relative L2)."""
+    """Return the residual of fitted patterns beyond model and noise, as a fraction of their rms (relative L2)."""
     share, _ = unexplained(problem, point, problem.fitted)
     return float(np.sqrt(max(0.0, share)))
 

@@ -27,14 +27,14 @@ from lfcal.simulate.effects import (
 __all__ = ["RegionPlace", "Setup", "described_effects", "starting_effects", "with_given"]
 
 SHOWN = 1e-3
-"""Share of the image above which light is computed as a vector field."""
+"""Fraction of the image above which light is computed as a vector field."""
 
 E = TypeVar("E", bound=Effect)
 
 
 @dataclass(frozen=True, slots=True)
 class RegionPlace:
-    """Displacement of a region's sources from their planned places.
+    """Displacement of a region's sources from their planned positions.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ __all__ = [
 F8 = NDArray[np.float64]
 
 PART = 1 / 3
-"""Share of the points that counts as the middle, and share that counts as the edges."""
+"""Fraction of the points that counts as the middle, and share that counts as the edges."""
 
 WORSE = 1.5
 """Factor by which the error at the edges must be larger."""
@@ -45,7 +45,7 @@ SIGNIFICANCE = 3.0
 """Standard deviations by which it must be larger."""
 
 WIDE = 0.2
-"""Share of the field that points must cover to distinguish its edges from its middle."""
+"""Fraction of the field that points must cover to distinguish its edges from its middle."""
 
 CAPTION = "Error of each point that was not fitted: over the sensor, and from the middle of the field to its edge."
 
@@ -192,7 +192,7 @@ class _ByModel:
 def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
     """Return how well a fit predicts patterns that were not fitted.
 
-    Gain, background and place of the source are fitted for each pattern; the residual beyond its noise is the error.
+    Gain, background and position of the source are fitted for each pattern; the residual beyond its noise is the error.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ CERTAIN_SIGMAS = 5.0
 """Standard errors above which the order of the lens types is certain."""
 
 MIN_ORDERED = 0.8
-"""Smallest share of lenslets whose type follows one order."""
+"""Smallest fraction of lenslets whose type follows one order."""
 
 NEAR_PX, FAR_PX = 0.3, 1.0
 """Distances (px rms) below which a lattice explains the micro-images, and above which it does not."""

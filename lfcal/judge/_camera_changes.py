@@ -230,13 +230,13 @@ FOLLOWED = 4
 """Number of suspects that are refined: those that explain the frames best."""
 
 RIVAL = 0.3
-"""Share of the best suspect's gain above which others are refined too, as they might become the best."""
+"""Fraction of the best suspect's gain above which others are refined too, as they might become the best."""
 
 TURNS = 3
 """Number of further steps."""
 
 ENOUGH = 1e-3
-"""Share of the sum of squares that a step must gain for another step."""
+"""Fraction of the sum of squares that a step must gain for another step."""
 
 LONGEST = 5.0
 """Longest step of an unknown, in its scales."""

@@ -48,7 +48,7 @@ MOST_OF_REST = 3.0
 """Largest ratio of a fault's cost to its estimate, if H costs more than its known faults."""
 
 SHOWN = 0.3
-"""Share of its typical strength that a fault must have in a patch; otherwise it gets a separate patch."""
+"""Fraction of its typical strength that a fault must have in a patch; otherwise it gets a separate patch."""
 
 
 @dataclass(frozen=True)

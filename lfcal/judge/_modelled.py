@@ -58,7 +58,7 @@ NEAR_ARRAY = 0.1
 """Virtual depth below which changes are absolute instead of relative."""
 
 MOST_OF = 0.3
-"""Share of a plane's patterns that must show a displacement for all patterns to be moved."""
+"""Fraction of a plane's patterns that must show a displacement for all patterns to be moved."""
 
 WINDOW_PX = 6
 """Largest displacement of cutouts that is searched for (pixels)."""
@@ -158,7 +158,7 @@ def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = Non
 
 
 def plane_of(known: Behind, z: int, share: float) -> PlaneModel:
-    """Return the model of a plane whose virtual depth is larger by a share of itself; near 0, by a share of 1."""
+    """Return the model of a plane whose virtual depth is larger by a fraction of itself; near 0, by a fraction of 1."""
     if share == 0.0:
         return PlaneModel(known.setup, known.plan, z, Fineness.coarse)
     camera, planned = known.plan.camera, float(known.plan.depths_um[z])
@@ -187,7 +187,7 @@ def correlation(a: F4, b: F4) -> F8:
 
 
 def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
-    """Return the apparent errors of the planes' virtual depths, as shares of these; usually 0."""
+    """Return the apparent errors of the planes' virtual depths, as fractions of these; usually 0."""
     found = np.zeros(known.plan.shape[0])
     for z in np.unique(index[:, 0]).tolist():
         own = np.flatnonzero(index[:, 0] == z)

@@ -33,7 +33,7 @@ class Patch:
     known
         The camera of H, with cutouts of the size of the patch.
     gains
-        Counts of H per share of the light through the iris, by plane ``(nz,)``.
+        Counts of H per fraction of the light through the iris, by plane ``(nz,)``.
     index
         Positions ``(n, 3)`` as (z, y, x).
     light, noise
@@ -117,7 +117,7 @@ def patch_of(
 
 
 def _rounded(depth: F8) -> F8:
-    """Return shares of depths, no more than `STEPS` different ones."""
+    """Return fractions of depths, no more than `STEPS` different ones."""
     low, high = float(depth.min(initial=0.0)), float(depth.max(initial=0.0))
     if len(np.unique(depth)) <= STEPS:
         return depth

@@ -26,10 +26,10 @@ LOOKED_AT = 200_000
 """Largest number of values used to decide whether values are in steps."""
 
 DARK = 3e-3
-"""Share of the brightest light below which samples contain only noise."""
+"""Fraction of the brightest light below which samples contain only noise."""
 
 SAME = 0.2
-"""Share of dark samples with the same value above which noise counts as clipped."""
+"""Fraction of dark samples with the same value above which noise counts as clipped."""
 
 EACH = 8
 """Mean number of values at each level above which values are in steps."""
@@ -59,7 +59,7 @@ def noise_of(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: fl
 
 
 def misfit(left: F4, light: F4, valid: Flags, noise: F4) -> float:
-    """Return the residual of the median pattern beyond noise, as a share of the light (relative L2)."""
+    """Return the residual of the median pattern beyond noise, as a fraction of the light (relative L2)."""
     beside = np.where(valid, np.square(left) - noise, 0.0).sum((1, 2), dtype=np.float64)
     power = np.where(valid, np.square(light), 0.0).sum((1, 2), dtype=np.float64)
     seen = valid.any((1, 2))  # completely masked patterns contain no information

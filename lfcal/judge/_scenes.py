@@ -33,11 +33,11 @@ BEAD_PX, LINE_PX = 1.0, 0.8
 """Standard deviations of beads and of lines' profiles (pixels)."""
 
 MARGIN = 0.125
-"""Share of the cutouts by which the volume extends beyond the image on each side. Of voxels farther outside, the image
-contains only tails and noise."""
+"""Fraction of the cutouts by which the volume extends beyond the image on each side. Of voxels farther outside, the
+image contains only tails and noise."""
 
 BACKGROUND = 0.1
-"""Background of the image as a share of its mean; real images have a known background.
+"""Background of the image as a fraction of its mean; real images have a known background.
 
 At a dead pixel, light is divided by the value of H there, which is noise. Without background, one such pixel would
 cost between a hundredth and a third, by chance. With it, it costs the same in every scene.

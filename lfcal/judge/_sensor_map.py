@@ -1,4 +1,4 @@
-"""Residuals of patterns relative to their camera, accumulated at their places on the sensor."""
+"""Residuals of patterns relative to their camera, accumulated at their positions on the sensor."""
 
 from __future__ import annotations
 

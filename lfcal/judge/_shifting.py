@@ -14,7 +14,7 @@ TURNS = 12
 """Largest number of steps of Newton's method."""
 
 FARTHEST = 0.25
-"""Share of the cutout up to which a shift is searched for."""
+"""Fraction of the cutout up to which a shift is searched for."""
 
 
 def _frequencies(shape: tuple[int, int]) -> tuple[F8, F8]:

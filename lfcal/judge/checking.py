@@ -45,7 +45,8 @@ ASKED = 8
 """Number of frames used to find suspects; more would take longer without benefit."""
 
 SURE, MORE = 0.7, 0.2
-"""Correlation below which a source is searched for away from its stated place, and the improvement that is required."""
+"""Correlation below which a source is searched for away from its stated position, and the improvement that is
+required."""
 
 SAME = 0.3
 """Chi² below which a frame does not differ from the frames of H."""
@@ -73,7 +74,7 @@ class Check:
     suspects
         Possible changes, the best explanation first.
     model_misfit
-        Share of H that its camera does not explain; None: H has no camera.
+        Fraction of H that its camera does not explain; None: H has no camera.
     noise_from
         Source of the noise of the frames.
     notes

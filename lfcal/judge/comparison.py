@@ -30,7 +30,7 @@ LIKER = 1.5
 """Factor by which another plane must match better than the plane of the same depth to be reported."""
 
 FLOOR = 0.05
-"""Share of a pattern's peak that is subtracted before its centroid is computed, to exclude distant noise."""
+"""Fraction of a pattern's peak that is subtracted before its centroid is computed, to exclude distant noise."""
 
 A, B = 0, 1
 MODEL = slice(2, 5)

@@ -196,7 +196,7 @@ class DatedInspection:
     values, scales
         Value and scale of each metric by its key.
     faults
-        Share of the light of each fault by its title; None: no comparison with a camera.
+        Fraction of the light of each fault by its title; None: no comparison with a camera.
     period
         Number of positions ``(ny, nx)`` of H; None if not stated.
     """

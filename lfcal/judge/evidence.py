@@ -26,8 +26,8 @@ F8 = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 COLUMNS = ("gain", "background", "source_y", "source_x", "window_y", "window_x", "depth")
-"""Fitted parameters of each pattern: share of its light, counts, pixels of the source, pixels of the cutout, and the
-shift of depth as a share of the virtual depth."""
+"""Fitted parameters of each pattern: fraction of its light, counts, pixels of the source, pixels of the cutout, and the
+shift of depth as a fraction of the virtual depth."""
 
 CHANCE = 2
 """Largest number of evenly spread patterns with a rare fault; so few do not determine its frequency."""
@@ -42,11 +42,11 @@ APART_ASKED = 0.05
 """The same for suspect patterns, whose information about the sensor is also in other patterns."""
 
 ASIDE_PX, SOME = 0.4, 0.25
-"""Displacement of single cutouts (pixels) above which their patterns are foreign, and the share of all patterns up to
-which they count as single ones."""
+"""Displacement of single cutouts (pixels) above which their patterns are foreign, and the fraction of all patterns up
+to which they count as single ones."""
 
 DIMMEST = 0.25
-"""Share of the samples, those with the least light, from which the noise of patterns is estimated."""
+"""Fraction of the samples, those with the least light, from which the noise of patterns is estimated."""
 
 ROUNDS = 3
 """Number of fits of each pattern; after each, outliers are clipped and the noise is measured again."""
@@ -100,7 +100,7 @@ class Evidence:
     data, valid
         Values ``(n, nt, ns)``, and which of them are valid.
     model
-        Predictions of the camera, as shares of the light of the iris.
+        Predictions of the camera, as fractions of the light of the iris.
     columns
         Derivatives of ``model`` by the `COLUMNS` after the first two ``(n, 5, nt, ns)``.
     values, sigmas
@@ -109,7 +109,7 @@ class Evidence:
     variance
         Variance of each sample ``(n, nt, ns)``: noise and typical error of the model.
     misfit
-        Typical error of the model, as a share of the light.
+        Typical error of the model, as a fraction of the light.
     starts
         Parameters at which the model and its derivatives were computed, the reference of displacements.
     asked
@@ -152,7 +152,7 @@ class Evidence:
         return len(self.index)
 
     def extent(self, which: NDArray[np.intp]) -> float:
-        """Return the share of all positions that are like the patterns ``which`` (indices).
+        """Return the fraction of all positions that are like the patterns ``which`` (indices).
 
         It is estimated from evenly spread patterns, if there are more among them than by chance; it is at least the
         share that was found.
@@ -163,7 +163,7 @@ class Evidence:
         return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
 
     def likely_extent(self, which: NDArray[np.intp]) -> float:
-        """Return the share of positions like the patterns ``which``.
+        """Return the fraction of positions like the patterns ``which``.
 
         Further suspects count in proportion to those that were compared.
         """

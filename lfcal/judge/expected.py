@@ -24,7 +24,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 EXPLAINS = 0.25
-"""Share of H's light (relative L2) that a camera may leave unexplained and still predict changes of H."""
+"""Fraction of H's light (relative L2) that a camera may leave unexplained and still predict changes of H."""
 
 EDGE = 2
 """Number of pixels at each border of a cutout that neighbours up to two positions away do not contain."""
@@ -39,7 +39,7 @@ class Behind:
     setup, plan
         Camera with effects and depths, and the positions of H.
     misfit
-        Share of the light of H that it leaves unexplained (relative L2).
+        Fraction of the light of H that it leaves unexplained (relative L2).
     """
 
     setup: Setup
@@ -169,7 +169,7 @@ class ExpectedPattern:
         return self._both(offset)[0]
 
     def doubt(self, offset: F8) -> float:
-        """Return the uncertainty of this prediction, as a share of the light (relative L2)."""
+        """Return the uncertainty of this prediction, as a fraction of the light (relative L2)."""
         return self._both(offset)[1]
 
     def _both(self, offset: F8) -> tuple[F8, float]:

@@ -33,7 +33,7 @@ F8 = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 EXPLAINED = 0.06
-"""Largest error of a camera (share of the light) at which it explains patterns."""
+"""Largest error of a camera (fraction of the light) at which it explains patterns."""
 
 BETTER = 0.5
 """Ratio to the description's residual up to which an alternative is reported instead."""
@@ -72,13 +72,14 @@ ROWS = (-2, -1, 1, 2)
 """Displacements of every other row or column that are tried (pixels)."""
 
 OVERLAP = 0.2
-"""Share of the camera's light that cutouts must contain for another place on the sensor to be searched for."""
+"""Fraction of the camera's light that cutouts must contain for another position on the sensor to be searched for."""
 
 DARK, LIT = 0.5, 0.05
-"""Share of the light below which a part of the pupil is blocked; share of the brightest part from which it counts."""
+"""Fraction of the light below which a part of the pupil is blocked; fraction of the brightest part from which it
+counts."""
 
 BLOCKED = (0.03, 0.6)
-"""Shares of the pupil that may be blocked."""
+"""Fractions of the pupil that may be blocked."""
 
 ADVICE_FRAMES = (
     "Assemble again with the frames turned upright (--orientation), or correct the camera's description; no new "
@@ -105,7 +106,7 @@ class Explanation:
     advice
         Remedy.
     before, after
-        Unexplained share of the light (relative L2) with the description, and with this explanation.
+        Unexplained fraction of the light (relative L2) with the description, and with this explanation.
 
     Examples
     --------
@@ -147,7 +148,7 @@ class Disagreement:
     reason
         Reason in words.
     misfit, correlation
-        Share of the light that the camera does not explain, and median correlation of the patterns with its
+        Fraction of the light that the camera does not explain, and median correlation of the patterns with its
         predictions; None: not measured.
     explanation
         A much better explanation, if there is one.
@@ -216,7 +217,7 @@ class _Few:
         return found
 
     def misfit(self, known: Behind, index: Index, data: F4, valid: NDArray[np.bool_]) -> Work[float]:
-        """Return the share of the light that a camera leaves unexplained; infinite if it cannot be computed."""
+        """Return the fraction of the light that a camera leaves unexplained; infinite if it cannot be computed."""
         try:
             found = yield from iter_fitted(self.matrix, known, index, data, valid, Clock(_STAGE, 100), elsewhere=False)
         except (InputError, EnergyError):
@@ -247,7 +248,7 @@ def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = Non
     matrix, known
         H, and the camera behind it.
     misfit
-        Share of the light of other patterns that the description leaves unexplained, if known.
+        Fraction of the light of other patterns that the description leaves unexplained, if known.
     """
     few = yield from _iter_few(matrix, known, misfit)
     for look in (_orientation, _rows, _part):
@@ -411,7 +412,7 @@ def _every_other(few: _Few, values: NDArray, axis: int, shift: int, of_sensor: b
 
 
 def _part(few: _Few) -> Work[Explanation | None]:
-    """Return the actual place of the cutouts on the sensor if it differs, as when frames show a part of it."""
+    """Return the actual position of the cutouts on the sensor if it differs, as when frames show a part of it."""
     yield Clock(_STAGE, 0).at(0)
     model = _models(few, few.known)
     if model is None:
@@ -452,7 +453,7 @@ def _elsewhere(data: F4, model: F4) -> tuple[int, int]:
 
 
 def _moved_back(patterns: NDArray, by: tuple[int, int]) -> NDArray:  # type: ignore[type-arg]
-    """Return patterns ``(n, nt, ns)`` as cutouts at their planned places would show them, padded with zeros."""
+    """Return patterns ``(n, nt, ns)`` as cutouts at their planned positions would show them, padded with zeros."""
     out = np.zeros_like(patterns)
     sizes = tuple(zip(by, patterns.shape[1:], strict=True))
     to = [slice(max(0, k), n + min(0, k)) for k, n in sizes]
@@ -588,7 +589,7 @@ def _models(few: _Few, known: Behind) -> F4 | None:
 
 # -- a blocked pupil ---------------------------------------------------------------------------------------
 def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
-    """Return the share of the pupil that is dark in all patterns of a plane, and the residual with this share dark."""
+    """Return the fraction of the pupil that is dark in all patterns of a plane, and the residual with it dark."""
     del few
     yield Clock(_STAGE, 0).at(0)
     if evidence is None:

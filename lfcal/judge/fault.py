@@ -83,7 +83,7 @@ class FoundFault:
     sigmas
         Significance relative to the rest of H, in standard deviations.
     share
-        Changed share of the patterns' light (relative L1), an upper limit of its cost.
+        Changed fraction of the patterns' light (relative L1), an upper limit of its cost.
     positions
         Affected positions (z, y, x) ``(n, 3)``; empty: all.
     pixels

@@ -24,7 +24,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
 
 FAIR_SHARE, BAD_SHARE = 0.01, 0.05
-"""The same thresholds for the share of the light that a fault changes, if its cost was not measured."""
+"""The same thresholds for the fraction of the light that a fault changes, if its cost was not measured."""
 
 LIMIT_S = 1800.0
 """Time limit of a comparison (s): much more than it takes on a slow machine, because its work is fixed."""
@@ -36,11 +36,11 @@ ORIENTATION = "scan_order"
 """Key of the metric of the orientation of frames."""
 
 KINDS, LARGE = 3, 0.02
-"""Number of different faults, each with at least that share of the light, above which a wrong camera is more likely
+"""Number of different faults, each with at least that fraction of the light, above which a wrong camera is more likely
 than all of these faults together."""
 
 LEFT, DEPTHS = 0.02, ("depth_label", "focus_drift")
-"""Remaining share of the light, with planes at other depths, above which other explanations are tried."""
+"""Remaining fraction of the light, with planes at other depths, above which other explanations are tried."""
 
 MEASURED = frozenset(
     {
@@ -73,7 +73,7 @@ class Inspection:
     compared
         Number of patterns compared with the camera; 0: no comparison.
     misfit
-        Typical error of the camera's patterns, as a share of the light.
+        Typical error of the camera's patterns, as a fraction of the light.
     why_not
         Reason why nothing was compared; empty otherwise.
     seconds
@@ -249,8 +249,8 @@ def is_of_single_frames(finding: FoundFault) -> bool:
 
 
 def worst_first(finding: FoundFault) -> tuple[float, float]:
-    """Return the key by which faults are sorted: minus the cost, or else minus the share of the light."""
-    # without a cost, use the share of the changed light relative to its limit
+    """Return the key by which faults are sorted: minus the cost, or else minus the fraction of the light."""
+    # without a cost, use the fraction of the changed light relative to its limit
     cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
     return -cost, -finding.share
 
@@ -386,7 +386,7 @@ def _confirmed(quality: QualityReport) -> QualityReport:
 
 
 def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[FoundFault]) -> float | None:
-    """Return the share of the light that the camera does not explain; None if it explains all."""
+    """Return the fraction of the light that the camera does not explain; None if it explains all."""
     if cleaned.misfit > EXPLAINED:
         return cleaned.misfit
     kinds = {one.name for one in found if one.fault.needs_camera and one.share >= LARGE}

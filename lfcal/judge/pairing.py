@@ -13,7 +13,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["Pair", "pair"]
 
 CLOSE = 0.05
-"""Difference of depths, as a share of the distance between planes, up to which planes are the same."""
+"""Difference of depths, as a fraction of the distance between planes, up to which planes are the same."""
 
 FRACTION = 0.01
 """Difference between the anchors of equal positions above which it is reported (pixels)."""
@@ -88,7 +88,7 @@ def pair(
 ) -> Pair:
     """Return the common parts of two H.
 
-    Planes are matched by their depths, and positions by their place on the sensor if both state a camera.
+    Planes are matched by their depths, and positions by their position on the sensor if both state a camera.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ region_loss = drained(iter_region_loss)
 
 
 def draw_region_loss(loss: RegionLoss, path: Path) -> None:
-    """Draw a map of each region's error by position, at the region's place on the sensor, as a PNG file."""
+    """Draw a map of each region's error by position, at the region's position on the sensor, as a PNG file."""
     rows, columns = (np.unique(np.round(loss.anchors[:, k] / 8) * 8) for k in (0, 1))
     high = max(float(np.nanmax(loss.error)), 1e-6)
     with figure(2.2 * len(columns) + 1.0, 1.9 * len(rows) + 0.6) as fig:

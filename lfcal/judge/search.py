@@ -12,7 +12,7 @@ from lfcal.judge.fault import FAULTS, Fault, FoundFault
 __all__ = ["iter_search"]
 
 STRONG, MOST, SURELY = 0.04, 0.5, 6.0
-"""Misfit above which strong faults are searched for first, the share of it that one must then explain, and its
+"""Misfit above which strong faults are searched for first, the fraction of it that one must then explain, and its
 required significance in standard deviations."""
 
 

@@ -22,7 +22,7 @@ SIGMAS = 5.0
 """Standard deviations by which a parameter must have changed to count as moved."""
 
 FAIR_SHARE, BAD_SHARE = 0.01, 0.05
-"""Shares of the light above which a fault is fair, and bad."""
+"""Fractions of the light above which a fault is fair, and bad."""
 
 MONTH_S = 365.25 / 12 * 86400.0
 SHORTEST_S = 7 * 86400.0

@@ -54,7 +54,7 @@ class Matching(NamedTuple):
 
 
 class Raster(NamedTuple):
-    """Samples of the central view: places on the sensor."""
+    """Samples of the central view: positions on the sensor."""
 
     corner_y: float
     corner_x: float

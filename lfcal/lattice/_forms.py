@@ -192,8 +192,8 @@ def _start(model: LatticeModel, form: LatticeForm, frame: DistortionFrame) -> La
 def _radial(bend: LatticeDistortion | None, frame: DistortionFrame, terms: int) -> LatticeDistortion | None:
     """Return the radial distortion nearest to the first orders of a cubic one, or a radial one with another length.
 
-    k |u - c|² (u - c) has the cubic terms k (u_x³ + u_x u_y², …) and the quadratic ones
-    -k (3 c_x u_x² + 2 c_y u_x u_y + c_x u_y², …).
+    k |u - c|² (u - c) has the cubic terms k (u_x³ + u_x u_y², …) and the quadratic ones -k (3 c_x u_x² + 2 c_y u_x u_y
+    + c_x u_y², …).
     """
     if bend is not None and bend.model == "radial":
         return replace(bend, terms=((*bend.terms[0], *[0.0] * terms)[:terms],))
@@ -282,7 +282,7 @@ MIN_GAIN_PX = 0.01
 """Displacement (px rms) by which a form must differ from a simpler one to be chosen."""
 
 MIN_GAIN_SHARE = 0.03
-"""Share of the error of held-out micro-images that a form must remove; less may be the frame's border, or chance."""
+"""Fraction of the error of held-out micro-images that a form must remove; less may be the frame's border, or chance."""
 
 MAX_LENSLETS = 10000
 """Largest number of lenslets for comparing forms: more of them add nothing to smooth fields."""

@@ -55,7 +55,7 @@ SAMPLED_PX = 80.0
 """Reach of a cell (pixels) for each sample that is left out between two of its table."""
 
 CONTRAST = 1e-3
-"""Share of the light below which a wave is not used."""
+"""Fraction of the light below which a wave is not used."""
 
 
 @dataclass(frozen=True, slots=True)

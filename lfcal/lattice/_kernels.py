@@ -91,7 +91,7 @@ def fold(
 
 
 SHIFT_X, SHIFT_Y, GAIN, LEVEL, EXPLAINED = range(5)
-"""Columns that `register` fills: shift d (pixels), gain g, level b, and the share of variance explained."""
+"""Columns that `register` fills: shift d (pixels), gain g, level b, and the fraction of variance explained."""
 
 
 @njit()

@@ -24,7 +24,7 @@ DARK = 0.15
 """Light relative to the brightest places, above the darkest, that counts as lit."""
 
 MOSTLY_LIT = 0.6
-"""Lit share of the frame above which the middle of the frame is analysed."""
+"""Lit fraction of the frame above which the middle of the frame is analysed."""
 
 SPREADS = 10
 """Number of standard deviations of the Gaussian that removes slow variations, along the shorter side."""
@@ -39,7 +39,7 @@ INDEX_TOLERANCE = 0.15
 """Largest distance of a lag from a whole multiple of the lattice vectors."""
 
 MIN_EXPLAINED = 0.8
-"""Share of the heights of all lags that a lattice must explain."""
+"""Fraction of the heights of all lags that a lattice must explain."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

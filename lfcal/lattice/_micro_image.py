@@ -95,7 +95,7 @@ class LensletPlaces:
     gains
         Contrast relative to the mean micro-image.
     explained
-        Share of the variance within the lenslet that the mean micro-image explains.
+        Fraction of the variance within the lenslet that the mean micro-image explains.
     """
 
     shifts: Array

@@ -16,7 +16,7 @@ __all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "virtual_depth_of_slope"]
 
 Image = NDArray[np.float32]
 MIN_WEIGHT = 0.05
-"""Share of the light of the best-lit place below which a refocused image is set to zero."""
+"""Fraction of the light of the best-lit place below which a refocused image is set to zero."""
 
 
 def sensor_slope(camera: Camera, z_um: float) -> float:

@@ -44,10 +44,10 @@ MIN_COUNT = 7
 
 CENTRING_ROUNDS = 4
 DEAD_LIGHT = 0.5
-"""A lenslet with less than this share of its neighbours' light, or contrast, is dead."""
+"""A lenslet with less than this fraction of its neighbours' light, or contrast, is dead."""
 
 DARK_FIELD = 0.05
-"""Lenslets with less than this share of the brightest tenth are outside the lit field."""
+"""Lenslets with less than this fraction of the brightest tenth are outside the lit field."""
 
 EVENED_FROM = 0.1
 """Light relative to the brightest tenth above which the fall-off of light is corrected."""
@@ -56,13 +56,13 @@ MAX_SHIFT = 0.35
 """Largest accepted distance from the lattice point, in pitches."""
 
 MIN_EXPLAINED = 0.08
-"""Smallest share of a typical lenslet's variance that the mean micro-image must explain."""
+"""Smallest fraction of a typical lenslet's variance that the mean micro-image must explain."""
 
 MIN_SHARE_EXPLAINED = 0.2
-"""Smallest explained share of a single lenslet, relative to the typical one; with less it cannot be located."""
+"""Smallest explained fraction of a single lenslet, relative to the typical one; with less it cannot be located."""
 
 NEW_DEAD = 0.1
-"""Share of lenslets that turn out dead above which the mean micro-image is computed again without them."""
+"""Fraction of lenslets that turn out dead above which the mean micro-image is computed again without them."""
 
 EVEN, STEEP = 0.01, 0.1
 """Relative changes of light between lenslets at which their effect is distinguished from chance, and well known."""
@@ -74,16 +74,16 @@ LIT_AROUND = 0.45
 """Mean contrast around a place, relative to bright lenslets, above which it lies in the lit field: 0.4 next to it."""
 
 PARTLY_LIT = 0.6
-"""Share of working lenslets below which light covers a part of the frame only."""
+"""Fraction of working lenslets below which light covers a part of the frame only."""
 
 NARROW = 0.4
 """The same below which no distortion is fitted."""
 
 LONE = 0.3
-"""Share of working lenslets around a place of a partly lit field below which it is not lit."""
+"""Fraction of working lenslets around a place of a partly lit field below which it is not lit."""
 
 INNER = 0.85
-"""Share of working lenslets among a lenslet and its neighbours above which it is not at the edge of the light."""
+"""Fraction of working lenslets among a lenslet and its neighbours above which it is not at the edge of the light."""
 
 MAX_DEAD = 0.4
 
@@ -343,7 +343,7 @@ MOSAIC_CONTRAST = 0.04
 """Relative brightness difference of the four pixels above which they have colour filters."""
 
 MOSAIC_SCATTER = 0.3
-"""Largest scatter of the difference from block to block, as a share of itself."""
+"""Largest scatter of the difference from block to block, as a fraction of itself."""
 
 
 def levelled(image: NDArray[np.float32]) -> NDArray[np.float32]:

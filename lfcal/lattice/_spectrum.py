@@ -39,7 +39,7 @@ ORDER_TOLERANCE = 0.08
 
 NOMINAL_TOLERANCE = 0.10
 MIN_CONTRAST_SHARE = 0.2
-"""Share of the typical contrast above which a lenslet counts as brighter or darker than its gaps."""
+"""Fraction of the typical contrast above which a lenslet counts as brighter or darker than its gaps."""
 
 HEXAGONAL_ORDERS = (((1, 0), (0, 1), (-1, -1)), ((1, -1), (1, 2), (-2, -1)), ((2, 0), (0, 2), (-2, -2)))
 SQUARE_ORDERS = (((1, 0), (0, 1)), ((1, 1), (1, -1)), ((2, 0), (0, 2)))
@@ -47,7 +47,7 @@ RECTANGLE_ORDERS = (((1, 0),), ((0, 1),), ((1, 1),), ((1, -1),), ((2, 0),), ((0,
 """Lowest orders of a cell in sets that rotations by 120, 90 or 180 degrees map to each other, without opposite ones."""
 
 RECTANGLE_EXPLAINED = 0.8
-"""Smallest share of the peaks that rectangular cells must explain: they at least 0.98, textures below 0.73."""
+"""Smallest fraction of the peaks that rectangular cells must explain: they at least 0.98, textures below 0.73."""
 
 DIAGONAL = np.array([[1.0, -1.0], [1.0, 1.0]]) / 2
 FINER = {
@@ -70,7 +70,7 @@ SYMMETRY_PITCHES = 8.0
 """Largest distance from the middle for the mean cell."""
 
 MIN_BRIGHT = 0.75
-"""Smallest share of lenslets that must be brighter than the gaps around them."""
+"""Smallest fraction of lenslets that must be brighter than the gaps around them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -373,7 +373,7 @@ def upright(basis: Array, kind: str) -> Array:
 
 
 def _judge(flat: LitPart, kind: str, basis: Array, centre: Array) -> tuple[RoughLattice, float]:
-    """Return the lattice with its centre, and the share of centres brighter than the gaps."""
+    """Return the lattice with its centre, and the fraction of centres brighter than the gaps."""
     import cv2
 
     image = flat.image

@@ -120,7 +120,7 @@ EDGE_TOLERANCE_PX = 1e-6
 """Tolerance (pixels) for lenslets at the limit: those of whole-pixel lattices touch it exactly."""
 
 MIN_SHARE = 0.5 - 1e-9
-"""Smallest total share of existing lenslets for a sample to be seen."""
+"""Smallest total fraction of existing lenslets for a sample to be seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +144,7 @@ class ViewGrid:
     field_shape
         Rows and columns of the whole field: the smallest box about all lenslets whose micro-image is inside.
     kept
-        Share of the field's samples that this grid contains.
+        Fraction of the field's samples that this grid contains.
     """
 
     centres_px: Array = field(repr=False)
@@ -184,7 +184,7 @@ def view_grid(
 ) -> ViewGrid:
     """Return the grid of samples seen by lenslets that have ``margin`` pixels of frame about their centres.
 
-    A sample is seen if such lenslets have at least half of the shares; they take over the shares of the others.
+    A sample is seen if such lenslets have at least half of the shares; they take over the fractions of the others.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ def _among(lenslets: NDArray[np.intp], missing: Iterable[tuple[int, int]]) -> ND
 
 
 def _shares(cells: Cells, present: NDArray[np.bool_]) -> Array:
-    """Return the shares of the lenslets that are ``present``, with sum 1, or 0 if they are less than half."""
+    """Return the fractions of the lenslets that are ``present``, with sum 1, or 0 if they are less than half."""
     share = cells.share * present[cells.near]
     total = share.sum(-1, keepdims=True)
     enough = total >= MIN_SHARE

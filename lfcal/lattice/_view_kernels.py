@@ -30,7 +30,7 @@ class Sites(NamedTuple):
 
     corner: Float  # (lenslets, 2): first measurement (row, column) of each lenslet (pixels)
     near: NDArray[np.int32]  # (rows, columns, k): lenslets of a sample, numbered about in the order of the rows
-    share: Float  # (rows, columns, k): share of each of them
+    share: Float  # (rows, columns, k): fraction of each of them
 
 
 class ViewReading(NamedTuple):

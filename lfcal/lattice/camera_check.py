@@ -221,7 +221,7 @@ def _rotation(camera: Camera, fit: LatticeFit) -> CheckLine:
 
 
 def _offset(camera: Camera, fit: LatticeFit) -> CheckLine:
-    """Compare the stated place of a micro-image with the nearest measured one."""
+    """Compare the stated position of a micro-image with the nearest measured one."""
     row, column = camera.pixels(camera.lattice.offset_um)
     near = np.rint(fit.lenslet_at(row, column))
     place: NDArray[np.float64] = np.asarray(fit.centres_px(near[0], near[1]))

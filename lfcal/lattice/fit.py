@@ -42,7 +42,7 @@ RATIO_TOLERANCE = 0.06
 """Largest relative deviation of the distance of hexagonal rows from 0.87 pitches."""
 
 PARTLY_LIT = 0.75
-"""Share of the lattice's places within the outline of located micro-images below which a note reports it."""
+"""Fraction of the lattice's places within the outline of located micro-images below which a note reports it."""
 
 ROUNDS = 4
 SETTLED_PX = 2e-3
@@ -234,7 +234,7 @@ def _believable(residual: Array, pitch: float) -> float:
 
 START_PITCHES = 10.0
 START_SHARE = 0.33
-"""Radius of the first region, as a share of half the frame's diagonal."""
+"""Radius of the first region, as a fraction of half the frame's diagonal."""
 
 START_PX = 700.0
 """Largest radius of the first region (pixels): there, the spectrum's lattice is accurate to a fraction of a pitch."""
@@ -294,7 +294,7 @@ INVERSE_CORRELATION = -0.99
 checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
 
 PLATEAU, LARGEST_PLATEAU, CLOSED = 0.15, 0.25, 0.6
-"""Level of a dark field of a cell, as a share of its contrast; its largest area where it is closed on all sides; level
+"""Level of a dark field of a cell, as a fraction of its contrast; its largest area where it is closed on all sides; level
 of the places around it that closes it.
 
 Measured: fields between micro-images that touch 0.2 at most; single light among discs of 140 % fill 0.34."""
@@ -305,8 +305,8 @@ FLAT, LARGEST_FLAT = 0.03, 0.055
 Measured: separate micro-images, sharp or blurred, 0.042 at most; overlapping discs 0.07 to 0.45."""
 
 SHARP_EDGES = 0.35
-"""Share of the cell between a quarter and three quarters of its contrast up to which its edges are sharp. Unresolved,
-blurred cells have 0.42 and above, and look alike for any object."""
+"""Fraction of the cell between a quarter and three quarters of its contrast up to which its edges are sharp.
+Unresolved, blurred cells have 0.42 and above, and look alike for any object."""
 
 
 def mean_cell(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp]) -> Array:

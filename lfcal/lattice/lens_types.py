@@ -23,7 +23,7 @@ MIN_TRIANGLES = 8
 MIN_SIGMAS = 4.0
 MIN_AGREEMENT = 0.5
 MIN_BLUR_STEP = 0.05
-"""Types whose expected blurs differ by less than this share of the largest are not distinguished."""
+"""Types whose expected blurs differ by less than this fraction of the largest are not distinguished."""
 
 SMOOTHING = 0.04
 """Blur applied before gradients are computed (pitches)."""
@@ -32,7 +32,7 @@ INNER = 0.4
 """Radius of a micro-image's inner part (pitches)."""
 
 LIT_SHARE = 0.1
-"""Smallest light of a lit lenslet, as a share of the brightest lenslets' light."""
+"""Smallest light of a lit lenslet, as a fraction of the brightest lenslets' light."""
 
 
 @dataclass(frozen=True, slots=True)

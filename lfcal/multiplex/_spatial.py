@@ -17,7 +17,7 @@ __all__ = ["guide_image", "reconstruct_spatial"]
 Image = NDArray[Any]
 
 EDGE_SHARE = 0.1
-"""Differences of the guide above this share of its range count as edges."""
+"""Differences of the guide above this fraction of its range count as edges."""
 
 
 def reconstruct_spatial(

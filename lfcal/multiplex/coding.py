@@ -130,7 +130,7 @@ def code_matrix(
     points
         Number of points whose patterns overlap.
     frames, density, rng
-        Options of random codes: number of frames (default: number of points), share of lit points, and random
+        Options of random codes: number of frames (default: number of points), fraction of lit points, and random
         generator (with a fixed seed by default).
 
     Examples
@@ -176,7 +176,7 @@ class CodingNumbers:
     core_db, dark_db
         Gain of bright entries (at least half of their pattern's peak) and of dark ones (at most a hundredth).
     better
-        Share of the entries with a smaller error.
+        Fraction of the entries with a smaller error.
     exposure
         Ratio of the exposure of coded frames to that of single points; below 1 if their sum would saturate.
     peak_e
@@ -282,7 +282,7 @@ class CodingVerdict:
 def overlapping_patterns(
     plane: ArrayLike, points: int, *, step: int = 1, first: tuple[int, int] = (0, 0)
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Return the patterns of neighbouring points at their places on the sensor, and the points' positions.
+    """Return the patterns of neighbouring points at their positions on the sensor, and the points' positions.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def demultiplex(
     origin
         Pixel ``(row, column)`` of the frame at which a super-pixel begins.
     rcond
-        Singular values up to this share of the largest count as zero. None: rounding error.
+        Singular values up to this fraction of the largest count as zero. None: rounding error.
     weights
         Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
         `lfcal.multiplex.pixel_weights`). Channels are then interpolated linearly from pixels with weight and

@@ -77,7 +77,7 @@ def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
         Periodic modulator: neighbours at its border belong to the next super-pixel. With lenslets, only pixels of one
         cell exchange light.
     share
-        Share of charge or light that leaves a pixel, 0 … 0.5, a quarter to each side.
+        Fraction of charge or light that leaves a pixel, 0 … 0.5, a quarter to each side.
 
     Examples
     --------
@@ -116,7 +116,8 @@ def best_array(
     letters
         Filters to choose from (`lfcal.multiplex.colour_filters.FILTERS`).
     crosstalk
-        Share of the light that pixels lose to their neighbours (`with_crosstalk`); the places of filters then matter.
+        Fraction of the light that pixels lose to their neighbours (`with_crosstalk`); the places of filters then
+        matter.
     most_kinds
         Largest number of kinds of filters; each needs a step of lithography.
     least_light
@@ -247,7 +248,7 @@ def best_printed_mask(
     levels
         Number of printable transmissions, equally spaced from closed to open; 2 for chrome on glass.
     crosstalk
-        Share of the light that pixels lose to their neighbours.
+        Fraction of the light that pixels lose to their neighbours.
     least_light, most_light
         Smallest and largest transmission of the mask.
     starts

@@ -50,7 +50,7 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
     Parameters
     ----------
     open_shares
-        Share of each moment in which a pixel of the super-pixel is open, ``(rows, columns, moments)``, 0 … 1.
+        Fraction of each moment in which a pixel of the super-pixel is open, ``(rows, columns, moments)``, 0 … 1.
     name
         Name in tables and plots.
 
@@ -84,7 +84,7 @@ def camera_array(rows: int, columns: int) -> Modulator:
     >>> from lfcal.multiplex import camera_array, demultiplex, interleave
     >>> cameras = camera_array(1, 2)
     >>> frame = interleave([np.full((3, 4), 10.0), np.full((3, 4), 20.0)], (1, 2))
-    >>> print(demultiplex(frame, cameras)[:, 0, 0].round(3))  # shares of the light of both
+    >>> print(demultiplex(frame, cameras)[:, 0, 0].round(3))  # fractions of the light of both
     [ 5. 10.]
     >>> print(cameras.sample_names)
     ('view 0,0', 'view 0,1')

@@ -33,7 +33,8 @@ class GeneralModel:
     Parameters
     ----------
     transmissions
-        ``(N, rows, columns)``: share of each sample that each pixel measures; or a periodic modulator, with ``shape``.
+        ``(N, rows, columns)``: fraction of each sample that each pixel measures; or a periodic modulator, with
+        ``shape``.
     spacing
         Pixels per node of the grid (rows, columns).
     shape
@@ -125,7 +126,7 @@ def iter_demultiplex_generally(
         Weight of the squared differences between neighbouring nodes, relative to the mean measured share. It
         determines samples that pixels do not measure. It must be small compared with the signal-to-noise ratio.
     tolerance
-        The iterations end when the norm of the gradient falls below this share of its first value.
+        The iterations end when the norm of the gradient falls below this fraction of its first value.
     most
         Largest number of iterations.
 
@@ -149,7 +150,7 @@ def iter_demultiplex_generally(
     check_number("iterations", most, at_least=1, integer=True)
     check_number("tolerance", tolerance, above=0, below=1)
     known = known / known.max()
-    # relative to the measured share of a node, so that a number has the same effect for every modulator
+    # relative to the measured fraction of a node, so that a number has the same effect for every modulator
     share = model.adjoint(known * model.forward(np.ones(model.grid))).mean()
     rough = smoothness * float(share)
     right, clock = model.adjoint(known * image), Clock("demultiplex", most)

@@ -50,7 +50,7 @@ VALUES_AT_ONCE = 2_000_000
 def lattice_transmissions(
     shape: tuple[int, int], lattice: MicroImageLattice, modulator: Modulator, *, profile: str = "cells"
 ) -> Array:
-    """Return the share of each sample that each pixel measures behind a modulator on a lattice ``(N, rows, columns)``.
+    """Return the fraction ``(N, rows, columns)`` of each sample that each pixel measures behind a modulator on a lattice.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def lattice_by_spectrum(
 
 
 def _tile(shape: tuple[int, ...], along: Array, across: Array, k1: int, k2: int) -> Array:
-    """Return which share of each frequency of a frame (order of the transform) lies in the tile about g_k."""
+    """Return which fraction of each frequency of a frame (order of the transform) lies in the tile about g_k."""
     inside = np.zeros(shape)
     for turn_y in (-1, 0, 1):  # a tile at the end of the band wraps around
         for turn_x in (-1, 0, 1):
@@ -191,7 +191,7 @@ def _tile(shape: tuple[int, ...], along: Array, across: Array, k1: int, k2: int)
 
 
 def _share(away: Array) -> Array:
-    """Return which share of a tile a frequency is, ``away`` from its middle in cycles per super-pixel."""
+    """Return which fraction of a tile a frequency is, ``away`` from its middle in cycles per super-pixel."""
     size = np.abs(away)
     return np.where(size < 0.5 - 1e-9, 1.0, np.where(size <= 0.5 + 1e-9, 0.5, 0.0))
 

@@ -118,7 +118,7 @@ def weighted_samples(
 
 
 def _shares(grid: ViewGrid) -> Any:
-    """Return the shares of the super-pixels in each sample as a sparse matrix ``(samples, super-pixels)``."""
+    """Return the fractions of the super-pixels in each sample as a sparse matrix ``(samples, super-pixels)``."""
     from scipy.sparse import csr_array
 
     samples, most = grid.shape[0] * grid.shape[1], grid.near.shape[2]
@@ -417,7 +417,7 @@ def demultiplex_lattice(
         super-pixel count as recorded at its centre. Or ``"sinc"`` between super-pixels, with each channel at its
         position (`lfcal.multiplex.heterodyne`).
     rcond
-        Singular values up to this share of the largest count as zero.
+        Singular values up to this fraction of the largest count as zero.
     weights
         As in `lattice_channels`, for the spatial route with the linear filter. `demultiplex_lattice_weighted` also
         returns the noise.

@@ -217,7 +217,7 @@ def _moved_cell(n: int, shift: float, view_width: float) -> NDArray[np.complex12
 
 
 def cell_overlap(distance: ArrayLike, blur: float) -> Array:
-    """Return the share of a pixel covered by a mask cell of one pixel's width, blurred over ``blur`` pixels.
+    """Return the fraction of a pixel covered by a mask cell of one pixel's width, blurred over ``blur`` pixels.
 
     It is the convolution of three boxes (cell, pixel, and movement of the shadow within a view) at ``distance``
     between their middles (pixels). The sum over all pixels is one.
@@ -266,7 +266,7 @@ MAX_EXHAUSTIVE = 4
 
 
 def noise_shares(chi2: float) -> tuple[float, float]:
-    """Return the shares of additive and of photon noise at ``chi2``, 0 … inf."""
+    """Return the fractions of additive and of photon noise at ``chi2``, 0 … inf."""
     if not chi2 >= 0:
         raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
     additive = 1.0 / (1.0 + chi2)

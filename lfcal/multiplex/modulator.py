@@ -195,7 +195,7 @@ class Modulator:
         Parameters
         ----------
         rcond
-            Singular values up to this share of the largest count as zero; None: `default_rcond`.
+            Singular values up to this fraction of the largest count as zero; None: `default_rcond`.
         """
         left, values, right = self._decomposition
         kept = self._kept(rcond)

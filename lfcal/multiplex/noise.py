@@ -43,7 +43,7 @@ PAPER_CAMERAS: Mapping[str, float] = {"PG Dragonfly": 10**-0.93}
 
 
 def transmission(modulator: Modulator) -> float:
-    """Return tau, the mean share of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12).
+    """Return tau, the mean fraction of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12).
 
     Examples
     --------
@@ -171,7 +171,7 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
 
 
 def pixel_variance(modulator: Modulator, chi2: float) -> Array:
-    """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a share of s_c^2 + s_p^2.
+    """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a fraction of s_c^2 + s_p^2.
 
     Equation 12 with the light of each pixel instead of the mean.
 
@@ -209,7 +209,7 @@ def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
 
 
 def _variance(modulator: Modulator, chi2: Array) -> Array:
-    """Variance of a sample per pixel, as a share of s_c^2 + s_p^2."""
+    """Variance of a sample per pixel, as a fraction of s_c^2 + s_p^2."""
     alpha = amplification(modulator)
     if not math.isfinite(alpha):
         return np.full(chi2.shape, math.inf)
@@ -437,7 +437,7 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
 
 
 def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation: str = "plain") -> Array:
-    """Return the standard deviation of each sample ``(N,)`` of unmodulated light at full scale (shares of that light).
+    """Return the standard deviation ``(N,)`` of each sample of unmodulated light at full scale, relative to that light.
 
     Every pixel has the noise of the light it receives (read, dark, quantisation, shot, response), without
     interpolation between super-pixels.

@@ -22,7 +22,7 @@ def polarisers(
     """Return a super-pixel of linear polarisers for the Stokes parameters S0, S1, S2; with retarders, also S3.
 
     A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator), half
-    of unpolarised light, which has only S0. The share of a pixel is between 0 and 1 for any polarisation.
+    of unpolarised light, which has only S0. The fraction of a pixel is between 0 and 1 for any polarisation.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the polarised share of light from Stokes parameters ``(3 or 4, ...)``; 0 without light.
+    """Return the polarised fraction of light from Stokes parameters ``(3 or 4, ...)``; 0 without light.
 
     Examples
     --------

@@ -242,7 +242,7 @@ def best_mask(
 ) -> Modulator:
     """Search for the attenuation mask ``size`` x ``size`` with the largest gain at ``chi2``.
 
-    The search starts from the known masks, from random ones with various shares of open pixels, and from the best so
+    The search starts from the known masks, from random ones with various fractions of open pixels, and from the best so
     far with a few pixels inverted. Up to `MAX_EXHAUSTIVE` pixels a side it also starts from the best of all masks of
     open and closed pixels. The result is never worse than any start; `mask_gain_bound` returns an upper bound.
 

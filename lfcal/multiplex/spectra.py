@@ -277,7 +277,7 @@ def spectral_array(
         Transmissions 0 … 1; by default the included model filters R G B C M Y W.
     illuminant
         Relative power of the light on the scene (one curve). Samples are then reflectances, each times its band's
-        share of the spectrum (`Modulator.light`); photons are counted, with a mean of one over the bands. None:
+        fraction of the spectrum (`Modulator.light`); photons are counted, with a mean of one over the bands. None:
         samples are the photons in each band.
     efficiency
         Electrons per photon (one curve); None: one.

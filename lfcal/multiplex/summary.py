@@ -38,7 +38,7 @@ class ModulatorNumbers:
     transmission, amplification
         Transmission tau and noise amplification alpha.
     lost
-        Names of the samples that are not fully recovered, and the lost share of each.
+        Names of the samples that are not fully recovered, and the lost fraction of each.
     gain_additive_db, gain_photon_db, gain_db
         Gain over the reference at chi^2 = 0, infinity, and the camera's (dB); None without a reference.
     """
@@ -69,7 +69,7 @@ def describe(
     chi2
         Ratio chi^2 of the camera.
     rcond
-        Singular values up to this share of the largest count as zero.
+        Singular values up to this fraction of the largest count as zero.
     """
     gains: list[float | None] = [None, None, None]
     if reference is not None and reference.count == modulator.count:

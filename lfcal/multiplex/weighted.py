@@ -88,7 +88,7 @@ def reconstruct_weighted(
     samples
         Output samples per super-pixel.
     rcond
-        Eigenvalues up to the square of this share of the largest count as zero. None: rounding error.
+        Eigenvalues up to the square of this fraction of the largest count as zero. None: rounding error.
     """
     axes = [_axis(*args) for args in zip(frame.shape, modulator.side, modulator.positions, samples, strict=True)]
     light, scale = np.where(weights > 0, frame, 0.0), float(weights.max())

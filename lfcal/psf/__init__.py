@@ -9,7 +9,7 @@
 - ``_specification``, ``_json_schema``: check an H file against the published schema of its format
 - ``cutout``, ``assembly``, ``_pedestal``: frames to H with the shifting cutout
 - ``picked``: patterns of a few positions, without reading the other frames
-- ``orientation``, ``_spot_path``: orientation of the frames of a scan, from the place of the pattern in some of them
+- ``orientation``, ``_spot_path``: orientation of the frames of a scan, from the position of the pattern in some of them
 - ``_transpose``: HT, a single slice of it, and depth-plane sums
 - ``_verify``: check that a file has not changed
 - ``aperture``: the shape of the iris (see `lfcal.judge` for the quality of H)

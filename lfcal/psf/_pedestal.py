@@ -13,7 +13,7 @@ from lfcal.psf.cutout import Gatherer
 __all__ = ["LIMIT", "check_pedestal", "pedestal_share"]
 
 LIMIT = 0.02
-"""Largest share of a plane's light that may be a constant pedestal."""
+"""Largest fraction of a plane's light that may be a constant pedestal."""
 
 SAMPLED = 8
 """Frames of a plane that are examined."""

@@ -24,7 +24,7 @@ DETECT = 6.0
 """Signal-to-noise ratio above which light counts."""
 
 FAINT = 0.05
-"""Share of the peak below which light is ignored, because fluctuations of the noise would shift a centroid."""
+"""Fraction of the peak below which light is ignored, because fluctuations of the noise would shift a centroid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,10 +34,10 @@ MOST = 65535
 """Largest number of steps of a stored value."""
 
 CUT = 0.1
-"""Share of the tolerance spent on light outside the window, if that saves rows or columns."""
+"""Fraction of the tolerance spent on light outside the window, if that saves rows or columns."""
 
 CLOSE = 0.97
-"""Share of the allowed rounding error above which no larger step is searched for."""
+"""Fraction of the allowed rounding error above which no larger step is searched for."""
 
 TRIALS = 24
 """Number of steps that are tried at most; five are nearly always enough."""
@@ -62,7 +62,7 @@ class SteppedPlane:
     cut, rounding
         ``(ny, nx)``: error of each pattern outside and inside the window, as shares (L1) of the pattern.
     error
-        Error of all patterns together, as a share of the plane.
+        Error of all patterns together, as a fraction of the plane.
     """
 
     values: NDArray[np.float32]

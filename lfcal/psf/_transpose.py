@@ -23,7 +23,7 @@ from lfcal.base import InputError, centre, check_psf_shape, for_each_chunk
 __all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_slice", "transpose"]
 
 BORDER_LIMIT = 0.001
-"""Share of the energy near the edge of the cutout above which `border_warning` warns."""
+"""Fraction of the energy near the edge of the cutout above which `border_warning` warns."""
 
 
 def transpose(
@@ -270,7 +270,7 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
 
 
 def border_energy(H: Any) -> float:
-    """Return the share of the energy of H that lies within (nx-1)/2 or (ny-1)/2 pixels of the cutout's edge.
+    """Return the fraction of the energy of H that lies within (nx-1)/2 or (ny-1)/2 pixels of the cutout's edge.
 
     Energy is the sum of absolute values, all positions and depths together. Other codes' transposers drop part of this
     border, and so does ``method="paper"``; `transpose` keeps it.

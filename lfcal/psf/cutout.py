@@ -167,7 +167,7 @@ class Cutout:
         )
         at = np.meshgrid(rows, columns, indexing="ij")
         values = ndimage.map_coordinates(data, at, order=self._order, mode="nearest")
-        # a resampled pixel covers 1/(fy fx) of a sensor pixel, and contains that share of its light
+        # a resampled pixel covers 1/(fy fx) of a sensor pixel, and contains that fraction of its light
         scaled: NDArray[np.float32] = (values / (self.scale[0] * self.scale[1])).astype(np.float32)
         return scaled
 
@@ -197,7 +197,7 @@ def find_cutout(
     centres
         The paraxial image of the point in each image, (row, column) in pixels.
     lost
-        Largest share of the energy outside the cutout; half of it is used for each direction.
+        Largest fraction of the energy outside the cutout; half of it is used for each direction.
     background
         Background subtracted from every pixel first; None: the median of each image's border. A sum over many pixels
         is sensitive to this value.

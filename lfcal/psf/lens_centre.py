@@ -24,7 +24,7 @@ from lfcal.psf.matrix import PSFMatrix
 __all__ = ["TOLERANCE_PX", "LensCentre", "first_pixel", "lens_centre_of", "lens_centred", "sampling"]
 
 TOLERANCE_PX = 0.05
-"""Largest distance of a micro-image centre from the expected place at which it counts as being there (pixels)."""
+"""Largest distance of a micro-image centre from the expected position at which it counts as being there (pixels)."""
 
 Pair = tuple[float, float]
 
@@ -73,7 +73,7 @@ class LensCentre:
         return max(map(abs, self.rest)) <= TOLERANCE_PX
 
     def _off(self) -> tuple[float, float]:
-        """Return the distance of the centre from its expected place, by the shorter way around the period."""
+        """Return the distance of the centre from its expected position, by the shorter way around the period."""
         rows, columns = (
             (at - wanted + n / 2) % n - n / 2
             for at, wanted, n in zip(self.position, self.expected, self.period, strict=True)

@@ -53,7 +53,7 @@ CERTAIN = 0.25
 """Relative standard error of the slope up to which it counts as measured."""
 
 SMOOTH = 0.5
-"""Share of the pixels of similar brightness that is kept: those with the smoothest signal."""
+"""Fraction of the pixels of similar brightness that is kept: those with the smoothest signal."""
 
 
 ROUGH, TURNS = 2.5, 2
@@ -65,7 +65,7 @@ class _Samples(NamedTuple):
 
     ``around`` is light of about the same brightness with independent noise: from other weights, or from neighbouring
     pixels. ``roughness`` is the contribution of the signal to other differences of the same samples. ``own`` is the
-    variance of the mean, as a share of that of a sample.
+    variance of the mean, as a fraction of that of a sample.
     """
 
     mean: F8
@@ -198,7 +198,7 @@ def _unexplained(difference: F8, light: F8, valid: NDArray[np.bool_]) -> F8:
     own = own[:, sizes > 1e-9 * max(float(sizes.max(initial=0.0)), 1e-300)]
     apart = difference[valid]
     out = np.zeros(difference.shape)
-    # the part that is explained takes a share of the noise with it
+    # the part that is explained takes a fraction of the noise with it
     out[valid] = (apart - own @ (own.T @ apart)) / np.sqrt(np.maximum(1.0 - np.square(own).sum(axis=1), 0.5))
     return out
 

@@ -30,7 +30,7 @@ MOST = 10.0
 """Residuals count at most as this multiple of the best residual; larger ones contain no further evidence."""
 
 KEPT = 0.7
-"""Share of the frames of a plane that must agree; the others may be dark, wrong or exchanged."""
+"""Fraction of the frames of a plane that must agree; the others may be dark, wrong or exchanged."""
 
 FLOOR_PX = 0.3
 """Smallest error of a centroid of a pattern of lenslet spots (pixels)."""
@@ -75,7 +75,7 @@ class FoundOrientation:
     residual_px
         Residual of the path under the best orientation (pixels); NaN if undetermined.
     offset_px
-        Displacement of the upright pattern from its planned place, (rows, columns) in pixels. If the orientation is
+        Displacement of the upright pattern from its planned position, (rows, columns) in pixels. If the orientation is
         undetermined but upright frames fit best, the displacement for those; otherwise NaN.
     frames
         Number of frames in which the pattern was found.
@@ -114,7 +114,7 @@ def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrie
     Parameters
     ----------
     source
-        Frames as delivered, preferably corrected; whole frames, or cutouts with a known place on the sensor.
+        Frames as delivered, preferably corrected; whole frames, or cutouts with a known position on the sensor.
     plan
         Where the image should be at each position.
     """
@@ -141,9 +141,9 @@ def orientation_of_path(
     Parameters
     ----------
     path
-        Observed places of the pattern.
+        Observed positions of the pattern.
     expected
-        Planned places of the image ``(n, 2)`` as (row, column) (sensor pixels).
+        Planned positions of the image ``(n, 2)`` as (row, column) (sensor pixels).
     frame
         Rows and columns of the sensor as delivered.
     plan

@@ -139,7 +139,7 @@ def optics_of(provenance: Mapping[str, Any]) -> str | None:
 
 
 def light_shares(provenance: Mapping[str, Any]) -> bool:
-    """Return whether H is computed, so that its values are shares of the light and not counts.
+    """Return whether H is computed, so that its values are fractions of the light and not counts.
 
     H of simulated frames has counts; such frames state the seed of their noise.
     """

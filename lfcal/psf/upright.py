@@ -32,7 +32,7 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
     view
         Corrected frames, as delivered.
     plan
-        Plan with the expected place of the image at each position.
+        Plan with the expected position of the image at each position.
     choice
         Name of the orientation; ``"auto"``: find it; ``"check"``: leave the frames unchanged, unless this is
         certainly wrong.
@@ -72,7 +72,7 @@ def check_place(
     view
         Frames as delivered.
     plan
-        Plan with the expected place of the image on the whole sensor.
+        Plan with the expected position of the image on the whole sensor.
     turn
         Given orientation of the frames, if it was not determined.
     """

@@ -11,7 +11,7 @@ from lfcal.reconstruct.solvers import SOLVERS, UPDATING, SolverChoice, plane_thr
 __all__ = ["RunMemory", "room_for_projections", "run_memory"]
 
 FREE_SHARE = 0.8
-"""Default share of the free memory that a reconstruction uses."""
+"""Default fraction of the free memory that a reconstruction uses."""
 
 PROJECTING, FITTING = 2, 9
 """Number of images in memory besides the volume's arrays, for its projection and the comparison with the frame."""

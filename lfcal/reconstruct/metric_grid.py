@@ -42,7 +42,7 @@ class MetricGrid:
     shape
         ``(Y, X)`` voxels, the field of the widest plane.
     rows, columns
-        For each plane, the share of each of its rows that falls into each row of the grid, ``(Y, y)``; likewise for
+        For each plane, the fraction of each of its rows that falls into each row of the grid, ``(Y, y)``; likewise for
         columns.
 
     Examples
@@ -117,7 +117,7 @@ class MetricGrid:
             ``(Y, X)`` pixels of the image, and of each plane of the volume.
         anchor
             Pixel of the image on which H's position (0, 0) is imaged; None: that of H. Any other anchor gives the
-            place of the image on the sensor.
+            position of the image on the sensor.
         voxel
             Side (µm); None: the smallest of all planes.
 
@@ -159,7 +159,7 @@ class MetricGrid:
 
 
 def _shares(count: int, axis: float, width: float, low: float, cells: int, side: float) -> Any:
-    """Return which share of each of ``count`` pixels falls into each of ``cells`` voxels, ``(cells, count)``."""
+    """Return which fraction of each of ``count`` pixels falls into each of ``cells`` voxels, ``(cells, count)``."""
     edges = (np.arange(count + 1) - axis - 0.5) * width
     first = np.clip(np.floor((edges[:-1] - low) / side).astype(np.int64), 0, cells - 1)
     last = np.clip(np.ceil((edges[1:] - low) / side).astype(np.int64), 1, cells)

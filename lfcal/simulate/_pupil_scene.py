@@ -53,7 +53,7 @@ class PupilScene:
     axis_um
         Where the optical axis meets the sensor, ``(y, x)`` from the chief ray of position (0, 0).
     pixel_fill
-        Light-sensitive share of a pixel's side, in (0, 1].
+        Light-sensitive fraction of a pixel's side, in (0, 1].
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None.
     """

@@ -1,4 +1,4 @@
-"""Share of the light that is inside the cutout of an H; the rest is lost, whatever the tolerance."""
+"""Fraction of the light that is inside the cutout of an H; the rest is lost, whatever the tolerance."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from lfcal.simulate.staging import outlook_of
 __all__ = ["PLANNED_PEAK", "ExpectedLight", "ScanChoice", "iter_expected_light", "scan_choices"]
 
 PLANNED_PEAK = 0.8
-"""Share of the full well that the brightest pixel of a session is planned to reach."""
+"""Fraction of the full well that the brightest pixel of a session is planned to reach."""
 
 OPTICS = (LensTypeDefocus(), LensletDiffraction(), IrisShape())
 
@@ -51,7 +51,7 @@ class ExpectedLight:
     Attributes
     ----------
     levels
-        ``(planes, levels)`` mean light of the pixels of each level, as a share of the light of a pattern.
+        ``(planes, levels)`` mean light of the pixels of each level, as a fraction of the light of a pattern.
     pixels
         ``(planes, levels)`` number of these pixels in a pattern.
     brightest
@@ -84,7 +84,7 @@ class ExpectedLight:
         plan
             The scan with this light, possibly with other exposures or averages.
         peak
-            Share of the full well that the brightest pixel of the scan reaches.
+            Fraction of the full well that the brightest pixel of the scan reaches.
         """
         check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1)
         sensor, seconds = plan.camera.sensor, np.array(plan.exposures)
@@ -167,7 +167,7 @@ class ScanChoice:
     plan
         The plan with its exposures and averages.
     peak
-        Share of the full well that the brightest pixel reaches.
+        Fraction of the full well that the brightest pixel reaches.
     seconds
         Recording time (s).
     noise
@@ -194,7 +194,7 @@ class ScanChoice:
 def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Forecast) -> tuple[ScanChoice, ...]:
     """Return ways to record a plan, including the plan as it is, fastest first.
 
-    Shorter exposures are faster. The light is the same, so the brightest pixel reaches a smaller share of the full
+    Shorter exposures are faster. The light is the same, so the brightest pixel reaches a smaller fraction of the full
     well. The exposure is never longer than that of `PLANNED_PEAK`, or of the given ``peak`` if this is higher. For
     less noise, more frames are averaged.
 
@@ -203,7 +203,7 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
     plan, light
         The scan and its light.
     peak
-        Share of the full well that the brightest pixel reaches at the plan's exposures.
+        Fraction of the full well that the brightest pixel reaches at the plan's exposures.
     forecast
         Forecast of the plan, which contains speed of the stage and frame rate.
 

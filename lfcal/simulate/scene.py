@@ -178,7 +178,7 @@ class Specimen:
         return self.depth_um + z_um
 
     def focus_um(self, z_um: float, medium_index: float) -> float:
-        """Return the apparent place of a source at ``z_um`` by paraxial rays, seen from the immersion medium."""
+        """Return the apparent position of a source at ``z_um`` by paraxial rays, seen from the immersion medium."""
         deep = self.source_um(z_um)
         return z_um if deep < 0 else medium_index * deep / self.index - self.depth_um
 
@@ -225,7 +225,7 @@ LAWS = (-0.5, 1.5)
 
 
 Defects = tuple[tuple[int, int, float], ...]
-"""Lenslets that transmit less light: row and column of the lattice, and the share of light that passes."""
+"""Lenslets that transmit less light: row and column of the lattice, and the fraction of light that passes."""
 
 ImageMap = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Displacement of images, linear in their place (µm): for dy and dx, the constant and its growth with y and x."""
@@ -271,7 +271,7 @@ class Scene:
         together. A microscope's field is always exact up to the array; of its levels, the grid and the reference
         follow these rays.
     pixel_fill
-        Light-sensitive share of a pixel's side, in (0, 1].
+        Light-sensitive fraction of a pixel's side, in (0, 1].
     objective, z_um
         The microscope and its defocus in object space, for the Debye path; None for a main lens.
     pixel_aspect
@@ -284,7 +284,8 @@ class Scene:
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The pixels do
         not move.
     image_map
-        Displacement of every image from its paraxial place, as a function of that place on the sensor, after offsets.
+        Displacement of every image from its paraxial position, as a function of that position on the sensor, after
+        offsets.
     tilt
         Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
     defects
@@ -456,7 +457,7 @@ class Scene:
 
     @property
     def fill_factor(self) -> float:
-        """Share of light that a uniformly lit array transmits."""
+        """Fraction of light that a uniformly lit array transmits."""
         if self.gapless:
             return 1.0
         return replace(self.lattice, clear_um=self.lattice.clear_diameter_um).fill_factor
@@ -492,7 +493,7 @@ class Scene:
         return self.imaged_um(y * self.row_um + float(dy), x * self.pixel_um + float(dx))
 
     def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
-        """Return where the chief ray actually meets the sensor whose paraxial place is (y, x)."""
+        """Return where the chief ray actually meets the sensor whose paraxial position is (y, x)."""
         if self.image_map is None:
             return y_um, x_um
         dy, dx = (c + gy * y_um + gx * x_um for c, gy, gx in self.image_map)
@@ -521,7 +522,7 @@ class Scene:
         return self.farther_at(centres_um[:, 1], centres_um[:, 0])
 
     def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the share of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) transmit."""
+        """Return the fraction of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) transmit."""
         share = np.ones(len(centres_um))
         if self.defects and len(centres_um):
             index = np.rint(self.lattice.lenslet_at(centres_um))

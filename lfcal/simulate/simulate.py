@@ -168,9 +168,9 @@ def iter_simulate_psf(
 ) -> Work[PSFMatrix]:
     """Return H of a scan plan, simulated with the plan's camera.
 
-    Values are shares of the light through the iris towards the lenslets: the sum over an infinite cutout is the light
-    that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They belong to the
-    frames (`SimulatedCamera`), from which assembly makes an H that equals this one up to noise.
+    Values are fractions of the light through the iris towards the lenslets: the sum over an infinite cutout is the
+    light that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They belong to
+    the frames (`SimulatedCamera`), from which assembly makes an H that equals this one up to noise.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ class TargetCamera(Frames):
 
     # -- light -----------------------------------------------------------------------------------------
     def points(self, index: int) -> HoleImages:
-        """Return the actual places at which the paraxial chief rays of all holes meet the sensor in frame ``index``.
+        """Return the actual positions at which the paraxial chief rays of all holes meet the sensor in frame ``index``.
 
         If frames of the plan show several offsets together, ``index`` is the number of a single offset.
         """

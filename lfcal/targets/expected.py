@@ -32,7 +32,7 @@ class ErrorForecast:
     single
         Error of a pattern recorded by the scan of a single point.
     shown
-        ``(frames,)`` share of the positions shown after each frame.
+        ``(frames,)`` fraction of the positions shown after each frame.
     error
         ``(frames,)`` rms error of the positions shown so far; repeats of a position are averaged.
 

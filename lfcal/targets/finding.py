@@ -249,7 +249,7 @@ RIVAL = 2
 """Number of spots by which another labelling may be worse and still be possible: two missing or extra spots."""
 
 ENOUGH = 0.5
-"""Share of the spots that must be on holes."""
+"""Fraction of the spots that must be on holes."""
 
 ON_PLACE = 0.2
 """Largest offset, in pitches, at which a spot is assigned to a hole."""

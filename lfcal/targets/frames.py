@@ -16,7 +16,7 @@ __all__ = ["TargetFrames", "frames_of", "open_target_frames", "read_target_plan"
 
 
 class TargetFrames(SourceView):
-    """Whole frames of a target at planned places; ``metadata`` contains ``target`` and ``target_frames``.
+    """Whole frames of a target at planned positions; ``metadata`` contains ``target`` and ``target_frames``.
 
     Parameters
     ----------

@@ -190,7 +190,7 @@ class Covering:
 
     @property
     def coverage(self) -> float:
-        """Share of the positions that are shown."""
+        """Fraction of the positions that are shown."""
         return float(self.shown.sum()) / self.wanted
 
     def first(self, most: int | None) -> Covering:

@@ -294,7 +294,7 @@ class TargetPlan:
         return counts.reshape(self.scan.period)
 
     def coverage(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> float:
-        """Return the share of the positions of plane ``z`` that at least one frame shows; arguments as in `shown`."""
+        """Return the fraction of positions of plane ``z`` that at least one frame shows; arguments as in `shown`."""
         return float((self.shown(z, target=target, tolerance_px=tolerance_px) > 0).mean())
 
     # -- JSON ------------------------------------------------------------------------------------------

@@ -430,7 +430,7 @@ def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
 
 
 def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
-    """Return the share of positions shown for ``count`` random poses within the target's bounds.
+    """Return the fraction of positions shown for ``count`` random poses within the target's bounds.
 
     Offsets are as planned, but the pose is not. If its bounds exceed the tolerance at the target's rim, holes are at
     unplanned phases. A first recorded frame determines the pose, and a plan for that pose covers all phases.

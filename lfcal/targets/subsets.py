@@ -19,7 +19,7 @@ ORDERS = (3, 7, 11)
 """Numbers of frames that may be shown together, half of them at a time: orders of S-matrices."""
 
 PEAK = 0.8
-"""Default level of a point's brightest pixel, as a share of the full well."""
+"""Default level of a point's brightest pixel, as a fraction of the full well."""
 
 TOLERANCE = 0.1
 """Relative error of the simulated patterns, which is sufficient for a gain in noise."""

@@ -150,7 +150,7 @@ class _Fit(Task):
 
 @record
 class FitTarget(_Fit):
-    """Fit one camera to all points of a target, each at its actual place on the sensor."""
+    """Fit one camera to all points of a target, each at its actual position on the sensor."""
 
     input_words: ClassVar[str] = "frames of a target"
 
@@ -348,7 +348,7 @@ class FitFrames(FitMatrix):
     The fit estimates gap, focal lengths, iris and aberrations. It writes camera.json, effects.json, H.h5, fit.json
     and report/ into a folder. Several sources are regions of the field of one camera: the fit also finds how the
     wavefront changes over the field, and each region has a separate folder. Points of a target are fitted at their
-    actual places on the sensor.
+    actual positions on the sensor.
 
     Examples
     --------

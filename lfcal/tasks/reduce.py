@@ -33,7 +33,7 @@ class ReducedFile(TaskResult):
 
     @property
     def bound(self) -> Any:
-        """Largest share of its light that a pattern loses, by plane: by truncation, by rounding, and in total."""
+        """Largest fraction of its light that a pattern loses, by plane: by truncation, by rounding, and in total."""
         return self.matrix.facts.known()["bound"]
 
     @property

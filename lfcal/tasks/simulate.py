@@ -46,7 +46,7 @@ __all__ = [
 LEVELS = ("auto", "geometric", "wave", "grid", "microscope", "reference")
 
 LEAST_LIGHT = 0.9
-"""Share of a plane's light in the cutout below which the cutout is reported as too small."""
+"""Fraction of a plane's light in the cutout below which the cutout is reported as too small."""
 
 MOST_DRIFT = 0.5
 """Drift of the lattice over the sensor relative to the period of H (px), above which it is reported."""
@@ -79,7 +79,7 @@ class SimulationForecast(TaskResult):
 class SimulatedH(SimulationForecast):
     """One simulated H. If it is one region of several, its matrix is already closed.
 
-    ``stored`` is the relative L1 error that writing the file may add to each pattern. ``light`` is the share of each
+    ``stored`` is the relative L1 error that writing the file may add to each pattern. ``light`` is the fraction of each
     plane's light inside the cutout.
     """
 
@@ -397,7 +397,7 @@ class SimulatePasses(_OfOnePlan):
 
 @record
 class SimulateRegions(_Simulate):
-    """Simulate H of each region of a plan at its place in the field, and write all to one file."""
+    """Simulate H of each region of a plan at its position in the field, and write all to one file."""
 
     input_words: ClassVar[str] = "H of several regions"
 

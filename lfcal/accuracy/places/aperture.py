@@ -21,7 +21,7 @@ SIDES = (3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 """Number of positions along each axis of the period: from coarse grids to every position."""
 
 FULL = 0.8
-"""Share of the full well that the brightest pixel reaches."""
+"""Fraction of the full well that the brightest pixel reaches."""
 
 ROUNDS = 3
 """Number of fits at each rung, with different noise."""

@@ -25,7 +25,7 @@ SIDES = (8, 12, 18, 28, 42, 64, 96, 140)
 """Side of the fitted part of the white image (lenslets)."""
 
 LEVEL = 0.6
-"""Share of the full well that the brightest pixels reach."""
+"""Fraction of the full well that the brightest pixels reach."""
 
 NOISE: tuple[FrameEffect, ...] = (ShotNoise(), Saturation(), ReadNoise(), Quantisation())
 FILL, SOFT_PX = 0.95, 0.4

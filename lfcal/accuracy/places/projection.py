@@ -31,7 +31,7 @@ SETTINGS = (
     ("sparse", False, 5e-2),
     ("direct", True, 0.0),
 )
-"""Method, double precision, and share of the peak below which entries of H count as zero."""
+"""Method, double precision, and fraction of the peak below which entries of H count as zero."""
 
 POINTS = 240
 """Number of voxels and pixels at which the projector is compared with an explicit sum."""

@@ -20,10 +20,10 @@ SHOWN = (1, 2, 5, 10, 20, 40, 80)
 
 PLANES, SIDE = 3, 128
 FULL = 0.8
-"""Share of the full well that the brightest pixel reaches."""
+"""Fraction of the full well that the brightest pixel reaches."""
 
 SHARE = 0.2
-"""Share of the time that one solver may use, so that others can be measured too."""
+"""Fraction of the time that one solver may use, so that others can be measured too."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:

@@ -153,7 +153,7 @@ SIGMAS = 8.0
 GAINS = (1.3, 2.0, 2.5, 1.5)
 """Noise of a difference from the prediction, relative to that of one frame, for each method of `expect`."""
 FIRST = (0.001, 0.03, 0.15, 0.15)
-"""Initial typical differences: level (share of the range), light (relative), row and column (pixels)."""
+"""Initial typical differences: level (fraction of the range), light (relative), row and column (pixels)."""
 LEAST = (0.003, 0.2, 0.5, 0.5)
 """Differences that are always tolerated, in the same units."""
 ELSEWHERE = (0.01, 0.5, 1.5, 1.5)
@@ -165,7 +165,7 @@ AGAIN = (0.003, 0.15, 0.5, 0.5)
 REFERENCES = (0.01, 0.25, 1.0, 1.0)
 """The same, for two reference frames, between which lamp and stage may drift."""
 DARK = 0.1
-"""Share of the expected light below which a frame is blank."""
+"""Fraction of the expected light below which a frame is blank."""
 FAR_FROM_FULL, FEW_CLIPPED = 0.7, 4
 
 

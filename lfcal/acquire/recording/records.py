@@ -31,7 +31,7 @@ class Suspicion(IntFlag):
     NONE = 0
     BLANK = 1  # no light where some is expected
     LIGHT = 2  # more or less light than at the positions around
-    DISPLACED = 4  # the image is not at its expected place
+    DISPLACED = 4  # the image is not at its expected position
     DARK_LEVEL = 8  # the sensor's dark level changed
     CLIPPED = 16  # saturated although its neighbours are far from saturation
     REPEATED = 32  # the content is that of another frame

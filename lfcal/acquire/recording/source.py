@@ -1,4 +1,4 @@
-"""Read a recorded session as frames: cutouts with their places on the sensor, or whole frames of a target."""
+"""Read a recorded session as frames: cutouts with their positions on the sensor, or whole frames of a target."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _whole(
 class RecordingSource(Frames):
     """Acknowledged frames of a session; a later recording of a position replaces an earlier one.
 
-    Frames are cutouts with their place on the sensor. ``metadata`` contains the session's ``plan``, the camera's bit
+    Frames are cutouts with their position on the sensor. ``metadata`` contains the session's ``plan``, the camera's bit
     depth and saturation, and the recorded ``darks`` by exposure.
 
     Parameters

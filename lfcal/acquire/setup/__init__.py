@@ -4,7 +4,7 @@
 - ``stage_fit``: stage-to-image scale, rotation and sign from a few moves, and the movement in depth
 - ``optical_axis``: the lateral position at which a movement in depth does not move the image
 - ``exposure``: exposure time for each plane
-- ``live``: the live view with histogram, exact saturation, and the planned place of the image
+- ``live``: the live view with histogram, exact saturation, and the planned position of the image
 """
 
 from typing import TYPE_CHECKING

@@ -95,7 +95,7 @@ class LiveState:
     stage_um
         Position of the stage (µm).
     expected_px
-        Planned place of the image (row, column), None without a plan.
+        Planned position of the image (row, column), None without a plan.
     trouble
         Why the last grab gave no frame, or empty.
     """

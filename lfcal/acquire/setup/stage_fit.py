@@ -326,7 +326,7 @@ GROWTH_OFF, SPREAD_OFF, SPREAD_NOTED = 0.05, 1 / 3, 0.06
 The first depends on the working distance of the lens too, the others on how the source fills the aperture.
 """
 STILL = 0.2
-"""Share of the expected movement below which a depth axis is reported not to move."""
+"""Fraction of the expected movement below which a depth axis is reported not to move."""
 ALIKE, APART_PX = 0.98, 2.0
 """Correlation above which two planes are the same, if the pattern's edge should have moved so far (pixels)."""
 

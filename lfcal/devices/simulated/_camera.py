@@ -25,16 +25,16 @@ BUMP_UM = (15.0, -15.0, 0.0)
 SLIP_PX = 3
 """Displacement of a region after a slip (columns)."""
 WARM = 60 / 4095
-"""Rise of the dark level (share of the range)."""
+"""Rise of the dark level (fraction of the range)."""
 DIMMED = 0.7
 CLAMPED = 0.1
-"""Remaining share of the lamp's light, and of an exposure, in faults of these."""
+"""Remaining fraction of the lamp's light, and of an exposure, in faults of these."""
 
 FIXED = {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1"}
 AUTOMATIC = {"ExposureAuto": "Continuous", "GainAuto": "Continuous", "Gamma": "2.2"}
 """Settings of the camera under which samples are proportional to light, and their values if they stay automatic."""
 PEAK = 0.7
-"""Level of the brightest pixel with automatic exposure and gain (share of the range above black)."""
+"""Level of the brightest pixel with automatic exposure and gain (fraction of the range above black)."""
 
 SPREAD = 64
 """Additional rows and columns of the noise field, so that every row of every frame has a separate part."""

@@ -42,7 +42,7 @@ class PatternRenderer:
     plan
         Camera, period and exposures; the brightest plane has its peak at ``peak`` of the sensor's range.
     peak
-        Share of the range between black and saturation.
+        Fraction of the range between black and saturation.
     """
 
     optics = "pattern"
@@ -132,7 +132,7 @@ class FramesRenderer:
         return str((self._frames.metadata.simulated or {}).get("level", "frames"))
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
-        """Return the frame of the nearest position, or of the actual place between planes; ``roi`` is ignored."""
+        """Return the frame of the nearest position, or of the actual position between planes; ``roi`` is ignored."""
         plan = self._plan
         z = int(np.argmin(np.abs(np.array(plan.depths_um) - source_um[2])))
         if self._patch_of is not None and self._off_plane(source_um[2], z):

@@ -61,7 +61,7 @@ class TargetPattern:
 
 
 class TargetRenderer:
-    """Simulated optics of a target, with every hole at its depth and place in the field.
+    """Simulated optics of a target, with every hole at its depth and position in the field.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ STEP_PX = 0.05
 """Noticeable displacement of lenslets at the cutout's edge (pixels)."""
 
 STEP_GAP = 0.002
-"""Noticeable change of the gap at the cutout's edge, as a share of the gap."""
+"""Noticeable change of the gap at the cutout's edge, as a fraction of the gap."""
 
 
 def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:

@@ -13,20 +13,20 @@ __all__ = ["CrosstalkGroup", "Filter"]
 
 
 class CrosstalkGroup(Group):
-    """Share of the light that each of the four nearest pixels collects."""
+    """Fraction of the light that each of the four nearest pixels collects."""
 
     name = "crosstalk"
     title = "pixel crosstalk"
     rank = 70
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the share of light that each neighbour collects."""
+        """Return the fraction of light that each neighbour collects."""
         del frame
         own = setup.effect(Crosstalk)
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this crosstalk; a share of 0 adds no effect."""
+        """Return the setup with this crosstalk; a fraction of 0 adds no effect."""
         del frame
         if values["crosstalk"] == 0.0:
             return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, Crosstalk)))
@@ -42,7 +42,7 @@ class Filter(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the shares of the eight neighbours."""
+        """Return the fractions of the eight neighbours."""
         del frame
         own = setup.effect(PixelKernel) or PixelKernel()
         return tuple(

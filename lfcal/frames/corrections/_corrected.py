@@ -202,7 +202,7 @@ def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
 
 
 MIN_READ_SHARE = 0.25
-"""Smallest share of the read noise's variance that remains: the dark's noise must not make a variance negative."""
+"""Smallest fraction of the read noise's variance that remains: the dark's noise must not make a variance negative."""
 
 
 def corrected_noise(

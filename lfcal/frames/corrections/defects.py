@@ -17,7 +17,7 @@ from lfcal.frames.source import FrameSource
 __all__ = ["Defects", "find_defects", "iter_find_defects", "nearest_good", "repair_nan"]
 
 MAX_SHARE = 0.05
-"""Largest share of defective pixels; more means that the search has failed."""
+"""Largest fraction of defective pixels; more means that the search has failed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,13 +199,13 @@ OUTLIERS = 2
 """Number of neighbours that may be defective themselves without hiding a pixel."""
 
 CONTRAST = 0.5
-"""A hot pixel differs from its neighbours by at least this share of their difference from the field."""
+"""A hot pixel differs from its neighbours by at least this fraction of their difference from the field."""
 
 PERSISTENCE = 0.5
-"""Share of the frames in which a hot pixel must stand out; the peak of a spot only passes by."""
+"""Fraction of the frames in which a hot pixel must stand out; the peak of a spot only passes by."""
 
 RESPONSE = 0.1
-"""A pixel whose range of values is below this share of its neighbours' range does not respond."""
+"""A pixel whose range of values is below this fraction of its neighbours' range does not respond."""
 
 ENCLOSED = 3.0
 """A dead pixel must be surrounded, in one frame, by light of this many times its own range."""

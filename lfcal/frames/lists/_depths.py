@@ -19,7 +19,7 @@ LEAST, MOST = 0.5, 2.0
 SIGMAS = 4.0
 """Difference between z and steps, in standard errors, that is significant."""
 MIN_DIFFERENCE = 0.01
-"""Smallest reported difference between z and steps, as a share of the range of z."""
+"""Smallest reported difference between z and steps, as a fraction of the range of z."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,7 +213,7 @@ def find_stage_orientation(
     found = shaped or found
     own = next((one for one in found if _lateral(one.stage) == _lateral(plan.stage)), None)
     if own is None or upright is None or own is upright:
-        # a possible one, or if none is, the one nearest to the planned place of the light
+        # a possible one, or if none is, the one nearest to the planned position of the light
         return own or upright or min(found, key=lambda one: _away(one, light, plan), default=None)
     if_frames, if_scan = _away(own, light, plan), _away(upright, light, plan)
     # places in cropped frames are meaningless; a stage's origin is only accurate to a part of the cutout

@@ -34,7 +34,7 @@ UNITS = {"um": 1.0, "mm": 1e3, "nm": 1e-3, "m": 1e6}
 SCALE_TOLERANCE = 0.01
 """Largest relative difference from the plan's scale that is not reported."""
 PLANE_TOLERANCE = 0.1
-"""Largest unreported distance of a plane from the plan's, as a share of the smallest distance of planes."""
+"""Largest unreported distance of a plane from the plan's, as a fraction of the smallest distance of planes."""
 ReadFrame = Callable[[int], NDArray[Any]]
 """Function that returns the frame of a row of the list."""
 
@@ -235,7 +235,7 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
     """Return the placing with its drift, or raise if it is implausible."""
     affine, rest = _affine(listing, plan, positions)
     steps = np.array([plan.step_um(z) for z in range(plan.shape[0])])[positions[:, 0]]
-    # actual minus planned place of the source, in resampled and then in sensor pixels
+    # actual minus planned position of the source, in resampled and then in sensor pixels
     drift = -rest[:, [1, 0]] / steps / np.array(plan.resample_factors)
     size = np.hypot(*drift.T)
     worst = int(size.argmax())

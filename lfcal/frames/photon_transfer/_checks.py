@@ -17,7 +17,7 @@ MAX_CORRELATION = 0.05
 """Correlation of neighbours' noise above which pixels are not independent."""
 
 SPARSE = 0.97
-"""Share of used sample values below which a lookup table has stretched them."""
+"""Fraction of used sample values below which a lookup table has stretched them."""
 
 LAG = 1.1
 FLICKER = 0.02

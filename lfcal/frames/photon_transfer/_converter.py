@@ -32,7 +32,7 @@ class Converter:
     step
         Spacing of sample values after the shift, 0 for floats that are not on a grid.
     used
-        Share of the sample values that occur, where the number of samples suffices for all of them.
+        Fraction of the sample values that occur, where the number of samples suffices for all of them.
     """
 
     top: float
@@ -110,7 +110,7 @@ def _pile(counts: NDArray[np.int64]) -> float | None:
 
 
 def _used(counts: NDArray[np.int64]) -> float:
-    """Return the share of sample values that occur, in ranges with enough samples on both sides to expect them all."""
+    """Return the fraction of sample values that occur, in ranges where samples on both sides suggest all would."""
     reach = 6
     sums = np.concatenate([np.zeros(reach + 1, np.int64), np.cumsum(counts), np.full(reach, counts.sum())])
     at = np.arange(counts.size) + reach

@@ -14,7 +14,7 @@ from lfcal.frames.photon_transfer._values import MeasuredValue
 __all__ = ["PhotonTransferCurve", "fit_curve"]
 
 LINEAR_UP_TO = 0.7
-"""Share of saturation up to which the variance is treated as linear (EMVA 1288 release 4, section 6)."""
+"""Fraction of saturation up to which the variance is treated as linear (EMVA 1288 release 4, section 6)."""
 
 ROUNDING_VARIANCE = 0.35
 """Variance of integer samples below which rounding hides the noise."""

@@ -19,7 +19,7 @@ HOT_SIGMAS = 8.0
 """Excess over other pixels, in robust standard deviations, above which a pixel is hot."""
 
 MAX_ZEROS = 0.01
-"""Share of samples at zero above which darks are considered clipped."""
+"""Fraction of samples at zero above which darks are considered clipped."""
 
 ROUNDING_VARIANCE = 0.3
 """Variance of integer darks below which it may be only rounding: up to 1/4 if black is between two values."""
@@ -42,7 +42,7 @@ class DarkLevel:
     samples
         Number of differences used for the variance.
     zeros
-        Share of samples that are zero.
+        Fraction of samples that are zero.
     likeness
         Correlation of neighbours' noise (along columns, along rows).
     good

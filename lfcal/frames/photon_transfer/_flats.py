@@ -93,7 +93,7 @@ def _ratio(one: PairFinding, other: PairFinding) -> float | None:
 
 
 LINEAR_RANGE = (0.05, 0.95)
-"""Range of the signal, as shares of saturation, for which EMVA defines linearity."""
+"""Range of the signal, as fractions of saturation, for which EMVA defines linearity."""
 
 
 def measure_linearity(

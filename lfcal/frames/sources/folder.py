@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["NAN_MODES", "FolderSource", "check_frame", "without_nan"]
 
 MOST_MASKED = 0.5
-"""Share of a frame without values above which its pixels are not masked but refused."""
+"""Fraction of a frame without values above which its pixels are not masked but refused."""
 
 NAN_MODES = ("auto", "mask", "refuse")
 """What happens to NaN and infinity in frames; see `FolderSource`."""

@@ -22,7 +22,7 @@ FAR = 6.0
 """Standard deviations above which a value has no weight."""
 
 MOST = 0.6
-"""Share of values, those near the median, from which a fit may start."""
+"""Fraction of values, those near the median, from which a fit may start."""
 
 FEW = 6
 """Smallest number of patterns on either side of a jump."""

@@ -23,7 +23,7 @@ BLOCK = 8
 """Number of pixels along a block of the usual codecs."""
 
 DARK = 0.005
-"""Share of the brightest light above which neighbours are not compared."""
+"""Fraction of the brightest light above which neighbours are not compared."""
 
 SPIKE = 4.0
 """Multiple of the mean difference of neighbours at which differences are limited."""
@@ -39,13 +39,13 @@ CLEARLY = 2.0
 """Factor by which the difference across blocks must exceed that at any of those other periods."""
 
 LIT = 0.02
-"""Share of the brightest light that a block needs for its finest structure to be informative."""
+"""Fraction of the brightest light that a block needs for its finest structure to be informative."""
 
 SMALL = 0.3
 """Multiple of the typical size of a fine-structure coefficient below which it counts as lost."""
 
 GONE = 0.15
-"""Smallest share of lost structure in the blocks of a codec, in excess of that in shifted blocks."""
+"""Smallest fraction of lost structure in the blocks of a codec, in excess of that in shifted blocks."""
 
 FEW = 500
 """Number of coefficients needed for each offset of the blocks."""
@@ -188,7 +188,7 @@ def _borders(
 
 
 def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Return the share of fine structure that is next to nothing, by where blocks begin, and how much was looked at."""
+    """Return the fraction of fine structure that is almost zero, by the start of the blocks, and how much was examined."""
     gone, counts = np.zeros((BLOCK, BLOCK)), np.zeros((BLOCK, BLOCK))
     data = np.where(evidence.valid, evidence.data, np.float32(0))
     nt, ns = (n - BLOCK + 1 for n in data.shape[1:])

@@ -21,7 +21,7 @@ __all__ = ["FAULTS", "BackgroundFault", "CutOff", "Saturated"]
 F4 = NDArray[np.float32]
 
 BANDS = (0.01, 0.05)
-"""Shares of the highest value within which samples are at a ceiling: for samples as the sensor gave them, and for
+"""Fractions of the highest value within which samples are at a ceiling: for samples as the sensor gave them, and for
 samples divided by a white image."""
 
 CROWDED = 4.0
@@ -34,23 +34,23 @@ HIGHER = 2.0
 """Multiple of that share by which their light should have exceeded the ceiling."""
 
 ALWAYS, SEVERAL = 0.9, 4
-"""Share of the patterns in which a hot pixel is at the ceiling, and the number of patterns needed to decide."""
+"""Fraction of the patterns in which a hot pixel is at the ceiling, and the number of patterns needed to decide."""
 
 BRIGHT = 2e-4
 """Background, relative to the brightest light, above which it is reported."""
 
 MUCH = 0.005
-"""Smallest share of the light that the background adds or removes."""
+"""Smallest fraction of the light that the background adds or removes."""
 
 
 UNEVEN = 2.0
 """Ratio of the background's scatter to its error above which it varies over the sensor."""
 
 DARK, MANY = 5e-4, 2000
-"""Share of the brightest light below which samples are dark, and the number needed to determine their noise."""
+"""Fraction of the brightest light below which samples are dark, and the number needed to determine their noise."""
 
 ZEROS = 0.1
-"""Shares of dark samples that are exactly zero, and that are not, if noise was cut off."""
+"""Fractions of dark samples that are exactly zero, and that are not, if noise was cut off."""
 
 TAIL = 5.0
 """Standard deviations that such noise reaches."""
@@ -77,7 +77,7 @@ class Saturated(Fault):
                 return
 
     def _within(self, evidence: Evidence, band: float) -> Iterable[FoundFault]:
-        """Yield a ceiling whose samples are within a share of the highest value."""
+        """Yield a ceiling whose samples are within a fraction of the highest value."""
         data = np.where(evidence.valid, evidence.data, -np.inf)
         top = float(data.max())
         level = np.float32((1 - band) * top)
@@ -130,7 +130,7 @@ class CutOff(Fault):
     settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the level at which noise of dark samples was cut off, from the share of zeros and the other values."""
+        """Yield the level at which noise of dark samples was cut off, from the fraction of zeros and the other values."""
         peak = float(evidence.light.max())
         dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
         if dark.size < MANY or float(evidence.data[evidence.valid].min()) < 0:
@@ -138,7 +138,7 @@ class CutOff(Fault):
         zeros = float((dark == 0).mean())
         if not ZEROS < zeros < 1 - ZEROS:
             return
-        # Gaussian noise about a level, clipped at zero: the share of zeros and the mean determine both
+        # Gaussian noise about a level, clipped at zero: the fraction of zeros and the mean determine both
         t = -float(ndtri(zeros))
         noise = float(dark.mean()) / (t * float(ndtr(t)) + math.exp(-(t**2) / 2) / math.sqrt(2 * math.pi))
         level = t * noise

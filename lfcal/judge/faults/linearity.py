@@ -89,7 +89,7 @@ class _Power(_Law):
 
 
 class _Sag(_Law):
-    """Values lack a share of the light that grows with it, and is the bend at a light of ``peak`` counts."""
+    """Values lack a fraction of the light that grows with it, and is the bend at a light of ``peak`` counts."""
 
     def bent(self, light: F4) -> F4:
         found: F4 = (light * (1 - np.float32(self.bend / self.peak) * np.abs(light))).astype(np.float32)

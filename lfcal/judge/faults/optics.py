@@ -27,16 +27,16 @@ DEEP, DEEP_NEAR = 0.004, 0.03
 """Change of the virtual depth above which it is reported: relative, and near the array absolute."""
 
 GHOSTLY = 0.003
-"""Smallest share of the light of a ghost."""
+"""Smallest fraction of the light of a ghost."""
 
 BRIGHTEST = 0.5
-"""Largest share of the light of a ghost; brighter ones are usually an error of the fit of nonlinear values."""
+"""Largest fraction of the light of a ghost; brighter ones are usually an error of the fit of nonlinear values."""
 
 NEAR_PX = 3
 """Displacement within which a ghost cannot be distinguished from the pattern's tails (pixels)."""
 
 ROUNDS = 2
-"""Number of iterations for the share of a ghost."""
+"""Number of iterations for the fraction of a ghost."""
 
 TURNS = 3
 """Number of iterations for the light of types."""
@@ -160,7 +160,7 @@ def _aside(view: F4, down: int, across: int) -> F4:
 
 
 def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[int, int], F8]:
-    """Return share, standard deviations and place of the most likely copy, and the shares of all displacements."""
+    """Return share, standard deviations and place of the most likely copy, and the fractions of all displacements."""
     shape = tuple(sf.next_fast_len(2 * n) for n in left.shape[1:])
     top = np.zeros(shape)
     for one, other in zip(left, view, strict=True):
@@ -181,7 +181,7 @@ def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[i
 
 
 def _in_most(left: F4, copy: F4, share: float) -> bool:
-    """Return whether most patterns ``(n, nt, ns)`` hold such a share of a copy: one of another place is like it too."""
+    """Return whether most patterns ``(n, nt, ns)`` contain this fraction of a copy, as patterns of other places may too."""
     power = np.square(copy).sum((1, 2), dtype=np.float64)
     seen = left.any((1, 2)) & (power > 0)
     each = (left * copy).sum((1, 2), dtype=np.float64)[seen] / power[seen]

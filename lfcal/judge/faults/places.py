@@ -17,7 +17,7 @@ F8 = NDArray[np.float64]
 
 
 def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
-    """Return the share of the light (relative L1) that changes of `COLUMNS` by these amounts affect."""
+    """Return the fraction of the light (relative L1) that changes of `COLUMNS` by these amounts affect."""
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
     change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
     return amount * float(np.mean(change)) / light

@@ -32,19 +32,19 @@ BLOCKS = (11, 11, 21, 41, 83)
 distinguished from displacements, fine ones follow the edge of a shadow."""
 
 LIT = 0.02
-"""Share of the light of the brightest part above which a part counts."""
+"""Fraction of the light of the brightest part above which a part counts."""
 
 UNEVEN = 0.03
 """Scatter of the parts' light above which it is reported."""
 
 DARKEST = 0.02
-"""Smallest share of the light of a part that can be determined."""
+"""Smallest fraction of the light of a part that can be determined."""
 
 FOLLOWS = 6.0
 """Multiple of the camera's error by which parts may scatter, because displacements compensate for some of it."""
 
 EXPLAINS = 0.3
-"""Share of the residual of patterns that it must explain."""
+"""Fraction of the residual of patterns that it must explain."""
 
 LEFT = 0.02
 """Misfit above which lens types are tried; a smaller one rules out a type that is out of focus."""

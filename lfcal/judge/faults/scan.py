@@ -1,4 +1,4 @@
-"""Displacements of sources (step, rotation, shear, play, drift, jitter) and of cutouts from their planned places."""
+"""Displacements of sources (step, rotation, shear, play, drift, jitter) and of cutouts from their planned positions."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ UNLIKE = 0.3
 """Correlation, relative to that of other patterns, below which a pattern does not belong to its position."""
 
 FEW = 0.1
-"""Share of positions with displaced cutouts up to which they count as foreign patterns."""
+"""Fraction of positions with displaced cutouts up to which they count as foreign patterns."""
 
 MANY = 0.45
-"""Largest share of foreign patterns: more of them mean a scan in another order."""
+"""Largest fraction of foreign patterns: more of them mean a scan in another order."""
 
 DARK = 0.25
 """Gain, relative to other patterns, below which a pattern is dark, which is a fault of exposure."""

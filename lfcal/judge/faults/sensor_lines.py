@@ -23,20 +23,21 @@ F8 = NDArray[np.float64]
 AXES = ("row", "column")
 
 DIM = 0.08
-"""Smallest share of the light that a line must lack, because pixels differ by one or two percent."""
+"""Smallest fraction of the light that a line must lack, because pixels differ by one or two percent."""
 
 NEAR = 9
 """Number of neighbouring lines for comparison, because errors of the model change slowly from line to line."""
 
 LITTLE = 0.002
-"""Share of the light that lines must lack; at the patterns' edges, the model's error is tens of percent."""
+"""Fraction of the light that lines must lack; at the patterns' edges, the model's error is tens of percent."""
 
 SEEN = 0.3
-"""Share of the light of neighbouring lines that a line must receive to be called dead. Between small lenslets, and at
-the edges of the scanned part, the error of the model exceeds the light."""
+"""Fraction of the light of neighbouring lines that a line must receive to be called dead. Between small lenslets, and
+at the edges of the scanned part, the error of the model exceeds the light."""
 
 USUAL, PART = 0.02, 0.3
-"""Share of the light by which a camera may be wrong, and the share of any larger error that lines must explain."""
+"""Fraction of the light by which a camera may be wrong, and the fraction of any larger error that lines must
+explain."""
 
 BRIGHT = 2e-4
 """Offset of a line, relative to the brightest light, above which it is reported."""
@@ -317,7 +318,7 @@ def _many(lines: Lines, off: F8) -> bool:
 def _explain(evidence: Evidence, axis: int, lines: NDArray[np.intp]) -> bool:
     """Return whether lines explain their part of the camera's error, which is smaller without them.
 
-    Their share of the light does not show it: a column through the brightest spots is far more of the misfit.
+    Their fraction of the light does not show it: a column through the brightest spots is far more of the misfit.
     """
     beyond = evidence.misfit - USUAL
     if beyond <= 0:
@@ -335,7 +336,7 @@ def _share(total: SensorMap, axis: int, bad: NDArray[np.intp], lost: F8) -> floa
 
 
 def _added(evidence: Evidence, offsets: F8) -> float:
-    """Return the counts that lines add to a pattern, as a share of its light."""
+    """Return the counts that lines add to a pattern, as a fraction of its light."""
     across = min(evidence.plan.cutout)
     each = float(np.maximum(evidence.light, 0).sum((1, 2)).mean())
     return float(np.abs(offsets).sum()) * across / max(each, 1e-300)

@@ -22,10 +22,10 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 DEAD, DUSTY = 0.3, 0.2
-"""Share of the light that a single pixel must lack, and that each of several adjacent ones must lack."""
+"""Fraction of the light that a single pixel must lack, and that each of several adjacent ones must lack."""
 
 MOST = 0.02
-"""Largest share of bad pixels on the sensor; more of them are not a fault of single pixels."""
+"""Largest fraction of bad pixels on the sensor; more of them are not a fault of single pixels."""
 
 TOGETHER = 4
 """Number of pixels, of three by three, that make a spot of dust."""
@@ -34,13 +34,13 @@ UNEVEN = 0.04
 """Smallest relative difference between the four pixels of a colour mosaic."""
 
 LITTLE = 1e-4
-"""Share of the light that pixels must add or remove."""
+"""Fraction of the light that pixels must add or remove."""
 
 WIDE = 9
 """Number of pixels on each side for comparison; spots of dust are a few pixels wide."""
 
 SEEN = 0.05
-"""Share of the brightest pixel's light that a pixel should receive to be called dead."""
+"""Fraction of the brightest pixel's light that a pixel should receive to be called dead."""
 
 AXES = ("row of the sensor (px)", "column of the sensor (px)")
 

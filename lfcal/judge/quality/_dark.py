@@ -13,10 +13,10 @@ __all__ = ["DarkCorners", "dark_corners", "darkness"]
 MOST_SAMPLES = 2_000_000
 
 DARKEST = (0.02, 0.1)
-"""Shares of a pattern's darkest samples; the difference between these quantiles gives the noise."""
+"""Fractions of a pattern's darkest samples; the difference between these quantiles gives the noise."""
 
 LIT = 0.008
-"""Share of the peak by which corners exceed the darkest samples, beyond noise, if they are lit."""
+"""Fraction of the peak by which corners exceed the darkest samples, beyond noise, if they are lit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class DarkCorners:
     noise
         Standard deviation of a pixel.
     clipped
-        Share of exact zeros if noise was clipped at zero; else 0.
+        Fraction of exact zeros if noise was clipped at zero; else 0.
     chance
         Standard error of the background.
     """
@@ -87,7 +87,7 @@ def _spread(values: NDArray[np.float64]) -> float:
 
 
 def _cut_off(pixels: NDArray[np.float32]) -> float:
-    """Return the share of exact zeros among dark ``pixels (..., columns)`` if they are noise cut off at zero, else 0.
+    """Return the fraction of zeros among dark ``pixels (..., columns)`` if they are noise cut off at zero, else 0.
 
     Noise is cut off where no pixel is negative and zeros fall at random: in a noise-free matrix they lie together.
     """

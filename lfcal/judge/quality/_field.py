@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 __all__ = ["Parts", "split"]
 
 SHARE = 0.12
-"""Number of harmonics of the cell that count as ripple of the lattice, as a share of the positions."""
+"""Number of harmonics of the cell that count as ripple of the lattice, as a fraction of the positions."""
 
 MOST_TERMS = 90
 ROUNDS = 10

@@ -37,7 +37,7 @@ STEEP = 0.7
 """Sine of the half angle at which the rim of a defocused shadow has a third of the light of its middle (cos³)."""
 
 SIZE_ERROR = (0.02, 0.5)
-"""Smallest error of a shadow's size from its second moment: a share of it, and a number of pixels."""
+"""Smallest error of a shadow's size from its second moment: a fraction of it, and a number of pixels."""
 
 Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
 """Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` needs them."""

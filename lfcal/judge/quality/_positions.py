@@ -17,7 +17,7 @@ from lfcal.judge.quality.pattern_table import PatternTable
 __all__ = ["CentroidPath", "LatticePhases", "Positions", "measure_positions"]
 
 WILD = 0.1
-"""Share of jumping phases above which they do not give positions."""
+"""Fraction of jumping phases above which they do not give positions."""
 
 MISPLACED = 0.5
 """Displacement of a pattern above which its frame is misplaced (pixels)."""
@@ -25,7 +25,7 @@ MISPLACED = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatticePhases:
-    """Displacement of the patterns' lattice from its expected place at each position.
+    """Displacement of the patterns' lattice from its expected position at each position.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ def measure_positions(
 
 
 def _wild(shift: NDArray[np.float64], spots: SpotLattice, use: NDArray[np.bool_]) -> float:
-    """Return the share of neighbours along x whose displacements differ by more than a quarter of the pitch.
+    """Return the fraction of neighbours along x whose displacements differ by more than a quarter of the pitch.
 
     Faults shift frames by a few pixels at most, or few frames by more; phases that jump everywhere are no phases.
     """

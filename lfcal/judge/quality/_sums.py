@@ -13,7 +13,7 @@ from lfcal.psf.aperture import Aperture
 __all__ = ["EdgeLight", "coverage", "diameter", "edge_light", "off_centre", "spread", "stuck_pixels"]
 
 STUCK = (0.9, 0.3)
-"""Share of the frames in which a hot pixel is lit, and the excess over its neighbours that is required."""
+"""Fraction of the frames in which a hot pixel is lit, and the excess over its neighbours that is required."""
 
 REACH, MARGIN = 1.25, 3.0
 """Distance beyond which there should be no light: in radii of the lit patch, and in pixels."""

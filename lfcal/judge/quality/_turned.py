@@ -11,7 +11,7 @@ from lfcal.judge.quality.pattern_table import PatternTable
 __all__ = ["move_matrix", "turned_frames"]
 
 WHOLE = 0.8
-"""Share of the highest typical energy above which a pattern is not cut off; the centroid of a cut-off one lags."""
+"""Fraction of the highest typical energy above which a pattern is not cut off; the centroid of a cut-off one lags."""
 
 FAR = 0.9
 """Largest distance of the motion from that of an orientation; it is 1.4 for all if the image does not move."""

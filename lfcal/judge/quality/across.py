@@ -19,10 +19,10 @@ from lfcal.psf import PSFMatrix
 __all__ = ["MatrixMeasures", "shadow_sizes"]
 
 DARK_PLANE = 0.1
-"""Share of the typical energy below which a plane is dark."""
+"""Fraction of the typical energy below which a plane is dark."""
 
 NOVEL = 0.05
-"""Share of the difference between neighbours below which a plane is a copy of another."""
+"""Fraction of the difference between neighbours below which a plane is a copy of another."""
 
 MOST_STEP = 0.2
 """Largest difference (1 - correlation) of neighbouring planes that is taken into account."""

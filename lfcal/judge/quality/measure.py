@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 DARK_FRAME = 0.2
-"""Share of the median energy below which a pattern counts as missing."""
+"""Fraction of the median energy below which a pattern counts as missing."""
 
 SLIPPED = 32
 """Number of patterns from which the effect of a displacement is estimated."""
@@ -367,7 +367,7 @@ def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the change across the wrap along y and x ``(2,)`` due to rounding of the period to whole pixels.
 
     As the root of 1 minus the correlation of patterns with the same, displaced by what the camera's lattice misses
-    the period by, and as a share of a step.
+    the period by, and as a fraction of a step.
     """
     ny, nx = plane.patterns.shape[:2]
     waves = plane.about.waves

@@ -62,13 +62,13 @@ SAME = 0.01
 """Difference up to which two H count as the same, unless they are noisier."""
 
 OTHER_UNITS = 10.0
-"""Scale between two H above which their values have different units: counts, and shares of the light."""
+"""Scale between two H above which their values have different units: counts, and fractions of the light."""
 
 MOST_PERCENT = 1000.0
 """Difference above which it only shows that scales differ, and is not given in figures."""
 
 EVEN = 0.01
-"""Share of the largest difference up to which all positions count as equally different."""
+"""Fraction of the largest difference up to which all positions count as equally different."""
 
 SHOWN, PLANES = 4, 4
 """Number of positions, and of planes, that are drawn."""

@@ -31,7 +31,7 @@ WIDTH = 2.5
 """Half width of the window about the edge, in blurs; beyond it, 1 % of the edge's height remains."""
 
 LEAST_WIDTH = 0.08
-"""Smallest half width of the window, as a share of the radius, because the smooth edge rounds off corners."""
+"""Smallest half width of the window, as a fraction of the radius, because the smooth edge rounds off corners."""
 
 QUIET = slice(HIGHEST - 6, 90)
 """Harmonics higher than any iris has; they contain only noise."""
@@ -59,7 +59,7 @@ class Edge:
     sigma
         Standard errors of their real and imaginary parts, from noise and structure of the lit patch (pixels).
     damping
-        Share of each harmonic of the outline that remains after blur.
+        Fraction of each harmonic of the outline that remains after blur.
     blur_px
         Standard deviation of the Gaussian blur that gives the edge (pixels).
     level, noise

@@ -13,7 +13,7 @@ __all__ = ["LitPatch", "despike", "find_patch", "mad", "offsets", "shading"]
 Image = NDArray[np.float64]
 
 HOLE = 0.03
-"""Half width of the smallest hole that is taken into account, as a share of the radius."""
+"""Half width of the smallest hole that is taken into account, as a fraction of the radius."""
 
 FEWEST = 16
 """Number of pixels needed to determine a lit level."""
@@ -133,7 +133,7 @@ def _hole(dark: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
 
 
 def shading(image: Image, patch: LitPatch, row: float, column: float, radius: float) -> tuple[Image, float, float]:
-    """Return the smooth lit level of an image, the level at the centre, and its decrease to the radius (a share of it).
+    """Return the smooth lit level of an image, the level at the centre, and its relative decrease to the radius.
 
     A plane plus a paraboloid is fitted robustly inside three quarters of ``radius``, holes left out, and continued
     outwards.

@@ -14,10 +14,10 @@ from lfcal.psf.aperture.shape import Obstruction
 __all__ = ["dark_place", "find_obstruction"]
 
 DARK = 0.6
-"""Share of the surrounding light below which a place is obstructed."""
+"""Fraction of the surrounding light below which a place is obstructed."""
 
 SMALLEST = 0.004
-"""Smallest obstruction that is reported, as a share of the aperture's area."""
+"""Smallest obstruction that is reported, as a fraction of the aperture's area."""
 
 CERTAIN = 6.0
 """Smallest significance of an obstruction, in standard deviations of the noise."""

@@ -24,13 +24,13 @@ RISE = 3.0
 """Distance inside the outline, in blurs, up to which the light may rise."""
 
 LEAST_LEVEL = 0.3
-"""Share of the radius within which a lit level must be visible; otherwise there is no level."""
+"""Fraction of the radius within which a lit level must be visible; otherwise there is no level."""
 
 NEAR, FAR = 2.5, 6.0
 """Distances beyond the outline, in blurs, between which diffracted light is measured."""
 
 EVEN = 0.01
-"""Share of the area below which a rise counts as part of the level, as in an aplanatic pupil of high NA."""
+"""Fraction of the area below which a rise counts as part of the level, as in an aplanatic pupil of high NA."""
 
 FEWEST = 16
 """Number of pixels needed to determine a level."""

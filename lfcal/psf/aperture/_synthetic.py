@@ -39,7 +39,7 @@ class Disturbance:
     vignetting, tilt
         Relative decrease of light from the centre to the rim, and slope of the light over a radius.
     hot
-        Share of hot pixels.
+        Fraction of hot pixels.
     ellipticity
         Half the difference of the axes.
     pedestal
@@ -65,12 +65,12 @@ class IrisFault:
     Attributes
     ----------
     stuck, out
-        Displaced blade, counted from the first vertex, and its outward displacement as a share of the apothem.
+        Displaced blade, counted from the first vertex, and its outward displacement as a fraction of the apothem.
     rim
         Direction (rad) of the nearest point of a second rim, its distance from the centre and its curvature, both in
         units of the apothem.
     obstructed
-        Radius of a dark disc half way to the edge, as a share of the apothem.
+        Radius of a dark disc half way to the edge, as a fraction of the apothem.
     central
         Radius of a dark disc in the middle, like that of an annular stop.
     """

@@ -36,7 +36,7 @@ MOST_ELLIPTIC = 0.08
 """Largest ellipticity of an iris seen straight on; two displaced rims have more, and resemble few curved blades."""
 
 MISFIT = (0.009, 0.010)
-"""Largest misfit of the outline: a share of the radius, and a term over the pixel SNR."""
+"""Largest misfit of the outline: a fraction of the radius, and a term over the pixel SNR."""
 
 STRUCTURED = 4.0
 """Largest chi-square per degree of freedom of a shape that explains the edge."""

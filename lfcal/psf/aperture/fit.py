@@ -26,7 +26,7 @@ LEAST_RADIUS = 3.0
 """Radius below which a lit patch is the image of a point in focus, without an outline to fit (pixels)."""
 
 MOST_TOUCHING = 0.1
-"""Share of the cutout's border that is lit, above which no outline is fitted."""
+"""Fraction of the cutout's border that is lit, above which no outline is fitted."""
 
 CURVATURE_FLOOR = 0.01
 """Smallest standard error of the curvature, due to the size of pixels."""
@@ -118,7 +118,7 @@ def _none(refusal: str) -> Aperture:
 
 
 def _touching(patch: LitPatch) -> float:
-    """Return the share of the cutout's border that is lit."""
+    """Return the fraction of the cutout's border that is lit."""
     mask = patch.mask
     return float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
 

@@ -139,7 +139,7 @@ class Obstruction:
     centre
         Its centre (row, column) (pixels).
     share
-        Its area as a share of the aperture's area.
+        Its area as a fraction of the aperture's area.
     """
 
     centre: tuple[float, float]

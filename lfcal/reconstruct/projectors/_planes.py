@@ -28,7 +28,7 @@ class PlaneReader:
     dtype
         float32 or float64.
     threshold
-        Entries whose magnitude is below this share of their plane's largest are treated as zero.
+        Entries whose magnitude is below this fraction of their plane's largest are treated as zero.
     denoise
         Whether to reduce the noise of recorded patterns, if it is known.
     """
@@ -79,7 +79,7 @@ class PlaneReader:
         return plane
 
     def density(self, samples: int = 24) -> float:
-        """Estimate the share of non-zero entries after the threshold, from evenly spread positions."""
+        """Estimate the fraction of non-zero entries after the threshold, from evenly spread positions."""
         nz, ny, nx = self.shape[:3]
         rng = np.random.default_rng(0)
         count = max(1, min(samples, ny * nx))
@@ -92,7 +92,7 @@ class PlaneReader:
         return filled / (nz * count * self.shape[3] * self.shape[4])
 
     def reduced(self, tolerance: float, spacings: Sequence[float], *, planes: int = 3) -> dict[float, float]:
-        """Estimate the share of kept entries for each spacing of nodes (see `lfcal.reconstruct.projectors._reduction`).
+        """Estimate the fraction of kept entries by spacing of nodes (see `lfcal.reconstruct.projectors._reduction`).
 
         The estimate is based on a few positions of some planes.
         """

@@ -31,7 +31,7 @@ Array = NDArray[Any]
 class ReducedOperand:
     """One plane of H: patterns at nodes and additional entries, or all patterns if ``rest`` is None.
 
-    ``error`` is the largest omitted share of a pattern, over all positions.
+    ``error`` is the largest omitted fraction of a pattern, over all positions.
     """
 
     patterns: Array
@@ -52,9 +52,9 @@ class Reduced:
     grid, dtype, workers, phases
         As in `lfcal.reconstruct.projectors._direct.Direct`.
     tolerance
-        Largest share of a pattern (L1) that is omitted.
+        Largest fraction of a pattern (L1) that is omitted.
     work
-        Function for the cost of one projection with a spacing of nodes and a share of kept entries; each plane uses
+        Function for the cost of one projection with a spacing of nodes and a fraction of kept entries; each plane uses
         the cheapest.
     """
 

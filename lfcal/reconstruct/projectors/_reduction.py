@@ -96,7 +96,8 @@ class AxisNodes:
 class Nodes:
     """Nodes along both axes.
 
-    Interpolation is bilinear: a pattern is a weighted sum of the patterns of four nodes at their places on the sensor.
+    Interpolation is bilinear: a pattern is a weighted sum of the patterns of four nodes at their positions on the
+    sensor.
     """
 
     y: AxisNodes
@@ -214,7 +215,7 @@ def residual_entries(
     Returns
     -------
     tuple of int and float
-        Number of kept entries, and the omitted share of the pattern.
+        Number of kept entries, and the omitted fraction of the pattern.
     """
     nt, ns = pattern.shape
     which, at, shares = corners.which, corners.at, corners.shares
@@ -280,7 +281,7 @@ class Reduction:
     kept
         Number of kept entries of ``rest``.
     error
-        ``(ny, nx)``: sum of the omitted magnitudes at each position, as a share of its total.
+        ``(ny, nx)``: sum of the omitted magnitudes at each position, as a fraction of its total.
     """
 
     nodes: Nodes
@@ -328,7 +329,7 @@ def relative_work(spacing: float, kept: float) -> float:
 
 
 def quickest_spacing(kept: Mapping[float, float], work: Callable[[float, float], float] = relative_work) -> float:
-    """Return the cheapest spacing, given the share of kept entries for each; 1 (the whole plane) if none is cheaper.
+    """Return the cheapest spacing, given the fraction of kept entries for each; 1 (the whole plane) if none is cheaper.
 
     The choice depends on counts and not on times, so that projections are the same on every computer.
     """
@@ -338,7 +339,7 @@ def quickest_spacing(kept: Mapping[float, float], work: Callable[[float, float],
 def sampled_share(
     pattern: Callable[[int, int], Array], period: tuple[int, int], spacing: float, tolerance: float, samples: int = 16
 ) -> float:
-    """Estimate the share of entries that a reduced plane keeps, from ``samples`` positions.
+    """Estimate the fraction of entries that a reduced plane keeps, from ``samples`` positions.
 
     ``pattern`` (y, x) gives a position's pattern ``(nt, ns)``.
     """

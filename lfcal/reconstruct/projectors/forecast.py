@@ -66,11 +66,11 @@ class ProjectionProblem:
     workers
         Number of threads; None: all processors.
     density
-        Share of non-zero entries of H.
+        Fraction of non-zero entries of H.
     read_s
         Seconds to read one plane of H.
     kept
-        Mapping from the spacing of nodes to the share of kept entries of a reduced H; empty without a tolerance.
+        Mapping from the spacing of nodes to the fraction of kept entries of a reduced H; empty without a tolerance.
     tiles
         Tiles, if given.
     noisy

@@ -64,11 +64,11 @@ class Projector:
     dtype
         float32 or float64.
     threshold
-        Entries of H below this share of their plane's peak are treated as zero.
+        Entries of H below this fraction of their plane's peak are treated as zero.
     tolerance
-        Share of the light that projections may omit, in [0, 1): |(H - Hs) g|_1 is at most ``tolerance`` times the sum
-        of g_v |H_v|_1 over all voxels, for non-negative volumes g. An H that changes slowly from position to position
-        is then projected several times faster; 0 is exact.
+        Fraction of the light that projections may omit, in [0, 1): |(H - Hs) g|_1 is at most ``tolerance`` times the
+        sum of g_v |H_v|_1 over all voxels, for non-negative volumes g. An H that changes slowly from position to
+        position is then projected several times faster; 0 is exact.
     memory_limit
         Memory that a projection may use (bytes); by default half of the free memory.
     workers
@@ -191,7 +191,7 @@ class Projector:
 
     @property
     def tolerance(self) -> float:
-        """Share of the light that projections may omit; 0 for an exact method."""
+        """Fraction of the light that projections may omit; 0 for an exact method."""
         return self._tolerance
 
     def operand_bytes(self) -> int:

@@ -114,7 +114,7 @@ def _next_t(t: float) -> float:
 
 
 UNSEEN = 1e-6
-"""Voxels whose sensitivity is below this share of the largest are not updated."""
+"""Voxels whose sensitivity is below this fraction of the largest are not updated."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -130,7 +130,7 @@ class EmUpdates:
     subsets
         Masks of image phases to update with in turn (`interleaved_subsets`, `angular_subsets`); None: all together.
     relaxation
-        Share of each update that is applied, in (0, 1].
+        Fraction of each update that is applied, in (0, 1].
     smoothing
         `DepthSmoothing` after each iteration; None: none.
     """

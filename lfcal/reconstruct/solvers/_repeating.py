@@ -38,7 +38,7 @@ class Repeating:
     period
         Period ``(ny, nx)`` of H (voxels).
     shares
-        Share of the repeating part to remove from the updates of each plane, in [0, 1].
+        Fraction of the repeating part to remove from the updates of each plane, in [0, 1].
     """
 
     period: tuple[int, int]

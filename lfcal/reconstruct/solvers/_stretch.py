@@ -39,7 +39,7 @@ IDLE = 0.2
 """Strength below which updates are not lengthened any more, to save time."""
 
 HALVINGS = 8
-"""Accuracy of the position of the maximum, as a share of the step."""
+"""Accuracy of the position of the maximum, as a fraction of the step."""
 
 STEEPEST = 3.0
 """Largest change of the logarithm of a factor by lengthening."""
@@ -56,7 +56,7 @@ class Stretch:
     period
         Period ``(ny, nx)`` of H (voxels).
     shares
-        Share of details finer than a period that is not stretched, for each plane, in [0, 1]; empty: 0.
+        Fraction of details finer than a period that is not stretched, for each plane, in [0, 1]; empty: 0.
     first
         Strength of the first update.
     """
@@ -96,7 +96,7 @@ def weaker(strength: float, before: NDArray[Any], model: NDArray[Any], data: Mea
 
 
 def best_share(before: NDArray[Any], model: NDArray[Any], data: Measurement, floor: float) -> float:
-    """Return the share of the way between two models ``(Y, X)`` with the highest likelihood, rounded down."""
+    """Return the fraction of the way between two models ``(Y, X)`` with the highest likelihood, rounded down."""
     way = np.subtract(model, before, dtype=np.float64)
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):

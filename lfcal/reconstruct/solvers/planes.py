@@ -18,7 +18,7 @@ LEAST = 1 << 21
 """Size of a plane (bytes) below which threads are not faster."""
 
 SHARE = 0.1
-"""Share of the free memory for planes that are processed together."""
+"""Fraction of the free memory for planes that are processed together."""
 
 
 def plane_threads(planes: int, plane_bytes: int) -> int:

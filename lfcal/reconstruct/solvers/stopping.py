@@ -49,7 +49,7 @@ LONGER = 2
 """Number of iterations of a run for measuring, relative to that with the best prediction."""
 
 SHARE = 0.04
-"""Share of the pixels that are held out."""
+"""Fraction of the pixels that are held out."""
 
 PATIENCE = 3
 """Patience of the early stopping, in iterations."""

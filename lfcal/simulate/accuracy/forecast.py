@@ -155,6 +155,6 @@ def engine_clock() -> float:
 
 
 def computed_share(engine: PlaneEngine) -> float:
-    """Return the share of source rows that are computed; the others are mirror images."""
+    """Return the fraction of source rows that are computed; the others are mirror images."""
     ny = engine.scene.period[0]
     return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level in ("wave", "grid") else 1.0

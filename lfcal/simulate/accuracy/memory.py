@@ -33,7 +33,7 @@ FAST = 2.5
 """f-number below which windows and coarse grids may all be too coarse, so that the finest grid is needed."""
 
 FAINT = 0.02
-"""Share of the light below which relative errors in a cutout are large, so that any sampling may be tried."""
+"""Fraction of the light below which relative errors in a cutout are large, so that any sampling may be tried."""
 
 FIELD_PEAK, FIELD_STORED = 72, 16
 """Bytes per sample of the main lens's field while it is computed, and afterwards, for windows or a grid."""
@@ -154,7 +154,7 @@ def _plane_bytes(
 
 
 def _captured_share(scene: Scene) -> float:
-    """Return about the share of the light that cutouts see: of their area in the iris's shadow.
+    """Return about the fraction of the light that cutouts see: of their area in the iris's shadow.
 
     None where the shadows of all positions probed are so small that they fall between lenslets.
     """

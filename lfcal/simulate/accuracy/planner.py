@@ -26,10 +26,10 @@ from lfcal.simulate.staging import check_applicable, light_samples, outlook_of, 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
 EFFECTS_SHARE = 0.5
-"""Share of the tolerance available to all omitted effects together; the computation may use the rest."""
+"""Fraction of the tolerance available to all omitted effects together; the computation may use the rest."""
 
 NEGLIGIBLE = 1e-5
-"""Estimates below this share of the image count as zero."""
+"""Estimates below this fraction of the image count as zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +206,7 @@ def plan_effects(
     frames
         Whether sensor frames are simulated; otherwise effects on frames and on the stage's motion are off.
     peak
-        Share of the full well that the brightest pixel reaches.
+        Fraction of the full well that the brightest pixel reaches.
 
     Raises
     ------
@@ -364,7 +364,7 @@ class _Decision(NamedTuple):
 
 
 def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decision:
-    """Return on or off with the reason; ``used`` is the share of the allowed error that is already used."""
+    """Return on or off with the reason; ``used`` is the fraction of the allowed error that is already used."""
     effect = draft.effect
     size = f"{e.size:.3g} {e.unit}"
     share = f"{'at most ' if e.upper_bound else ''}{format_share(e.error)} of the image"

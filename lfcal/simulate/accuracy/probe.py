@@ -23,13 +23,13 @@ MARGIN = 1.1
 """Factor by which the error of a plane may exceed that of a few positions."""
 
 VISIBLE_COHERENT, VISIBLE_SUMMED = 0.65, 0.5
-"""Share of a sampling's error that a window twice as wide shows, which has an error too (measured)."""
+"""Fraction of a sampling's error that a window twice as wide shows, which has an error too (measured)."""
 
 VISIBLE_BY_GRID = 0.9
 """The same for windows compared with a grid, which has no such error."""
 
 FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
-"""Index of the sampling with which samplings on a grid are compared, and the share of their error that shows."""
+"""Index of the sampling with which samplings on a grid are compared, and the fraction of their error that shows."""
 
 GRID_REFERENCE = 0.003
 """Largest error of the grid with which windows are compared."""
@@ -158,7 +158,7 @@ def places(scene: AnyScene) -> tuple[list[int], list[int]]:
 
 
 DARK = 1e-3
-"""Smallest reference of relative errors, as a share of the iris's light, because a cutout without light is dark."""
+"""Smallest reference of relative errors, as a fraction of the iris's light, because a cutout without light is dark."""
 
 
 class _ErrorProbe:
@@ -219,7 +219,7 @@ class _ErrorProbe:
         return self._computed[level, sampling]
 
     def _references(self, step: LevelSampling, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
-        """Yield samplings to compare one with, the best first, and the share of its error that each shows.
+        """Yield samplings to compare one with, the best first, and the fraction of its error that each shows.
 
         What changes from a step to a finer one is the error less that of the finer one. ``level`` is the engine's.
         """

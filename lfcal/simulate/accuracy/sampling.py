@@ -72,14 +72,14 @@ GRID: tuple[tuple[float, int, float, float], ...] = (
     (2.4, 9, 0.0012, 0.0007),
 )
 """Steps on one grid. Each has the ratio of samples to the fewest for the light's angles, the ratio to the fewest for
-the lenslets' edges, the share of light outside its margins, and the expected total error."""
+the lenslets' edges, the fraction of light outside its margins, and the expected total error."""
 
 KINK = 1.4
 """Oversampling on one grid if light meets the kink between lenslets, relative to other light. With 1.2 times the
 sampling for its angles, a response on a corner has an error of 5 %, with 1.6 of 0.6 % (4x/0.28, lenslets of f/7)."""
 
 OUTSIDE = 0.15
-"""Share of light farther than r outside the shadow, times r / (lambda Nw)."""
+"""Fraction of light farther than r outside the shadow, times r / (lambda Nw)."""
 
 PUPIL_MARGINS = (8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 670, 1000)
 """Margins (px) of the windows behind single lenslets."""

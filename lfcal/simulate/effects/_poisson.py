@@ -24,7 +24,7 @@ def poisson_quantile(mean: NDArray[np.floating], share: NDArray[np.float64]) -> 
     out = np.zeros(mean.shape)
     large = mean > EXACT_MEAN
     if large.any():
-        # the normal deviate of a share of 0 is minus infinity
+        # the normal deviate of a fraction of 0 is minus infinity
         m, z = mean[large], ndtri(np.clip(share[large], 1e-16, None))
         third = (z * z - 1) / 6 - (z * z * z - z) / (72 * np.sqrt(m))
         out[large] = np.maximum(np.floor(m + z * np.sqrt(m) + third + 0.5), 0.0)

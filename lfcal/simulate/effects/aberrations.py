@@ -75,7 +75,7 @@ class Spherical(_Aberration):
     rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the area-mean spot shift, 0.4 of the rim's 8 Nw W lambda / v, and the share of light that it moves."""
+        """Return the mean spot shift over the area, 0.4 of the rim's 8 Nw W lambda / v, and the fraction of light it moves."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
@@ -241,7 +241,7 @@ class FieldAberrations(SceneEffect):
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront at its place in the field; nothing changes without one."""
+        """Return the scene with the wavefront at its position in the field; nothing changes without one."""
         terms = self.terms_at(outlook.field_um)
         if not terms:
             return scene

@@ -131,7 +131,7 @@ class LightSample:
     wavelength_um
         Vacuum wavelength (µm).
     weight
-        Share of the light; the weights of an effect sum to 1.
+        Fraction of the light; the weights of an effect sum to 1.
 
     Examples
     --------
@@ -370,7 +370,7 @@ class PsfEffect(Effect):
 
     @abstractmethod
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the filter ``(rows, columns)``, odd in both directions; its sum is the share of light that is kept."""
+        """Return the filter ``(rows, columns)``, odd in both directions; its sum is the fraction of light kept."""
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the cost of nine multiply-adds per pixel relative to a wave engine: 2 % (measured)."""

@@ -125,7 +125,7 @@ class MechanicalVignetting(SceneEffect):
 
 
 def overlap(distance: float, radius: float) -> float:
-    """Return the share of a unit disc that is covered by a disc of ``radius`` at ``distance``."""
+    """Return the fraction of a unit disc that is covered by a disc of ``radius`` at ``distance``."""
     d, r = distance, radius
     if d >= 1.0 + r:
         return 0.0

@@ -26,7 +26,7 @@ class CoverGlass(SceneEffect):
     thickness_um, index
         Thickness (µm) and refractive index of the plate.
     in_gap
-        Share of t (1 - 1/n) already included in the described gap: 0 if it is the distance between lenslets and
+        Fraction of t (1 - 1/n) already included in the described gap: 0 if it is the distance between lenslets and
         sensor, 1 if it is the equivalent distance in air, as found by focusing on the sensor.
 
     Examples

@@ -31,7 +31,7 @@ NEIGHBOURS: Mapping[str, tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class PixelKernel(PsfEffect):
-    """A share of each pixel's light that appears in each of its eight neighbours: smear, residual charge, blur.
+    """A fraction of each pixel's light that appears in each of its eight neighbours: smear, residual charge, blur.
 
     This is a measured filter, not a cause: crosstalk and the sizes of source and pixels are separate effects. Light is
     conserved: a pixel loses what its neighbours gain. Negative shares sharpen.
@@ -39,7 +39,7 @@ class PixelKernel(PsfEffect):
     Attributes
     ----------
     up_left, up, up_right, left, right, down_left, down, down_right
-        Share of the light that appears in this neighbour.
+        Fraction of the light that appears in this neighbour.
 
     Examples
     --------

@@ -33,7 +33,7 @@ class MissingLenslets(SceneEffect):
         ``(row, column, transmission)``: row and column of the lattice, counted from the type-0 lenslet nearest to the
         region's first position. Columns follow the lattice vectors (`LensletLattice.centres_um`, r and q): in a
         hexagonal array, column 0 of the next row is the right one of the two lenslets below. Transmission is the
-        share of light that passes, 0 to 1.
+        fraction of light that passes, 0 to 1.
 
     Examples
     --------

@@ -43,7 +43,7 @@ class VectorialPupil(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share of light in fields other than the first, and a fit to simulations with NA 0.1 to 1.49.
+        """Return the fraction of light in fields other than the first, and a fit to simulations with NA 0.1 to 1.49.
 
         In focus, the fields differ by sin²(alpha). The difference is visible if the focus is large on the lenslets,
         and less if pixels are wider than the fringes between lenslets. Out of focus, parts of the pupil meet only if

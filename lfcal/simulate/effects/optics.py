@@ -20,8 +20,8 @@ INSEPARABLE = 8.0
 """Fresnel number of the shadow below which it is computed with its fringes or not at all, whatever the angles."""
 
 OF_RIM, SMALL = 0.2, 0.01
-"""Share of light moved per pixel of displacement of a microscope's steepest ray behind the lenslets, an upper estimate
-(measured: 0.06 to 0.26), and the limit of its use: running the effect takes longer than most simulations."""
+"""Fraction of light moved per pixel of displacement of a microscope's steepest ray behind the lenslets, an upper
+estimate (measured: 0.06 to 0.26), and the limit of its use: running the effect takes longer than most simulations."""
 
 FRINGED, SHOWN = 20.0, 0.5
 """Fresnel number of the iris, and rms width of spots (px), below which a shift does not describe exact angles."""

@@ -200,7 +200,7 @@ class Outlook:
 
     @property
     def resolved(self) -> float:
-        """Share of a defocused spot's fringes that pixels resolve; the fringes are 4.8 of `airy_px` apart."""
+        """Fraction of a defocused spot's fringes that pixels resolve; the fringes are 4.8 of `airy_px` apart."""
         return 1.0 / (1.0 + (0.15 / self.airy_px) ** 2)
 
     @property
@@ -311,7 +311,7 @@ class PupilOutlook(Outlook):
 
     @property
     def depth(self) -> float:
-        """Share of the source's shift by which spots move: all of it."""
+        """Fraction of the source's shift by which spots move: all of it."""
         return 1.0
 
     @property

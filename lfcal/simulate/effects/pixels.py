@@ -27,7 +27,7 @@ class PixelFill(SceneEffect):
     Attributes
     ----------
     fill_factor
-        Light-sensitive share of a pixel's area; None: that of the camera.
+        Light-sensitive fraction of a pixel's area; None: that of the camera.
 
     Examples
     --------
@@ -52,7 +52,7 @@ class PixelFill(SceneEffect):
     rank: ClassVar[int] = 90
 
     def share(self, camera: Camera) -> float:
-        """Return the light-sensitive share of a pixel's area."""
+        """Return the light-sensitive fraction of a pixel's area."""
         share: float = self.magnitude("fill_factor", camera)
         return share
 

@@ -49,12 +49,12 @@ BANDS_UM = {
 
 @dataclass(frozen=True, slots=True)
 class StrayLight(FrameEffect):
-    """A share of the frame's light is scattered uniformly over the sensor.
+    """A fraction of the frame's light is scattered uniformly over the sensor.
 
     Attributes
     ----------
     share
-        Share of the light that is scattered.
+        Fraction of the light that is scattered.
 
     Examples
     --------
@@ -136,7 +136,7 @@ class ColourFilter(FrameEffect):
         return np.array(passed, np.float32).reshape(side, side)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share of light that is kept, and the lost share relative to it."""
+        """Return the fraction of light that is kept, and the lost share relative to it."""
         kept = float(self.transmission(outlook.camera).mean())
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 

@@ -60,7 +60,7 @@ __all__ = [
 PHASE_SAMPLES = 512
 """Number of samples of the phase over the pupil that determine its total variation."""
 SHARE_NODES = 96
-"""Number of nodes for the share of light in each field, which varies slowly over the pupil."""
+"""Number of nodes for the fraction of light in each field, which varies slowly over the pupil."""
 
 F8 = NDArray[np.float64]
 C16 = NDArray[np.complex128]
@@ -193,7 +193,7 @@ def pupil_light(scene: Scene, nodes: int) -> PupilLight:
 
 
 def field_shares(scene: Scene) -> tuple[float, ...]:
-    """Return the share of the light in the fields of each order; they sum to 1."""
+    """Return the fraction of the light in the fields of each order; they sum to 1."""
     theta, weight = _sections(scene, SHARE_NODES)
     fields = _amplitudes(scene, theta) * np.exp(-np.maximum(pupil_phase(scene, theta).imag, 0))
     energy = (np.abs(fields) ** 2) @ (weight * np.sin(theta))
@@ -203,7 +203,7 @@ def field_shares(scene: Scene) -> tuple[float, ...]:
 # -- fields on the array --------------------------------------------------------------------------------
 
 FAINT = 1e-7
-"""Share of the light below which a field is smaller than the rounding errors of single precision."""
+"""Fraction of the light below which a field is smaller than the rounding errors of single precision."""
 
 
 class DebyeField(NamedTuple):

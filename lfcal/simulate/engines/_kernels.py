@@ -77,7 +77,7 @@ class Optics(NamedTuple):
 
     per_spread: float  # 1 / L (1/µm^2)
     share: float  # energy per unit of sum |E m|^2, with the scale of the aperture's table
-    sphere: float  # 1 - B'/a': remaining share of a lenslet's quadratic phase after the converging sphere
+    sphere: float  # 1 - B'/a': remaining fraction of a lenslet's quadratic phase after the converging sphere
     rays: float  # 2 pi B'/lambda (rad) for rays at exact angles; 0: paraxial
     source_rate: float  # sine of a ray per µm of c - X0: 1/a'
     point_rate: float  # sine of a ray per µm on the lenslet: 1/a' + 1/f

@@ -20,7 +20,7 @@ ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
 
 
 MIN_WEIGHT = 0.1
-"""Share of the largest node weight below which a node counts as left out."""
+"""Fraction of the largest node weight below which a node counts as left out."""
 
 EVEN = 0.01
 """Strength with which weights are then evened out; the fit stays accurate to 2e-4."""
@@ -74,7 +74,7 @@ def fitted_rule(
     band
         Highest frequency of the intensity (cycles per pixel), 2 r pixel / (lambda B).
     fill
-        Light-sensitive share of the pixel's side.
+        Light-sensitive fraction of the pixel's side.
     beyond
         Number of nodes in each neighbour; more than one has no benefit.
     falloff

@@ -27,7 +27,7 @@ class LitLenslets(NamedTuple):
     centres: F8  # (lenslets, 2) as (x, y) (µm)
     pull: F8  # (lenslets,): the spot's middle is at c - pull (c - X0)
     size: F8  # (lenslets,): ratio of spot to subject, negative if it is inverted
-    gain: F8  # (lenslets,): share of the light that passes
+    gain: F8  # (lenslets,): fraction of the light that passes
 
 
 class Shapes(NamedTuple):

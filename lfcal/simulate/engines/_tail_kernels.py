@@ -25,7 +25,7 @@ def add_tails(spots: Any, lacking: NDArray[np.float64], pattern: F4, beyond: int
     lacking
         Light outside each window ``(n,)``.
     pattern
-        ``(m, m)`` pixels about the spot, 0 inside its window: shares of the light outside it.
+        ``(m, m)`` pixels about the spot, 0 inside its window: fractions of the light outside it.
     beyond
         Distance by which it begins before the window (pixels).
     image

@@ -58,11 +58,11 @@ class Tail:
     Attributes
     ----------
     pattern
-        ``(m, m)`` pixels about the spot, 0 inside its window: shares of the light outside the window.
+        ``(m, m)`` pixels about the spot, 0 inside its window: fractions of the light outside the window.
     edge
         Ratio of the light that a lenslet transmits to that in its samples, which soften its edge slightly.
     share
-        Share of a uniformly lit lenslet's light that pixels receive outside its window.
+        Fraction of a uniformly lit lenslet's light that pixels receive outside its window.
     by_window
         Whether the light in a window determines the missing light. This fails for pixels with gaps between them, which
         receive an unrepresentative fraction of a small spot.

@@ -37,7 +37,7 @@ TOLERANCE = 0.02
 """Share by which a response's energy may exceed its input before the sampling counts as too coarse."""
 
 FAINT = 0.01
-"""Share of the best-lit lenslet's energy that limits the absolute error of fainter lenslets."""
+"""Fraction of the best-lit lenslet's energy that limits the absolute error of fainter lenslets."""
 COHERENT_BATCH = 8
 """Number of positions whose node grids are in memory at the same time."""
 

@@ -36,7 +36,7 @@ class Sampling:
     margin_px
         Margin of the window around the geometric spot, or of the grid around the iris's shadow (pixels).
     energy_floor
-        Lenslets are left out if they transmit less than this share of the brightest one, or of a sixteenth of all
+        Lenslets are left out if they transmit less than this fraction of the brightest one, or of a sixteenth of all
         light.
     coherent
         Whether the fields of different lenslets are summed before squaring; None: the plane decides.
@@ -106,7 +106,7 @@ class Ledger:
 class PlaneEngine(Protocol):
     """Computes the responses of one depth plane; safe to call from several threads.
 
-    Values are shares of the light that passes the iris towards the array. The sum over an infinite cutout is the
+    Values are fractions of the light that passes the iris towards the array. The sum over an infinite cutout is the
     light that the lenslets transmit (about the fill factor).
     """
 

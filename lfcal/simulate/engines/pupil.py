@@ -62,7 +62,7 @@ class _Behind:
 
 
 def _covered(y: F8, x: F8, step: float, radius: float) -> F8:
-    """Return the share of square samples ``(len(y), len(x))`` within a disc about 0."""
+    """Return the fraction of square samples ``(len(y), len(x))`` within a disc about 0."""
     fine = (np.arange(ROWS_PER_SAMPLE) + 0.5) / ROWS_PER_SAMPLE - 0.5
     rows = y[:, None] + fine * step
     half = np.sqrt(np.maximum(radius**2 - rows**2, 0.0))[..., None]
@@ -72,7 +72,7 @@ def _covered(y: F8, x: F8, step: float, radius: float) -> F8:
 
 
 def _within(scene: PupilScene, at: tuple[float, float], v: F8, step: float) -> F8:
-    """Return the share of each sample of a lenslet at (y, x) that is within its aperture and the pupil."""
+    """Return the fraction of each sample of a lenslet at (y, x) that is within its aperture and the pupil."""
     size = scene.lenslets.clear_um
     if scene.lenslets.aperture == "round":
         own = _covered(v, v, step, size / 2)
@@ -127,7 +127,7 @@ def pupil_bytes(scene: PupilScene, level: str, sampling: Sampling) -> int:
 
 
 def pupil_passed(scene: PupilScene) -> float:
-    """Return the light that the lenslets let through to the sensor's pixels, as a share of that through the pupil."""
+    """Return the light that the lenslets transmit to the sensor's pixels, as a fraction of that through the pupil."""
     count = 4 * FEWEST
     step = scene.lenslets.clear_um / (count - 2)
     v: F8 = np.asarray((np.arange(count) - (count - 1) / 2) * step, np.float64)

@@ -50,7 +50,7 @@ class SimulatedCamera(Frames):
     level, tolerance, sampling
         As in `simulate_psf`.
     peak
-        Brightest pixel of the session, as a share of the full well.
+        Brightest pixel of the session, as a fraction of the full well.
     seed
         Seed of all random numbers.
 

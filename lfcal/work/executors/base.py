@@ -38,7 +38,7 @@ class Event:
     worker
         Name of the worker, for display.
     share
-        Share of the unit that is done, in [0, 1].
+        Fraction of the unit that is done, in [0, 1].
     stage
         Current step, for display.
     seconds

@@ -16,7 +16,7 @@ from lfcal.work.unit import Job, numbered
 __all__ = ["EXECUTOR", "Threads", "concurrent_memory", "concurrent_units"]
 
 FREE_SHARE = 0.6
-"""Share of the free memory at the start that concurrent units may use together."""
+"""Fraction of the free memory at the start that concurrent units may use together."""
 
 POLL_S = 0.2
 """Longest wait of `Threads.events` for concurrent units (s)."""

@@ -16,11 +16,11 @@ __all__ = ["METRICS"]
 LIMITS = Limits(good=2, bad=10)
 
 NEAR_TOP, RAREST = 0.85, 1.05
-"""Share of the highest value above which values show how rare higher ones are, and the smallest ratio of both counts
+"""Fraction of the highest value above which values show how rare higher ones are, and the smallest ratio of both counts
 that shows it."""
 
 FARTHEST = 0.35
-"""Largest share of the top by which light exceeds it on average; exposures are rarely more wrong."""
+"""Largest fraction of the top by which light exceeds it on average; exposures are rarely more wrong."""
 
 
 def _saturation(plane: PlaneMeasures) -> Reading:
@@ -34,7 +34,7 @@ def _saturation(plane: PlaneMeasures) -> Reading:
 
 
 def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
-    """Return the light above the top of the sensor's range as a share of the plane's (relative L2); NaN: not known.
+    """Return the light above the top of the sensor's range as a fraction of the plane's (relative L2); NaN: not known.
 
     Values below the top become rarer as an exponential, and so do those above it, had they been seen.
     """
