@@ -294,8 +294,8 @@ INVERSE_CORRELATION = -0.99
 checkerboards -0.999 and below; sharp micro-images that fill 50 % to 100 % of the pitch -0.36 to -0.86."""
 
 PLATEAU, LARGEST_PLATEAU, CLOSED = 0.15, 0.25, 0.6
-"""Level of a dark field of a cell, as a fraction of its contrast; its largest area where it is closed on all sides; level
-of the places around it that closes it.
+"""Level of a dark field of a cell, as a fraction of its contrast; its largest area where it is closed on all sides;
+level of the surrounding places that closes it.
 
 Measured: fields between micro-images that touch 0.2 at most; single light among discs of 140 % fill 0.34."""
 

@@ -50,7 +50,7 @@ VALUES_AT_ONCE = 2_000_000
 def lattice_transmissions(
     shape: tuple[int, int], lattice: MicroImageLattice, modulator: Modulator, *, profile: str = "cells"
 ) -> Array:
-    """Return the fraction ``(N, rows, columns)`` of each sample that each pixel measures behind a modulator on a lattice.
+    """Return the fraction of each sample that each pixel behind a modulator measures, ``(N, rows, columns)``.
 
     Parameters
     ----------

@@ -188,7 +188,7 @@ def _borders(
 
 
 def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Return the fraction of fine structure that is almost zero, by the start of the blocks, and how much was examined."""
+    """Return the fraction of fine structure that is almost zero, by the start of blocks, and its amount."""
     gone, counts = np.zeros((BLOCK, BLOCK)), np.zeros((BLOCK, BLOCK))
     data = np.where(evidence.valid, evidence.data, np.float32(0))
     nt, ns = (n - BLOCK + 1 for n in data.shape[1:])

@@ -130,7 +130,7 @@ class CutOff(Fault):
     settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the level at which noise of dark samples was cut off, from the fraction of zeros and the other values."""
+        """Yield the level at which dark noise was cut off, from the fraction of zeros and the other values."""
         peak = float(evidence.light.max())
         dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
         if dark.size < MANY or float(evidence.data[evidence.valid].min()) < 0:

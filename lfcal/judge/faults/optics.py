@@ -181,7 +181,7 @@ def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[i
 
 
 def _in_most(left: F4, copy: F4, share: float) -> bool:
-    """Return whether most patterns ``(n, nt, ns)`` contain this fraction of a copy, as patterns of other places may too."""
+    """Return whether most patterns ``(n, nt, ns)`` contain this fraction of a copy; patterns elsewhere may also do."""
     power = np.square(copy).sum((1, 2), dtype=np.float64)
     seen = left.any((1, 2)) & (power > 0)
     each = (left * copy).sum((1, 2), dtype=np.float64)[seen] / power[seen]

@@ -75,7 +75,7 @@ class Spherical(_Aberration):
     rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean spot shift over the area, 0.4 of the rim's 8 Nw W lambda / v, and the fraction of light it moves."""
+        """Return the mean spot shift, 0.4 of the rim's 8 Nw W lambda / v, and the fraction of light that it moves."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
