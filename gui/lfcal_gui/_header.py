@@ -34,7 +34,7 @@ class NextLine(QWidget):
         self.step: Step | None = None
         self._wanted: Step | None = None
         self._changed = 0.0
-        self.lead, self.words = QLabel(), ElidedLabel(sentence=True, lines=2)
+        self.lead, self.words = QLabel(), ElidedLabel(sentence=True, lines=3)
         self.lead.setProperty("role", "lead")
         self.words.setProperty("role", "next")
         self.stop, self.other, self.button = QPushButton("Stop"), QPushButton(), QPushButton()

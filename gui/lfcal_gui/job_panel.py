@@ -27,10 +27,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal.base import format_seconds
 from lfcal.work import HEADER, JOURNAL, RunTable, parts_folder, read_run, run_table
 from lfcal_gui.jobs import Jobs, JobState, WindowJob
-from lfcal_gui.models import JobLog
+from lfcal_gui.models import JobLog, rough_seconds
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import HeadedCard, RowsTable, WrappedLabel, line, lines_px, set_role
@@ -250,7 +249,7 @@ class JobRow(HeadedCard):
             return "stopping …"
         if job.state is JobState.RUNNING and record is not None:
             eta = record.eta_seconds
-            left = f", about {format_seconds(eta)} to go" if eta is not None and record.done < record.total else ""
+            left = f", {rough_seconds(eta)} to go" if eta is not None and record.done < record.total else ""
             # for work in units, the stage is that of one unit, the count that of all units
             count = f", {record.count} done" if record.per > 1 else f" {record.count}".rstrip()
             return record.stage + count + left
@@ -437,7 +436,7 @@ def jobs_words(active: list[WindowJob], failed: list[WindowJob]) -> str:
     names = ", ".join(job.title for job in active[:NAMED]) + (", …" if len(active) > NAMED else "")
     first = active[0].progress
     eta = None if first is None else first.eta_seconds
-    left = "" if eta is None or first is None or first.done >= first.total else f", {format_seconds(eta)} left"
+    left = "" if eta is None or first is None or first.done >= first.total else f", {rough_seconds(eta, '')} left"
     return f"{names}{left}" if len(active) == 1 else f"{len(active)} jobs: {names}{left}"
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from PySide6.QtCore import QTimer
+from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
-from lfcal_gui.widgets import ElidedLabel, set_role
+from lfcal_gui.theme import style_sheet
+from lfcal_gui.widgets import ElidedLabel, WrappedLabel, column_of, set_role
 
 WAIT_MS = 300
 """Work that is done sooner is not announced."""
@@ -15,17 +16,28 @@ WAIT_MS = 300
 HEIGHT = 20
 """Of the buttons: a status bar is as low as without them (px)."""
 
+WIDEST = 560
+"""Width of a message that is shown whole (px)."""
+
 DISMISS = "Hide this message. The log keeps it"
 
 
 class Notice(QFrame):
-    """One line with one button, or two where it offers something; hidden where there is nothing to say."""
+    """One line with one button, or two where it offers something; hidden where there is nothing to say.
+
+    A button opens the whole message where the line has no room for it.
+    """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         row = QHBoxLayout(self)
         row.setContentsMargins(6, 0, 0, 0)
-        self.label = ElidedLabel()
+        self.label = ElidedLabel(sentence=True)
+        self.more = QPushButton("Show all")
+        self.more.setToolTip("Open the whole message, to read or copy it")
+        self.more.clicked.connect(lambda _=False: self.show_whole())
+        self.more.hide()
+        self.label.elided.connect(self.more.setVisible)
         self.button = QPushButton()
         self.button.setAccessibleName("reply to the notice")
         self.button.setToolTip(DISMISS)
@@ -34,7 +46,7 @@ class Notice(QFrame):
         self.leave.setToolTip("Hide this message without any change")
         self.leave.clicked.connect(self._leave)
         row.addWidget(self.label)
-        for button in (self.leave, self.button):
+        for button in (self.more, self.leave, self.button):
             button.setProperty("role", "tight")
             button.setFixedHeight(HEIGHT)
             row.addWidget(button)
@@ -83,6 +95,20 @@ class Notice(QFrame):
         self._say(text, "Dismiss", "hint")
         self._cancel = None
         self.show()
+
+    def show_whole(self) -> WrappedLabel:
+        """Show the whole message above the line, until a click elsewhere; return the label."""
+        sheet, words = QFrame(self, Qt.WindowType.Popup), WrappedLabel(self.label.text())
+        sheet.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        sheet.setProperty("role", "card")
+        sheet.setStyleSheet(style_sheet())
+        words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        column_of(words, of=sheet).setContentsMargins(12, 10, 12, 10)
+        width = min(WIDEST, self.window().width())
+        sheet.setFixedSize(width, words.heightForWidth(width - 26) + 22)
+        sheet.move(self.mapToGlobal(QPoint(0, -sheet.height() - 4)))
+        sheet.show()
+        return words
 
     def clear(self) -> None:
         """Say nothing."""

@@ -614,7 +614,7 @@ class AcquireUntil(_AcquireScan):
     def _places(self, plan: Any) -> tuple[Position, ...]:
         from lfcal.frames import Position
 
-        note("this is the largest number of positions; the session ends earlier if H reaches the wanted error")
+        note("this is the largest number of positions; the session ends earlier if H reaches the target error")
         most = self.most or plan.n_positions
         return tuple(Position(*place) for place in plan.order_indices()[:most].tolist())
 

@@ -89,6 +89,7 @@ def _of(widget: QWidget) -> Iterator[str]:
         yield from _tabs(widget)
     elif isinstance(widget, QAbstractScrollArea):
         yield from _area(widget)
+        yield from _nested(widget)
     yield from squeezed(widget)
     yield from _siblings(widget)
 
@@ -168,6 +169,16 @@ def _cells(table: QTableView) -> Iterator[str]:
             needs = max(QFontMetrics(table.font()).horizontalAdvance(line) for line in text.split("\n")) + 6
             if not table.wordWrap() and less(table.columnWidth(column), needs):
                 yield f"cell {text!r} needs {needs} px, has {table.columnWidth(column)}"
+
+
+def _nested(area: QAbstractScrollArea) -> Iterator[str]:
+    """Yield that an area scrolls inside another one that does: the wheel moves the one or the other."""
+    above = area.parentWidget() if area.verticalScrollBar().isVisible() else None
+    while above is not None:
+        if isinstance(above, QAbstractScrollArea) and above.verticalScrollBar().isVisible():
+            yield f"a scroll bar inside the scroll bar of {type(above).__name__}"
+            return
+        above = above.parentWidget()
 
 
 def _siblings(parent: QWidget) -> Iterator[str]:

@@ -36,7 +36,7 @@ from lfcal_gui.window import MainWindow
 from tests.gui.layout import flaws
 from tests.gui.layout_colours import of_other_themes
 
-SMALL, LARGE = (1280, 800), (1920, 1080)
+LEAST, SMALL, LARGE = (1000, 600), (1280, 800), (1920, 1080)
 
 
 @pytest.fixture
@@ -73,13 +73,13 @@ def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, li
 def test_pages_with_the_sample_session(stage: Stage) -> None:
     open_sample(stage)
     for scene in (setup, h):
-        assert not list(looked_at(stage, scene, SMALL))
+        assert not list(looked_at(stage, scene, LEAST, SMALL))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", SCENES)
-def test_every_state_at_both_sizes(name: str, stage: Stage) -> None:
-    wrong = list(looked_at(stage, SCENES[name], SMALL, LARGE))
+def test_every_state_at_all_sizes(name: str, stage: Stage) -> None:
+    wrong = list(looked_at(stage, SCENES[name], LEAST, SMALL, LARGE))
     assert not wrong, "\n".join(wrong)
 
 

@@ -51,6 +51,7 @@ from lfcal_gui.models.form import (
     means,
     options_in,
     parse,
+    rounded,
     same,
     shown_of,
     text_in_form,
@@ -101,4 +102,12 @@ from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_
 from lfcal_gui.models.stamp import FittedCamera, Stamp, stamp_of
 from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
 from lfcal_gui.models.verdict import Verdict, kept_verdict, verdict_of, with_verdict
-from lfcal_gui.models.words import capital, plane_words, said_in_window, typeset, unbroken
+from lfcal_gui.models.words import (
+    SPACE,
+    capital,
+    plane_words,
+    rough_seconds,
+    said_in_window,
+    typeset,
+    unbroken,
+)

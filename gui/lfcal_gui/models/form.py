@@ -79,6 +79,20 @@ def text_of(field: Field, value: Any) -> str:
     return str(value)
 
 
+DIGITS = 6
+"""Significant digits of a number that is shown and not typed."""
+
+
+def rounded(text: str) -> str:
+    """Return a number with at most so many digits as are read at a glance; any other text is unchanged."""
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    short = f"{value:.{DIGITS}g}"
+    return short if len(short) < len(text) else text
+
+
 def parse(field: Field, text: str) -> Any:
     """Return the stored value that ``text`` means; raise a one-line `InputError` if it has none.
 

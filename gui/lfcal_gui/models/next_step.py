@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from lfcal.base import format_bytes, format_count, format_seconds, format_share
+from lfcal.base import format_bytes, format_count, format_share
 from lfcal_gui.models.verdict import Verdict
+from lfcal_gui.models.words import rough_seconds
 
 LONGEST = 90
 """Characters of a line, its lead included."""
@@ -208,7 +209,7 @@ def next_step(sitting: Sitting) -> Step:
 # -- words -------------------------------------------------------------------------------------------------
 def _takes(seconds: float | None, before: str = ", ", about: str = "about ") -> str:
     """Return a forecast as the end of a sentence; nothing where there is none."""
-    return "" if seconds is None else f"{before}{about}{format_seconds(seconds)}"
+    return "" if seconds is None else f"{before}{rough_seconds(seconds, about)}"
 
 
 def _left(seconds: float | None) -> str:
@@ -495,7 +496,7 @@ def _rail_record(s: Sitting) -> RailWords:
     if s.total and s.done >= s.total:
         return RailWords("complete", "good")
     if s.source == "folder":
-        return RailWords("folder", "fair" if s.unread else "")
+        return RailWords("folder", "fair" if s.unread and s.needs_h else "")
     if not s.plan:
         return RailWords("needs a plan")
     if s.source == "compute":

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from lfcal.base import format_seconds
+
 BRACKETS = re.compile(r"\s*\([^()]*--[^()]*\)")
 PLANNING = re.compile(r"[:,] (?:or )?make (?:its|the) plan[^;]*lfcal plan[^;]*")
 VALUES = re.compile(r"(?<=read as )--[a-z]+ ")
@@ -12,7 +14,13 @@ CLAUSES = re.compile(r"; |, (?=--)")
 
 TIMES = re.compile(r"(?<=\d) ?x ?(?=\d)")
 ELECTRONS = re.compile(r"(?<=\d )e-(?![\w-])")
+SPACE = "\u00a0"
+"""Does not end a line."""
+
 UNITS = re.compile(r"(?<=\d) (?=[a-zA-Zµ%°])")
+TIMES_OF = re.compile(rf"({SPACE}(?:d|h|min)) (?=\d)")
+SIGNS = re.compile(r"([≤≥<>≈=±]) (?=[-+−]?\d)")
+PRODUCTS = re.compile(r"(?<=\d) ([×x]) (?=\d)")
 NAMES = re.compile(r"(?<=[a-z])_(?=[a-z])")
 
 
@@ -27,8 +35,16 @@ def typeset(text: str) -> str:
 
 
 def unbroken(text: str) -> str:
-    """Return ``text`` whose lines do not end between a number and its unit."""
-    return UNITS.sub("\u00a0", text)
+    """Return ``text`` whose lines do not end between a number and its unit or sign, or within 4 min 19 s, 95 × 55."""
+    joined = TIMES_OF.sub(rf"\1{SPACE}", UNITS.sub(SPACE, text))
+    return PRODUCTS.sub(rf"{SPACE}\1{SPACE}", SIGNS.sub(rf"\1{SPACE}", joined))
+
+
+def rough_seconds(seconds: float, about: str = "about ") -> str:
+    """Return a forecast, with no more digits than it is good for."""
+    if seconds < 1:
+        return "less than 1 s"
+    return about + (f"{seconds:.0f} s" if seconds < 10 else format_seconds(seconds))
 
 
 def plane_words(z: int, count: int) -> str:

@@ -42,7 +42,6 @@ MISSING = "#ff5a5f"
 PAIRING = (("depth", "by depth"), ("number", "by number"))
 NUMBERS = (1, 2, 3, 4, 5)
 SPARE = (1, 2, 4, 5)
-LEAST_TABLE = 130
 
 
 _SEEN = {"side": (True, True, True), "blink": (True, False, False), "difference": (False, False, True)}
@@ -51,6 +50,11 @@ _SEEN = {"side": (True, True, True), "blink": (True, False, False), "difference"
 
 class ComparedNumbers(QWidget):
     """Which H is compared, the result in words, the positions that differ most, and numbers: a narrow column.
+
+    Parameters
+    ----------
+    whole
+        Whether the table of numbers is as high as its rows.
 
     Signals
     -------
@@ -71,7 +75,7 @@ class ComparedNumbers(QWidget):
     row_chosen = Signal(int)
     place_chosen = Signal(tuple)
 
-    def __init__(self) -> None:
+    def __init__(self, *, whole: bool = True) -> None:
         super().__init__()
         self.second = ElidedLabel("Second H: none")
         self.second.setProperty("role", "value")
@@ -90,7 +94,7 @@ class ComparedNumbers(QWidget):
         self.worst = choice_box([], "Show one of the positions (z, y, x) that differ most")
         self.worst.setAccessibleName("positions that differ most")
         self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))
-        self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS, spare=SPARE)
+        self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS, spare=SPARE, whole=whole)
         self.table.setAccessibleName("numbers of the comparison")
         for k, tip in enumerate(COMPARED_TIPS):
             title = self.table.horizontalHeaderItem(k)
@@ -116,11 +120,11 @@ class ComparedNumbers(QWidget):
         content = QWidget()
         column = QVBoxLayout(content)
         column.setContentsMargins(0, 0, 0, 0)
-        self.table.setMinimumHeight(LEAST_TABLE)
         column.addWidget(self.verdict)
         column.addWidget(self.notes)
         column.addLayout(line("Differs most at", self.worst, stretch=1))
-        column.addWidget(self.table, 1)
+        column.addWidget(self.table)
+        column.addStretch()
         return content
 
     # -- showing ---------------------------------------------------------------------------------------
@@ -184,7 +188,7 @@ class ComparePanel(ComparedNumbers):
         self._names = ("first", "second")
         self._second = False
         self._where = ""
-        super().__init__()
+        super().__init__(whole=False)
         self._timer = QTimer(self)
         self._timer.setInterval(BLINK_MS)
         self._timer.timeout.connect(self._blink)

@@ -58,6 +58,7 @@ class Enlarged(QFrame):
         self._limits: tuple[QSize, QSize] = (part.minimumSize(), part.maximumSize())
         self._kept = _Kept(part)
         _exchange(part, self._kept)
+        part.setMinimumSize(0, 0)
         part.setMaximumSize(UNLIMITED, UNLIMITED)
         self.back = QPushButton("Back (Esc)")
         self.back.setToolTip("Put the picture back in its place on the page")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from PySide6.QtCore import QEvent, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QEnterEvent, QWheelEvent
+from PySide6.QtGui import QEnterEvent, QFocusEvent, QHelpEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QApplication,
     QCheckBox,
@@ -21,12 +21,13 @@ from PySide6.QtWidgets import (
     QPushButton,
     QStyle,
     QToolButton,
+    QToolTip,
     QVBoxLayout,
     QWidget,
 )
 
 from lfcal.base import InputError
-from lfcal_gui.models import UNKNOWN, Field, means, parse, same, text_of
+from lfcal_gui.models import UNKNOWN, Field, means, parse, rounded, same, text_of
 from lfcal_gui.widgets.cards import card, heading, line
 from lfcal_gui.widgets.words import set_look
 
@@ -153,6 +154,55 @@ class _ChoiceBox(QComboBox):
         """Show whole words."""
         self.view().setMinimumWidth(self.view().sizeHintForColumn(0) + 2 * SMALL)
         super().showPopup()
+
+
+class _NumberEdit(QLineEdit):
+    """Shows a long number rounded until it has the keyboard; `text`, what is copied and the tip are exact."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._exact = ""
+        self.textChanged.connect(lambda _: self._forget())
+
+    def _forget(self) -> None:
+        self._exact = ""
+
+    def setText(self, text: str) -> None:
+        """Show a text."""
+        super().setText(text)
+        if not self.hasFocus():
+            self._round()
+
+    def text(self) -> str:
+        """Return the exact text."""
+        return self._exact or super().text()
+
+    def _round(self) -> None:
+        exact = super().text()
+        shown = rounded(exact)
+        if shown != exact and not self.property("reason"):
+            super().setText(shown)
+            self.setCursorPosition(0)
+            self._exact = exact
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        """Show all digits."""
+        if self._exact:
+            super().setText(self._exact)
+        super().focusInEvent(event)
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        """Round again, unless the focus comes back: it is in a menu or another window."""
+        super().focusOutEvent(event)
+        if event.reason() not in (Qt.FocusReason.PopupFocusReason, Qt.FocusReason.ActiveWindowFocusReason):
+            self._round()
+
+    def event(self, event: QEvent) -> bool:
+        """Put the exact number into the tip."""
+        if event.type() == QEvent.Type.ToolTip and self._exact and isinstance(event, QHelpEvent):
+            QToolTip.showText(event.globalPos(), f"{self._exact}: {self.toolTip()}", self)
+            return True
+        return super().event(event)
 
 
 @dataclass(eq=False)
@@ -322,7 +372,7 @@ class FoldedForm(QFrame):
             label = QLabel()
             label.setWordWrap(True)
             return label
-        edit = QLineEdit()
+        edit = _NumberEdit() if field.kind == "float" else QLineEdit()
         edit.setPlaceholderText(field.empty)
         if field.kind in ("float", "int", "floats") or field.unit or field.read is not None:
             edit.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)

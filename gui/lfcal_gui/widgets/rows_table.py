@@ -17,6 +17,7 @@ ROW_PX, ROOMY_PX = 26, 480
 NUMBER, ROW = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 
+LEFT = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
 RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
@@ -46,6 +47,8 @@ class RowsTable(QTableWidget):
         Numbers of the columns whose texts are given in full next to the table and in tips: they may be cut.
     spare
         Numbers of the columns that a table narrower than ``roomy`` (px) hides; it can be enlarged, and copies all.
+    whole
+        Whether it is as high as its rows: it lies in an area that scrolls.
     """
 
     def __init__(
@@ -57,9 +60,10 @@ class RowsTable(QTableWidget):
         spare: Sequence[int] = (),
         *,
         roomy: int = ROOMY_PX,
+        whole: bool = False,
     ) -> None:
         super().__init__(0, len(header))
-        self._spare, self._roomy = tuple(spare), roomy
+        self._spare, self._roomy, self._whole = tuple(spare), roomy, whole
         self._header, self._sizes, self.brief = header, tuple(sizes), tuple(brief)
         self.setHorizontalHeaderLabels(header)
         self.verticalHeader().hide()
@@ -73,8 +77,8 @@ class RowsTable(QTableWidget):
             stretch = QHeaderView.ResizeMode.Stretch if k == wide else QHeaderView.ResizeMode.ResizeToContents
             top.setSectionResizeMode(k, stretch)
             title = self.horizontalHeaderItem(k)
-            if k in self._sizes and title is not None:
-                title.setTextAlignment(RIGHT)
+            if title is not None:
+                title.setTextAlignment(RIGHT if k in self._sizes else LEFT)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.customContextMenuRequested.connect(self._menu)
         if spare:
@@ -85,6 +89,20 @@ class RowsTable(QTableWidget):
         for column in self._spare:
             self.setColumnHidden(column, self.width() < self._roomy)
         super().resizeEvent(event)
+        self._fit_height()
+
+    def _fit_height(self) -> None:
+        """Be as high as all rows, unless the table is enlarged: then it scrolls."""
+        if not self._whole:
+            return
+        inside = enlarged_of(self) is None
+        policy = Qt.ScrollBarPolicy
+        self.setVerticalScrollBarPolicy(policy.ScrollBarAlwaysOff if inside else policy.ScrollBarAsNeeded)
+        if self.wordWrap():
+            self.resizeRowsToContents()
+        if inside:
+            head = self.horizontalHeader().sizeHint().height()
+            self.setFixedHeight(head + self.verticalHeader().length() + 2 * self.frameWidth())
 
     def show_rows(
         self,
@@ -108,6 +126,7 @@ class RowsTable(QTableWidget):
                 self.setItem(k, column, cell)
         self.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
         self.setSortingEnabled(True)
+        self._fit_height()
 
     def number_of(self, row: int) -> int:
         """Return the index of the given row that a row of the table shows, in any sorting; -1: none."""

@@ -36,7 +36,7 @@ def outline_tones() -> tuple[str, str]:
 def legend_words(between: str = "<br>") -> str:
     """Return what the outlines mean, as rich text."""
     fitted, expected = outline_tones()
-    return f"<span style='color:{fitted}'>━</span> fitted{between}<span style='color:{expected}'>┅</span> expected"
+    return f"<span style='color:{fitted}'>━</span> fit{between}<span style='color:{expected}'>┅</span> expected"
 
 
 LEAST, WORD = 84, 16

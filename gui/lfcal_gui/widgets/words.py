@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import re
 
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QTextBrowser, QWidget
+
+from lfcal_gui.models import SPACE, unbroken
 
 BREAK = "\u200b"
 """Is not seen, and a line may end there."""
@@ -57,7 +59,7 @@ class WrappedLabel(QLabel):
     def setText(self, text: str) -> None:
         """Show ``text``."""
         self._whole = text
-        super().setText(breakable(text))
+        super().setText(breakable(unbroken(text)))
 
     def text(self) -> str:
         """Return the text as it was given."""
@@ -65,7 +67,7 @@ class WrappedLabel(QLabel):
 
     def copy(self) -> None:
         """Put what is selected on the clipboard, or all."""
-        chosen = self.selectedText().replace(BREAK, "") or self._whole
+        chosen = self.selectedText().replace(BREAK, "").replace(SPACE, " ") or self._whole
         QApplication.clipboard().setText(chosen)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -97,20 +99,27 @@ class ElidedLabel(QLabel):
         Whether the end is left out, as of a sentence, and not the middle, as of a name.
     lines
         Most lines.
+
+    Signals
+    -------
+    elided(part)
+        Whether a part is left out now.
     """
+
+    elided = Signal(bool)
 
     def __init__(
         self, text: str = "", parent: QWidget | None = None, *, sentence: bool = False, lines: int = 1
     ) -> None:
         super().__init__(parent)
-        self._whole, self._lines = "", lines
+        self._whole, self._brief, self._lines = "", "", lines
         self._mode = Qt.TextElideMode.ElideRight if sentence else Qt.TextElideMode.ElideMiddle
         self.setTextFormat(Qt.TextFormat.PlainText)
         self.setText(text)
 
-    def setText(self, text: str) -> None:
-        """Show ``text``, as much as there is room for."""
-        self._whole = text
+    def setText(self, text: str, brief: str = "") -> None:
+        """Show ``text``, as much as there is room for; ``brief`` in its place where not all of it fits."""
+        self._whole, self._brief = text, brief
         self.updateGeometry()
         self._fit()
 
@@ -135,7 +144,9 @@ class ElidedLabel(QLabel):
 
     def _fit(self) -> None:
         room = self.contentsRect().width()
-        rest, shown, metrics = self._whole, [], self.fontMetrics()
+        whole, metrics = unbroken(self._whole) if self._lines > 1 else self._whole, self.fontMetrics()
+        brief = bool(self._brief) and metrics.horizontalAdvance(whole) > self._lines * room
+        rest, shown = self._brief if brief else whole, []
         while len(shown) < self._lines - 1 and metrics.horizontalAdvance(rest) > room:
             ends = [k for k, letter in enumerate(rest) if letter == " " and metrics.horizontalAdvance(rest[:k]) <= room]
             if not ends:
@@ -144,7 +155,9 @@ class ElidedLabel(QLabel):
             rest = rest[ends[-1] + 1 :]
         last = metrics.elidedText(rest, self._mode, room)
         super().setText("\n".join((*shown, last)))
-        self.setToolTip(self._whole if last != rest else "")
+        short = brief or last != rest
+        self.setToolTip(self._whole if short else "")
+        self.elided.emit(short)
 
 
 BESIDE = 42

@@ -39,7 +39,7 @@ TABLE = (
     ),
     (
         replace(FOLDER, job="make", job_words="plane 3 of 9", job_left_s=4),
-        "Making H: plane 3 of 9, 4.0 s left.",
+        "Making H: plane 3 of 9, 4 s left.",
         "jobs.make",
         {"h": "being made"},
     ),
@@ -88,7 +88,7 @@ TABLE = (
     ),
     (
         replace(FOLDER, make_s=3),
-        "Next: make H of 1,254 frames, about 3.0 s.",
+        "Next: make H of 1,254 frames, about 3 s.",
         "frames.assemble",
         {"record": "folder", "h": "none yet"},
     ),
@@ -106,7 +106,7 @@ TABLE = (
     ),
     (
         replace(CAMERA, source="compute", error=0.014, compute_s=1),
-        "Next: compute H: 9 planes, 1.4 % off, about 1.0 s.",
+        "Next: compute H: 9 planes, 1.4 % off, about 1 s.",
         "simulate.compute",
         {"record": "compute"},
     ),

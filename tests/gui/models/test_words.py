@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from lfcal_gui.models.words import plane_words, typeset, unbroken
+from lfcal_gui.models.words import plane_words, rough_seconds, typeset, unbroken
 
 
 def test_planes_count_from_zero() -> None:
@@ -15,3 +15,10 @@ def test_words_of_the_library_are_typeset() -> None:
 
 def test_no_line_ends_between_a_number_and_its_unit() -> None:
     assert unbroken("polyphase 54.5 ms a pair, 2 of 3") == "polyphase 54.5\u00a0ms a pair, 2\u00a0of 3"
+    assert unbroken("in about 4 min 19 s for 95 × 55") == "in about 4\u00a0min\u00a019\u00a0s for 95\u00a0×\u00a055"
+    assert unbroken("good; ≤ 0.35 px, > 1 bad") == "good; ≤\u00a00.35\u00a0px, >\u00a01\u00a0bad"
+
+
+def test_a_forecast_has_no_more_digits_than_it_is_good_for() -> None:
+    assert rough_seconds(0.33) == "less than 1 s" and rough_seconds(3.2) == "about 3 s"
+    assert rough_seconds(259) == "about 4 min 19 s" and rough_seconds(9.6, "") == "10 s"

@@ -264,3 +264,28 @@ def test_resets_are_shown_while_one_is_in_the_form(qtbot: QtBot) -> None:
     assert reset.isVisible()
     QApplication.sendEvent(form, QEvent(QEvent.Type.Leave))
     assert not reset.isVisible()
+
+
+def test_a_long_number_is_rounded_until_it_has_the_keyboard(qtbot: QtBot) -> None:
+    form = FoldedForm((Field("angle", "Iris rotation", unit="°"), Field("f", "f-number")))
+    qtbot.addWidget(form)
+    form.show()
+    qtbot.waitExposed(form)
+    form.activateWindow()
+    told: list[object] = []
+    form.edited.connect(lambda key, value: told.append(value))
+    form.set_values({"angle": 11.459155902616466, "f": 4.0})
+    angle, other = (form.editor(key) for key in ("angle", "f"))
+    assert isinstance(angle, QLineEdit)
+    assert angle.displayText() == "11.4592" and angle.text() == "11.4591559", "seen, and exact"
+    qtbot.waitUntil(form.isActiveWindow)
+    angle.setFocus()
+    angle.selectAll()
+    assert angle.displayText() == angle.selectedText() == "11.4591559", "what is copied"
+    other.setFocus()
+    assert angle.displayText() == "11.4592" and not told, "no digit is lost on the way"
+    angle.setFocus()
+    angle.selectAll()
+    QTest.keyClicks(angle, "12.3456789")
+    other.setFocus()
+    assert told[-1] == 12.3456789 and angle.displayText() == "12.3457" and angle.text() == "12.3456789"

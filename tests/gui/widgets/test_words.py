@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from PySide6.QtWidgets import QApplication, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.widgets.words import BREAK, WIDEST, ElidedLabel, FittedBrowser, WrappedLabel, breakable, lines_px
@@ -66,6 +66,32 @@ def test_a_sentence_takes_two_lines_and_loses_its_end(qtbot: QtBot) -> None:
         second.endswith("…") and SENTENCE.startswith(f"{first} {second[:-1]}".rstrip()) and label.toolTip() == SENTENCE
     )
     assert label.text() == SENTENCE
+
+
+def test_a_brief_text_takes_the_place_of_one_that_does_not_fit(qtbot: QtBot) -> None:
+    label = ElidedLabel(sentence=True)
+    qtbot.addWidget(label)
+    label.show()
+    seen: list[bool] = []
+    label.elided.connect(seen.append)
+    label.resize(1000, 20)
+    label.setText(SENTENCE, "say which camera")
+    assert super(ElidedLabel, label).text() == SENTENCE and not seen[-1]
+    label.resize(200, 20)
+    assert super(ElidedLabel, label).text() == "say which camera" and label.toolTip() == SENTENCE and seen[-1]
+
+
+def test_a_line_does_not_end_between_a_number_and_its_unit(qtbot: QtBot) -> None:
+    label, words = ElidedLabel(sentence=True, lines=2), "record 5,643 positions in 9 planes, about 4 min 19 s."
+    qtbot.addWidget(label)
+    label.show()
+    room = label.fontMetrics().horizontalAdvance(words.rpartition(" min")[0]) + 4
+    label.setText(words)
+    label.resize(room, 40)
+    assert super(ElidedLabel, label).text().replace("\u00a0", " ") == words.replace("about 4", "about\n4")
+    wrapped = WrappedLabel("95 × 55 px")
+    qtbot.addWidget(wrapped)
+    assert " " not in QLabel.text(wrapped) and wrapped.text() == "95 × 55 px"
 
 
 LINE = "words of a fault, of which there are as many as it takes. "

@@ -39,7 +39,7 @@ TITLE = (
 
 
 class ErrorView(LinePlot):
-    """Plot of the error of H per fit: its own estimate, the error at held-out positions, and the error wanted."""
+    """Plot of the error of H per fit: its own estimate, the error at held-out positions, and the target error."""
 
     # before the rest is made the plot takes the theme's colours
     curve: ErrorCurve | None = None

@@ -36,6 +36,7 @@ from lfcal.camera import ScanPlan
 from lfcal.frames import Position, stated_noise
 from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil
 from lfcal_gui.jobs import JobState, WindowJob
+from lfcal_gui.models import rough_seconds
 from lfcal_gui.pages.acquire.model_folder import FolderState
 from lfcal_gui.pages.acquire.model_station import Station
 
@@ -430,7 +431,7 @@ def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str
         return words, _joined(detail, lamp), record.fraction if record.total else None
     rate = recorder.rate
     left = (record.total - record.done) / rate if rate > 0 else None
-    pace = f"{rate:.0f} per second, about {format_seconds(left)} to go" if left else ""
+    pace = f"{rate:.0f} per second, {rough_seconds(left)} to go" if left else ""
     words = f"{record.done} of {record.total} {recorder.counted}"
     return words, _joined(record.note or pace, lamp), record.fraction
 

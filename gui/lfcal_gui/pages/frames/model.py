@@ -477,7 +477,7 @@ def facts_of(opened: Opened) -> tuple[tuple[str, str, str], ...]:
         ("Frames", f"{len(opened.source):,}", f"{columns} × {rows} px"),
         ("Positions", f"{nx} × {ny}", f"in {nz} plane{'' if nz == 1 else 's'}"),
         ("Missing", f"{opened.missing:,}", ""),
-        ("Taken off", "", opened.dark or "nothing"),
+        ("Subtracted", "", opened.dark or "nothing"),
         ("White frames", "", f"{Path(chosen.white).name}, {white}" if white else "none"),
         ("Positions from", "", Path(chosen.manifest).name or opened.positions),
     )

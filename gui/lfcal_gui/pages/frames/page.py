@@ -205,8 +205,7 @@ class Page(BasePage):
             # the dialog has the choices that frames of others may need
             self._unread = path, f"say how the frames of {Path(path).name} are read"
             self._tell()
-            self.context.message.emit(words)
-            self.notice.clear()
+            self.refuse(words)
             self.start_import(path)
 
         name = Path(path).name

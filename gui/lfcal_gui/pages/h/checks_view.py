@@ -12,6 +12,7 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QLabel,
     QPushButton,
+    QScrollArea,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -28,7 +29,10 @@ from lfcal_gui.widgets import (
     Picture,
     RowsTable,
     WrappedLabel,
+    clear,
+    column_of,
     line,
+    scrolling,
     told_or_shown,
 )
 
@@ -40,8 +44,11 @@ MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
 MARK, VALUE = 24, 112
 """Widths of the columns of marks and values (px)."""
 
-ROW, LEAST_ROWS, PICTURE = 24, 5, 118
+ROW, LEAST_ROWS, PICTURE = 24, 4, 118
 """Height of a row, rows that are seen at least, and height of the picture (px)."""
+
+UNLIMITED = 10_000
+"""Height that no description of a check has (px)."""
 
 
 class ChecksView(QWidget):
@@ -69,10 +76,9 @@ class ChecksView(QWidget):
         self.message, self.stack = told_or_shown("", self._content())
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(6)
         column.addWidget(self.stack, 1)
-        column.addLayout(self._buttons())
-        column.addWidget(self._settings())
-        column.addWidget(self.summary)
+        column.addWidget(self._details(), 1)
 
     # -- building --------------------------------------------------------------------------------------
     def _content(self) -> QWidget:
@@ -101,18 +107,27 @@ class ChecksView(QWidget):
         self.table.setMinimumHeight(ROW * (LEAST_ROWS + 1))
         self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
         self.table.itemSelectionChanged.connect(self._chosen)
-        self.words = FittedBrowser(64, 112)
-        self.words.setOpenLinks(False)
-        self.words.anchorClicked.connect(lambda link: self.fault_asked.emit(link.path()))
-        self.words.setAccessibleName("meaning and remedy of the check")
         for part in (self.counts, self.redo):
             column.addWidget(part)
         column.addWidget(self.table, 1)
-        column.addWidget(self.words)
-        column.addWidget(self._pictures())
         return content
 
-    def _pictures(self) -> QStackedWidget:
+    def _details(self) -> QScrollArea:
+        """Return what belongs to the chosen check, and the settings: it scrolls below the list."""
+        self.words = FittedBrowser(0, UNLIMITED)
+        self.words.setOpenLinks(False)
+        self.words.anchorClicked.connect(lambda link: self.fault_asked.emit(link.path()))
+        self.words.setAccessibleName("meaning and remedy of the check")
+        self._pictures()
+        inner = QWidget()
+        column = column_of(self.words, self.pictures, self._buttons(), self._settings(), self.summary, of=inner)
+        column.setContentsMargins(0, 0, 4, 0)
+        column.addStretch()
+        area = scrolling(inner)
+        clear(area)
+        return area
+
+    def _pictures(self) -> None:
         self.curve, self.none = LinePlot("depth z (mm)", "value"), QLabel()
         # rows and columns of it need not be pixels of one size
         self.image = Picture("value", axes=("column", "row"), square=False, colour_map="cividis")
@@ -123,7 +138,6 @@ class ChecksView(QWidget):
         self.pictures.setFixedHeight(PICTURE)
         for content in (self.none, self.curve, self.image):
             self.pictures.addWidget(content)
-        return self.pictures
 
     def _buttons(self) -> QHBoxLayout:
         self.measure_button, self.report_button = QPushButton("Inspect again"), QPushButton("Write report …")

@@ -416,9 +416,6 @@ READY = "Gap, focal lengths, iris and aberrations are found from the recorded po
 LEGEND = "Crossed out in the map: left out as an outlier. In a square: held out to judge the fit."
 NO_ROUNDS = "Fitted during the recording; rounds of such a fit are not kept."
 
-ROWS = 130
-"""Height of the tables (px)."""
-
 
 class FitView(QWidget):
     """A fit, and what it is asked.
@@ -474,19 +471,18 @@ class FitView(QWidget):
         self.results = QWidget()
         column = QVBoxLayout(self.results)
         column.setContentsMargins(0, 0, 0, 0)
-        self.findings = RowsTable(("Findings",), 0, brief=(0,))
+        self.findings = RowsTable(("Findings",), 0, brief=(0,), whole=True)
         self.findings.setAccessibleName("findings")
         self.findings.setWordWrap(True)
         self.findings.itemSelectionChanged.connect(self._finding_chosen)
         self.findings.cellClicked.connect(lambda *_: self._finding_chosen())  # also where it is selected already
-        self.parameters = RowsTable(COLUMNS, 0, NUMBERS, spare=SPARE)
+        self.parameters = RowsTable(COLUMNS, 0, NUMBERS, spare=SPARE, whole=True)
         self.parameters.setAccessibleName("parameters")
         legend = QLabel(LEGEND)
         legend.setWordWrap(True)
         legend.setProperty("role", "hint")
         column.addLayout(line(self.model_button, self.save_button, self.report_button))
         for table in (self.findings, self.parameters):
-            table.setFixedHeight(ROWS)
             column.addWidget(table)
         column.addWidget(self.sums)
         column.addWidget(legend)
@@ -547,12 +543,6 @@ class FitView(QWidget):
             lambda k, column: theme.accent if column == 5 and rows[k].far else "",
         )
         self.findings.show_rows([(f"{one.kind}: {one.text}",) for one in findings_of(found.fit)])
-        self.findings.resizeRowsToContents()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Wrap the findings again."""
-        super().resizeEvent(event)
-        self.findings.resizeRowsToContents()
 
     def _finding_chosen(self) -> None:
         found, row = self._found, self.findings.chosen()

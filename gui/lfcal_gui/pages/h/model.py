@@ -318,7 +318,7 @@ def shown_unit(intent: HIntent, matrix: PSFMatrix, reference: PSFMatrix | None) 
 def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> str:
     """Return the pixel (t, s) of the main picture in words, its value in ``unit``."""
     t, s = pixel
-    apart = f", {picture.linked[t, s]:+.4g} against the other H" if picture.signed else ""
+    apart = f", {picture.linked[t, s]:+.4g} relative to the other H" if picture.signed else ""
     return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}{apart}"
 
 

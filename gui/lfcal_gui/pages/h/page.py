@@ -125,7 +125,7 @@ class Page(BasePage):
                 "fit": lambda: self.fitting.view,
                 "compare": lambda: self.comparing.view,
             }
-            self.panel.add_level(level, views[level]())
+            self.panel.add_level(level, views[level](), scrolled=level != "checks")
         self.level = level
         self.panel.show_level(level)
         if level:

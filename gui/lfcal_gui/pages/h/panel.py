@@ -262,10 +262,11 @@ class HPanel(QWidget):
         return inspector
 
     def _position(self) -> QWidget:
-        self.map_title, self.map_range, self.place_label = ElidedLabel(), QLabel(), QLabel()
+        self.map_title, self.map_range = ElidedLabel(), QLabel()
+        self.place_label, self.position_label = QLabel(), ElidedLabel()
         self.map_range.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.map_title.setProperty("role", "heading")
-        for label in (self.map_range, self.place_label):
+        for label in (self.map_range, self.place_label, self.position_label):
             label.setProperty("role", "hint")
         self.place_label.setWordWrap(True)
         self.frame_button = QPushButton("Frame")
@@ -278,7 +279,8 @@ class HPanel(QWidget):
         place, column = card()
         column.addLayout(line(self.map_title, self.map_range, stretch=0))
         column.addWidget(self.map)
-        column.addLayout(line(self.place_label, self.frame_button, stretch=0))
+        column.addWidget(self.place_label)
+        column.addLayout(line(self.position_label, self.frame_button, stretch=0))
         return place
 
     def _profiles(self) -> QWidget:
@@ -290,8 +292,8 @@ class HPanel(QWidget):
         profiles.column.addWidget(self.profile)
         return profiles
 
-    def add_level(self, name: str, view: QWidget) -> None:
-        """Make a level of the inspector from what it shows."""
+    def add_level(self, name: str, view: QWidget, *, scrolled: bool = True) -> None:
+        """Make a level of the inspector from what it shows; ``scrolled``: as a whole, not its parts."""
         back = QPushButton("‹ Verdict")
         back.setProperty("role", "link")
         back.setToolTip("Back to the verdict, the aperture and the other levels (Backspace)")
@@ -303,7 +305,7 @@ class HPanel(QWidget):
         column = QVBoxLayout(level)
         column.setContentsMargins(0, 0, 0, 0)
         column.addLayout(line(back, title, stretch=1))
-        column.addWidget(_scrolled(view, stretch=True), 1)
+        column.addWidget(_scrolled(view, stretch=True) if scrolled else view, 1)
         level.setObjectName(name)
         name_controls(level)
         self.levels.addWidget(level)
@@ -370,7 +372,8 @@ class HPanel(QWidget):
 
     def show_intent(self, intent: HIntent, plane_words: str, position_words: str) -> None:
         """Show what was asked for."""
-        self.place_label.setText(f"{plane_words}<br>{position_words}")
+        self.place_label.setText(plane_words)
+        self.position_label.setText(position_words)
         self._each_strip(lambda strip: strip.set_current(intent.z))
         self.map.set_position(intent.y, intent.x)
         self._show_view(intent)

@@ -16,7 +16,7 @@ from lfcal.reconstruct import VolumeFacts
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, stated_order
+from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, rough_seconds, stated_order
 from lfcal_gui.pages.reconstruct import takes
 from lfcal_gui.pages.reconstruct._costing import Costing
 from lfcal_gui.pages.reconstruct._exporting import Exporting
@@ -328,7 +328,7 @@ class Page(BasePage):
         self.panel.show_forecast(found.words)
         if not self._job and (self.solving is None or not self.solving.history):
             real = self.context.paces.seconds("reconstruct", found.seconds)
-            self.panel.show_took(f"about {format_seconds(real)}")
+            self.panel.show_took(rough_seconds(real))
         self._show_controls()
 
     def _no_forecast(self, words: str) -> None:

@@ -12,13 +12,13 @@ from typing import Any
 from PySide6.QtWidgets import QFileDialog
 
 from lfcal.accuracy import Curve
-from lfcal.base import LfcalError, format_seconds
+from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
 from lfcal.tasks import RunSettings, SimulatedH
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot, asked_seconds, iter_measure, subject_of
+from lfcal_gui.models import PageSpec, ProjectState, Shot, asked_seconds, iter_measure, rough_seconds, subject_of
 from lfcal_gui.pages.simulate.model import (
     SimulateSettings,
     frames_task,
@@ -391,7 +391,7 @@ class Page(BasePage):
         expected = asked_seconds(plan)
         if expected > LONG and plan != self._warned:
             self._warned = plan
-            self.panel.curve.show_status(f"This takes about {format_seconds(expected)}.", "Measure anyway")
+            self.panel.curve.show_status(f"This takes {rough_seconds(expected)}.", "Measure anyway")
             return
         curves.forget(subject_of(state, "plan"), (PLACE,))
         self._measuring = self.context.jobs.start(

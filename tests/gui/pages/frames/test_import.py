@@ -268,12 +268,13 @@ def test_a_folder_that_does_not_open_is_asked_about(
     page.open_folder(str(place))
     qtbot.waitUntil(lambda: page.dialog is not None and page.dialog.channel.isEnabled(), timeout=GUARD_MS)
     assert "expected grey" in page.dialog.words.text() and "--" not in page.dialog.words.text()
-    assert context.state == before and not page.notice.isVisible()
+    why = page.notice.label.text()
+    assert context.state == before and page.notice.isVisible() and "expected grey" in why and "--" not in why
     page.dialog.channel.setCurrentIndex(page.dialog.channel.findData("G"))
     qtbot.waitUntil(page.dialog.open_button.isEnabled, timeout=GUARD_MS)
     page.dialog.open_button.click()
     qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
-    assert page.hint.text().startswith("24 frames of")
+    assert page.hint.text().startswith("24 frames of") and not page.notice.isVisible()
     context.project.undo()
     assert page.hint.text() == page.spec.hint, "no numbers of frames that are gone"
 

@@ -1,0 +1,28 @@
+"""The line of a page in the status bar."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
+
+from lfcal_gui.notice import Notice
+
+WHY = "frames: expected grey frames, got colour frames of 3 channels; choose a channel in the dialog of the import"
+
+
+def test_a_message_without_room_is_opened_whole(qtbot: QtBot) -> None:
+    root = QWidget()
+    qtbot.addWidget(root)
+    notice = Notice(root)
+    root.resize(1200, 80)
+    root.show()
+    notice.setGeometry(0, 50, 1200, 24)
+    notice.refuse(WHY)
+    QApplication.processEvents()
+    assert not notice.more.isVisible()
+    notice.setGeometry(0, 50, 500, 24)
+    QApplication.processEvents()
+    assert notice.more.isVisible() and notice.label.toolTip() == WHY
+    words = notice.show_whole()
+    assert words.isVisible() and words.text() == WHY and words.height() >= words.heightForWidth(words.width())
+    words.window().close()
