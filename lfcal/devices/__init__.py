@@ -2,8 +2,8 @@
 
 - ``protocols``: interfaces of camera, stage, light and clock; `Rig` combines them
 - ``errors``: kinds of device errors
-- ``registry``: available backends, why others are unavailable, and their options
-- ``rig``: the devices of a session; ``calling``, ``checked``: time limits of calls, checks of answers
+- ``registry``: available backends, the reasons why others are unavailable, and the options of each
+- ``rig``: the devices of a session; ``calling``, ``checked``: time limits of calls, and checks of their results
 - ``backends``: real devices
 - ``simulated``: a camera and a stage that need no hardware
 """

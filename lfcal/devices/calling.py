@@ -1,4 +1,4 @@
-"""Call drivers with a time limit, so that a hanging driver is reported and never blocks the program."""
+"""Calls of drivers with a time limit, so that a hanging driver is reported and never blocks the program."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CANCELLED = object()
 
 
 def never() -> bool:
-    """Cancel nothing."""
+    """Return False, as the default of ``cancelled`` in `Caller.call`."""
     return False
 
 
@@ -37,7 +37,7 @@ class _Call(NamedTuple):
 
 
 class Caller:
-    """Call the driver of one device, always in the same thread.
+    """Caller of one device's driver, always in the same thread.
 
     A driver may hang in any call. The call is then abandoned: its later result is discarded, and no other call begins
     before it returns. The thread does not keep the program from ending.
@@ -45,7 +45,7 @@ class Caller:
     Parameters
     ----------
     device
-        The device; one that is `Waiting` and never waits is called directly, without a thread.
+        The device; if it states that it never waits (`Waiting`), it is called directly, without a thread.
     name
         Name of the device, for messages.
     """
@@ -82,7 +82,7 @@ class Caller:
         function, arguments
             Function of the driver, and its arguments.
         seconds
-            Time limit; the wait ends `ANSWER_S` later.
+            Time limit (s); the wait ends `ANSWER_S` later.
         cancelled
             Function that is called repeatedly while waiting.
 

@@ -1,4 +1,4 @@
-"""Wrap camera, stage and light: each call has a time limit, and each answer is checked."""
+"""Wrappers of camera, stage and light: each call has a time limit, and each answer is checked."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class _Checked(Generic[D]):
 
     @classmethod
     def of(cls, device: D) -> Self:
-        """Wrap a device in its checks; a wrapped device is returned unchanged."""
+        """Return a device wrapped in its checks; a wrapped device is returned unchanged."""
         return device if isinstance(device, cls) else cls(device)
 
     @property
@@ -118,7 +118,7 @@ class CheckedCamera(_Checked[CameraDevice]):
 
     @cached_property
     def bit_depth(self) -> int:
-        """Bits per sample."""
+        """Number of bits per sample."""
         bits = self._ask("bit_depth")
         if not _whole(bits, 1) or bits > 16:
             raise self._wrong("bit_depth", "1 to 16", bits)
@@ -158,7 +158,7 @@ class CheckedCamera(_Checked[CameraDevice]):
 
     @property
     def optics(self) -> str:
-        """How the simulator computes its light; empty for a real camera."""
+        """Name of the way in which the simulator computes its light; empty for a real camera."""
         return self.device.optics if isinstance(self.device, Rendered) else ""
 
     def grab(self, timeout_s: float, cancelled: Callable[[], bool] = never) -> Frame | None:

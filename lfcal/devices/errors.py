@@ -25,7 +25,7 @@ class DeviceError(LfcalError):
 
 
 class DeviceMissing(DeviceError):
-    """A backend or a device is missing; the message says what to install or switch on."""
+    """A backend or a device is missing; the message states what to install or switch on."""
 
 
 class DeviceLost(DeviceError):
@@ -45,7 +45,7 @@ class IncompleteFrame(CameraError):
 
 
 class StaleFrame(CameraError):
-    """A frame was exposed before the source had arrived."""
+    """A frame was exposed before the source had arrived at its position."""
 
 
 class WrongFrame(CameraError):
@@ -65,7 +65,7 @@ class LimitError(StageError, InputError):
 
 
 class driver_errors:
-    """Context that converts any other error of a driver to a `DeviceError` with the name of ``device``.
+    """Context that converts all other errors of a driver to a `DeviceError` with the name of ``device``.
 
     Drivers raise errors of their libraries: RuntimeError, or an OSError of the USB bus. An OSError, or a StorageError
     of a device that works with files, would otherwise be mistaken for an error of the recording's disk.

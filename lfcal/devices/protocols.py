@@ -1,8 +1,8 @@
 """Protocols that cameras, stages, lights, gauges and clocks must implement.
 
-Lengths are µm, times s. Stage coordinates are ``(x, y, z)``; image coordinates ``(row, column)``. A call that fails
-raises one of `lfcal.devices.errors`, whose class says whether to try again. Any other exception ends the session in an
-orderly way, and is reported as an error of the device.
+Lengths are in µm, times in s. Stage coordinates are ``(x, y, z)``, image coordinates ``(row, column)``. A call that
+fails raises one of `lfcal.devices.errors`, whose class states whether to try again. Any other exception ends the
+session in an orderly way, and is reported as an error of the device.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Roi:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Number of rows and of columns (pixels)."""
         return self.rows, self.columns
 
     def within(self, other: Roi) -> tuple[slice, slice]:
@@ -102,9 +102,9 @@ class Frame:
     Attributes
     ----------
     data
-        ``(rows, columns)`` of the region of interest, a buffer that the device no longer writes to.
+        Samples ``(rows, columns)`` of the region of interest, in a buffer that the device no longer writes to.
     number
-        Number of the exposure, counted by the device or the backend; increases with every exposure.
+        Number of the exposure, counted by the device or the backend, which increases with every exposure.
     exposure_s
         Exposure time reported by the device (s).
     started_s
@@ -136,9 +136,9 @@ class CameraDevice(Protocol):
     """A camera that exposes on request.
 
     A camera that can change samples automatically (exposure, gain, black level, gamma) has a further method,
-    ``fixed_settings()``. It returns a mapping of the settings' names to `Setting`: the value that leaves samples
-    proportional to light, such as ``"Off"``, and the one read back, both texts. The first is None for a setting that is
-    only recorded, such as the gain. The driver switches them off when the camera is opened.
+    ``fixed_settings()``. It maps the name of each such setting to a `Setting` of two texts: the value at which samples
+    are proportional to light, such as ``"Off"``, and the value read back. The first is None for a setting that is only
+    recorded, such as the gain. The driver switches the automatic functions off when the camera is opened.
     """
 
     @property
@@ -153,12 +153,12 @@ class CameraDevice(Protocol):
 
     @property
     def bit_depth(self) -> int:
-        """Bits per sample; samples are uint8 or uint16, at most `max_value`."""
+        """Number of bits per sample; samples are uint8 or uint16, at most `max_value`."""
         ...
 
     @property
     def max_value(self) -> int:
-        """Sample value of a saturated pixel (4095 for 12 bits, not the end of the sample type)."""
+        """Sample value of a saturated pixel, such as 4095 for 12 bits, even if the sample type has more bits."""
         ...
 
     def set_exposure(self, seconds: float) -> Setting[float]:
@@ -170,11 +170,14 @@ class CameraDevice(Protocol):
         ...
 
     def grab(self, timeout_s: float) -> Frame:
-        """Return a frame whose exposure started after this call: trigger, or flush and wait.
+        """Return a frame whose exposure started after this call: either trigger it, or discard older frames and wait.
 
         Raises
         ------
-        FrameTimeout, DeviceLost
+        FrameTimeout
+            If no frame arrives within ``timeout_s`` (s).
+        DeviceLost
+            If the camera no longer answers.
         """
         ...
 
@@ -233,7 +236,7 @@ class Light(Protocol):
 
 @runtime_checkable
 class Gauge(Protocol):
-    """A sensor of the conditions in the lab: a thermometer, a photodiode at the lamp."""
+    """A sensor of the conditions in the lab, such as a thermometer or a photodiode at the lamp."""
 
     @property
     def name(self) -> str:
@@ -246,7 +249,7 @@ class Gauge(Protocol):
         ...
 
     def read(self) -> float:
-        """Return the present reading."""
+        """Return the current reading."""
         ...
 
 
@@ -314,7 +317,7 @@ class SystemTime:
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Sleep."""
+        """Wait for ``seconds`` with `time.sleep`."""
         time.sleep(max(0.0, seconds))
 
     def wall(self) -> float:

@@ -1,4 +1,4 @@
-"""Find device backends by name, report why some are unavailable, and parse their text options."""
+"""Device backends by name, the reasons why some are unavailable, and their options as text."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ GROUP = "lfcal.devices"
 
 @runtime_checkable
 class Backend(Protocol):
-    """A way to access devices.
+    """Protocol of a way to access devices, such as a driver library.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Backend(Protocol):
     options
         Name and one-line meaning of each option of `open`.
     has_stage
-        Whether it includes a stage; others use that of another backend.
+        Whether the backend includes a stage; otherwise the stage of another backend is used.
     """
 
     name: str
@@ -140,7 +140,7 @@ def _probed(backend: Backend) -> BackendStatus:
 def open_rig(
     plan: ScanPlan, backend: str | Backend, options: Mapping[str, str] | None = None, *, stage: str = ""
 ) -> Rig:
-    """Return the devices of ``backend`` (or its name), with the stage of backend ``stage`` if that is given.
+    """Return the devices of ``backend``, with the stage of the backend named ``stage`` if one is given.
 
     Options of the stage's backend are given with its name in front: ``micromanager.config=…``.
 

@@ -17,7 +17,7 @@ __all__ = ["FileGauge", "Rig"]
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera, a stage, and a light if it can be switched; as a context manager, it closes them at the end.
+    """A camera, a stage, and a light if it can be switched; as a context manager, the rig closes them at its end.
 
     Every call of camera, stage and light has a time limit, and every answer is checked; see `lfcal.devices.checked`.
     ``others`` are devices that were opened together with these and are closed with them. ``gauges`` measure the
@@ -85,12 +85,12 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 class FileGauge:
-    """Gauge that reads the last number in a text file, to which a logger appends.
+    """Gauge that reads the last number in a text file to which a logger appends.
 
     Parameters
     ----------
     path
-        The file; from a line such as ``2026-05-04 12:00:03, 21.37``, the last number is used.
+        The file; in a line such as ``2026-05-04 12:00:03, 21.37``, the last number is used.
     """
 
     unit = ""

@@ -88,7 +88,7 @@ def pair(
 ) -> Pair:
     """Return the common parts of two H.
 
-    Planes are matched by their depths, and positions by their position on the sensor if both state a camera.
+    Planes are matched by their depths. Positions are matched by where they are on the sensor, if both H state a camera.
 
     Parameters
     ----------

@@ -19,14 +19,14 @@ __all__ = ["Acquisition", "acquire_light_field", "iter_acquire_light_field"]
 
 @dataclass(frozen=True, eq=False)
 class Acquisition:
-    """Recording of a scene with one modulator.
+    """Simulated recording of a scene with one modulator.
 
     Attributes
     ----------
     modulator
         The modulator.
     frame
-        Recorded frame with noise; unmodulated light is 1.
+        Recorded frame ``(rows, columns)`` with noise, in units of the unmodulated light.
     views
         Demultiplexed samples ``(N, rows, columns)``, one per super-pixel.
     clean
@@ -36,7 +36,7 @@ class Acquisition:
     noise
         Rms of ``views - clean``.
     error
-        Rms of ``views - truth``: noise and lost resolution.
+        Rms of ``views - truth``, due to noise and lost resolution.
 
     Examples
     --------

@@ -64,7 +64,7 @@ class DisplayFit:
 
     @property
     def words(self) -> str:
-        """One-line verdict with the required pitch."""
+        """One-line verdict that states the required pitch."""
         told = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"
@@ -85,8 +85,8 @@ def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
     Parameters
     ----------
     step_um
-        Step in the object plane that moves the image by one sensor pixel, pitch over magnification
-        (`lfcal.camera.Camera.step_um` of the plane's depth).
+        Step in the object plane that moves the image by one sensor pixel (µm): pixel pitch divided by magnification
+        (`lfcal.camera.Camera.step_um` at the depth of the plane).
     pixel_um
         Pitch of the display's pixels, as they appear in that plane (µm).
 
@@ -125,10 +125,9 @@ def display_frames(
     Parameters
     ----------
     code
-        Brightness of each point in each frame, ``(frames, points)``, 0 … 1.
-    places
-        Positions (y, x) of the points ``(points, 2)``, in steps of one sensor pixel in the image. The block of points
-        is centred on the display.
+        Brightness of each point in each frame, ``(frames, points)``, between 0 and 1. places Positions (y, x) of the
+        points ``(points, 2)``, in steps of one sensor pixel in the image. The block of points is centred on the
+        display.
     fit
         Fit of the display (`display_fit`); each point is one display pixel.
     shape
@@ -188,14 +187,14 @@ def _corners(length: int, size: int, step: int) -> range:
 
 
 def code_files(folder: Path, frames: int) -> list[Path]:
-    """Return the files that `save_code` writes into ``folder``."""
+    """Return the paths of the files that `save_code` writes into ``folder``."""
     return [*(folder / f"code_{k:03d}.png" for k in range(frames)), folder / "code.npy"]
 
 
 def save_code(folder: Path, code: NDArray[Any], places: ArrayLike, fit: DisplayFit, **how: Any) -> list[Path]:
-    """Write the display image of each frame and the code ``(frames, points)``; return the files.
+    """Write the display image of each frame and the code ``(frames, points)``; return the paths.
 
-    ``how`` contains ``shape`` and ``repeat`` of `display_frames`.
+    ``how`` are the arguments ``shape`` and ``repeat`` of `display_frames`.
     """
     files = code_files(folder, len(code))
     folder.mkdir(parents=True, exist_ok=True)

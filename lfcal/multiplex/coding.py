@@ -167,7 +167,7 @@ LEAST_SIGNAL_E = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class CodingNumbers:
-    """Gain of a code compared with one point at a time in as many frames (dB, 10 log10 of deviations).
+    """Gain of a code over one point at a time in the same number of frames (dB, 10 log10 of standard deviations).
 
     Attributes
     ----------
@@ -193,14 +193,14 @@ class CodingNumbers:
 
 @dataclass(frozen=True, eq=False)
 class CodingGain:
-    """Gain of each entry of the patterns by a code.
+    """Gain due to a code in each entry of the patterns.
 
     Attributes
     ----------
     frames, points
         Number of frames and of points of the code.
     signal_e
-        Electrons of the brightest entry of a single point's frame, at equal time.
+        Electrons of the brightest entry in the frame of a single point, at equal exposure.
     time_db, full_well_db
         Gain of each entry ``(points, rows, columns)`` at equal exposure and at equally full pixels.
     time, full_well
@@ -229,8 +229,8 @@ class CodingVerdict:
     gain
         Gains of the code.
     break_even_e
-        Electrons of a single point's brightest entry up to which coding is better at equal time: 0 if never, infinity
-        if even with a full pixel.
+        Electrons of a single point's brightest entry up to which coding is better at equal exposure; 0 if it never is,
+        infinity if it is even with a full pixel.
     """
 
     pays: bool
@@ -248,7 +248,7 @@ class CodingVerdict:
 
     @property
     def frames_words(self) -> str:
-        """Sentence on whether showing several frames together is better, up to how much light, and why."""
+        """Sentence on whether showing several frames together is better, up to which light level, and why."""
         gain, does = self.gain, "pays" if self.pays else "does not pay"
         return (
             f"showing {gain.points} frames together, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
@@ -257,7 +257,7 @@ class CodingVerdict:
 
     @property
     def range_words(self) -> str:
-        """Sentence on the light up to which coding is better at equal time, and why."""
+        """Sentence on the light level up to which coding is better at equal exposure, and why."""
         if self.break_even_e == 0:
             return "never pays for this pattern and sensor: photon noise of bright cores is spread over dark entries"
         if math.isinf(self.break_even_e):
@@ -287,7 +287,7 @@ def overlapping_patterns(
     Parameters
     ----------
     plane
-        One plane of H ``(ny, nx, nt, ns)``; it repeats beyond its period.
+        One plane of H ``(ny, nx, nt, ns)``, which is repeated beyond its period.
     points
         Number of points, in a block that is as square as possible, by rows.
     step
@@ -331,7 +331,7 @@ def overlapping_patterns(
 
 
 def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, signal_e: float) -> CodingGain:
-    """Return the gain of each entry by a code, compared with single points in the same number of frames.
+    """Return the gain of each entry due to a code, compared with single points in the same number of frames.
 
     Each single point is repeated (frames over points) times, so that both methods take the same number of frames. The
     fixed pattern of the response (PRNU) is the same in all frames and therefore does not affect the gain.
@@ -386,9 +386,9 @@ def coding_pays(
 ) -> CodingVerdict:
     """Return whether lighting several points together is better for these patterns and this sensor.
 
-    It is better if the rms error of all entries is smaller than with one point at a time in as many frames. This is so
-    if additive noise dominates, thus for weak sources. With many photons, coding spreads the noise of bright cores
-    over dark entries.
+    It is better if the rms error of all entries is smaller than with one point at a time in the same number of frames.
+    This is so if additive noise dominates, that is, for weak sources. With many photons, coding spreads the noise of
+    bright cores over dark entries.
 
     Parameters
     ----------
@@ -399,8 +399,8 @@ def coding_pays(
     signal_e
         Electrons of the brightest entry of a single point in one frame; the full well by default.
     limit
-        ``"time"``: equal exposures; coded frames are shortened only if they would saturate. ``"full well"``: both are
-        exposed until the brightest pixel is full.
+        ``"time"``: equal exposures; those of coded frames are shortened only if they would saturate. ``"full well"``:
+        both are exposed until the brightest pixel is full.
 
     Examples
     --------
@@ -455,9 +455,9 @@ def measured_coding_gain(
     Parameters
     ----------
     patterns, code, noise, signal_e, limit
-        As in `coding_gain` and `coding_pays`; the frames of the code must be a multiple of the points.
+        As in `coding_gain` and `coding_pays`; the number of frames must be a multiple of the number of points.
     trials
-        Number of simulated series of frames, with the code and without.
+        Number of simulated series of frames, each with and without the code.
     rng
         Random generator for the noise.
 

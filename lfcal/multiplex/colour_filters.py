@@ -85,7 +85,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
 def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -> Modulator:
     """Return the modulator of a colour filter array over red, green and blue (Ihrke et al., section 4.1).
 
-    Sigma has one column per kind of filter, with 1 at its places. Pi contains the filters' transmissions.
+    Sigma has one column for each kind of filter, which is 1 at its pixels. Pi contains the filters' transmissions.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class ColourReading:
 
 
 def read_planes(path: Path, reading: ColourReading) -> Planes:
-    """Read the colours of a frame minus its dark frame, ``(rows, columns)`` each; "" is the plane of a grey frame.
+    """Return the colours of a frame minus its dark frame, ``(rows, columns)`` each; a grey frame has the colour "".
 
     Frame and dark frame are files, or folders whose frames are averaged.
     """
@@ -73,7 +73,7 @@ def _plane(path: Path, dark: Path | None, colour: str | None) -> NDArray[np.floa
 
 
 def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) -> NDArray[Any]:
-    """Return a dark frame, or the mean of a folder of them, for frames of this shape."""
+    """Return a dark frame, or the mean of those in a folder, for frames of ``shape``."""
     from lfcal.frames.corrections import read_average
 
     level = read_average(dark, colour=colour)
@@ -106,7 +106,7 @@ def mean_plane(planes: Planes) -> NDArray[np.float32]:
 
 
 def read_white(path: Path, dark: Path | None, channel: str = "", cfa: str = "") -> NDArray[np.float32]:
-    """Read a white image minus its dark frame: grey, one colour, or the mean of a mosaic's colours."""
+    """Return a white image minus its dark frame: its grey values, one colour, or the mean of a mosaic's colours."""
     check_choice("channel", channel, ("", *COLOURS))
     try:
         return mean_plane(read_planes(path, ColourReading(channel, cfa, dark, None)))

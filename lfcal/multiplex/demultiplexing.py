@@ -41,8 +41,8 @@ def demultiplex(
     Parameters
     ----------
     frame
-        Frame ``(rows, columns)``, background subtracted. If it does not end with a whole super-pixel, the pixels of
-        the previous super-pixel continue it.
+        Frame ``(rows, columns)`` after background subtraction. If it ends within a super-pixel, it is continued with
+        the pixels of the previous super-pixel.
     modulator
         Modulator of the frame, see `lfcal.multiplex.colour_filters` and `lfcal.multiplex.masks`.
     route
@@ -140,7 +140,7 @@ def demultiplex_weighted(
 ) -> WeightedSamples:
     """Return the samples of a frame and their standard deviation by weighted least squares, theorem 1 with noise.
 
-    Non-finite pixels must have weight 0. The other arguments are those of `demultiplex`.
+    Pixels that are not finite must have weight 0. The other arguments are those of `demultiplex`.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
 
 
 def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
-    """Return ``frame`` as an array of uint16, float32 or float64 of at least one super-pixel, or raise."""
+    """Return ``frame`` as uint16, float32 or float64; raise `InputError` if it is smaller than a super-pixel."""
     image = np.asarray(frame)
     if image.ndim != 2 or image.dtype.kind not in "uif":
         raise InputError.expected(
@@ -250,8 +250,8 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
     Parameters
     ----------
     samples
-        Plenoptic samples at every pixel ``(N, rows, columns)``. A lenslet gives each pixel behind it the mean over
-        its area.
+        Plenoptic samples at every pixel ``(N, rows, columns)``. Each pixel behind a lenslet receives the mean over the
+        lenslet's area.
     modulator
         Modulator, whose super-pixels begin at the first pixel.
 
@@ -299,7 +299,7 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
 
 
 def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
-    """Reshape `demultiplex`'s result to ``(views down, views across, colours, rows, columns)`` without a copy.
+    """Return the result of `demultiplex` as ``(views down, views across, colours, rows, columns)``, without a copy.
 
     Examples
     --------

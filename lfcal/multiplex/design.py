@@ -116,8 +116,8 @@ def best_array(
     letters
         Filters to choose from (`lfcal.multiplex.colour_filters.FILTERS`).
     crosstalk
-        Fraction of the light that pixels lose to their neighbours (`with_crosstalk`); the places of filters then
-        matter.
+        Fraction of the light that pixels lose to their neighbours (`with_crosstalk`); the arrangement of filters then
+        matters.
     most_kinds
         Largest number of kinds of filters; each needs a step of lithography.
     least_light

@@ -79,7 +79,7 @@ def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> Non
 
 
 def save_gain_map(found: GainMap, path: Path) -> None:
-    """Write the gain of each sample over chi^2 as a picture; the middle of the colour scale is no gain."""
+    """Write an image of the gain of each sample over chi^2; the middle of the colour scale means no gain."""
     gains = np.where(np.isfinite(found.gains), found.gains, np.nan)
     low, high = (math.log10(v) for v in (float(found.chi2[0]), float(found.chi2[-1])))
     with figure(7.0, 4.4) as fig:
@@ -230,8 +230,8 @@ Image = NDArray[Any]
 def colour_picture(samples: ArrayLike, *, top: float | None = None, gains: Sequence[float] = (1, 1, 1)) -> Image:
     """Return three colour samples ``(3, rows, columns)`` as float ``(rows, columns, 3)`` in 0 … 1 for display.
 
-    ``top`` is shown as white (by default the 99.8th percentile), ``gains`` balance the colours first; values are
-    displayed with a gamma of 1/2.2.
+    The colours are first multiplied by ``gains``. ``top`` is shown as white; by default it is the 99.8th percentile.
+    Values are encoded with a gamma of 1/2.2.
     """
     light = np.asarray(samples, float) * np.asarray(gains, float)[:, None, None]
     # a percentile, so that single hot pixels do not darken everything else
@@ -253,7 +253,7 @@ def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
 
 
 def log_spectrum(frame: ArrayLike) -> Image:
-    """Return the logarithm (base 10) of a frame's spectrum over its mean, zero frequency in the middle."""
+    """Return log10 of a frame's spectrum relative to its mean, with zero frequency in the middle."""
     image = np.asarray(frame, float)
     # a window, because the frame's edges would draw a bright cross through the spectrum
     window = np.hanning(image.shape[0])[:, None] * np.hanning(image.shape[1])
@@ -277,9 +277,9 @@ def save_colour_routes(
     Parameters
     ----------
     frame, modulator
-        A mosaic, background subtracted, and its colour filter array.
+        A mosaic ``(rows, columns)`` after background subtraction, and its colour filter array.
     path
-        PNG or another format by suffix.
+        File to write; its suffix determines the format.
     zoom
         Rows and columns that are magnified.
     others
@@ -353,7 +353,7 @@ SIGNALS = 25
 def save_coding(
     gain: CodingGain, patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, path: str | os.PathLike[str]
 ) -> None:
-    """Write a picture of a code's gain for each entry of the middle point, and over the light of a point."""
+    """Write a plot of a code's gain for each entry of the middle point, and as a function of the light of a point."""
     light = np.asarray(patterns, float)
     middle = len(light) // 2
     with figure(12.0, 6.8) as fig:

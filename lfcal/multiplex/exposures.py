@@ -17,16 +17,16 @@ Array = NDArray[np.float64]
 
 
 def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
-    """Return a modulator with different exposures of its pixels: one sample, the radiance, times each pixel's share.
+    """Return a modulator whose pixels have different exposures: each measures a fraction of one sample, the radiance.
 
-    Assorted pixels are used for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The shares
-    are those of neutral-density filters or exposure times, relative to the longest. Saturated pixels measure nothing:
-    give `demultiplex` the weights of `lfcal.multiplex.pixel_weights`.
+    Assorted pixels are used for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The
+    fractions are the transmissions of neutral-density filters, or exposure times relative to the longest. Saturated
+    pixels measure nothing: pass the weights of `lfcal.multiplex.pixel_weights` to `demultiplex`.
 
     Parameters
     ----------
     transmissions
-        Shares ``(rows, columns)`` of the light in 0 … 1, over one super-pixel.
+        Fraction of the light that each pixel of a super-pixel receives, ``(rows, columns)``, 0 … 1.
     name
         Name in tables and plots.
 
@@ -45,7 +45,7 @@ def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
 
 
 def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Modulator:
-    """Return a modulator of pixels open at different moments of an exposure; samples are the light in each moment.
+    """Return a modulator whose pixels are open at different moments of an exposure; each moment is a sample.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
 def camera_array(rows: int, columns: int) -> Modulator:
     """Return an array of cameras with one view each as a modulator; combine their frames with `interleave`.
 
-    Filters, shutters or polarizers of the single cameras are a factor of the same super-pixel. Use ``camera_array(2,
-    2) * ...`` for every view in every colour, or only the modulator of the colours if all cameras see the same view (a
-    distant scene).
+    Filters, shutters or polarisers of the single cameras are a second factor with the same super-pixel. Use
+    ``camera_array(2, 2) * ...`` to recover every view in every colour. Use only the modulator of the colours if all
+    cameras see the same view, as for a distant scene.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def camera_array(rows: int, columns: int) -> Modulator:
 def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np.float32] | Array:
     """Combine frames of several cameras (or moments) into one mosaic ``(rows * side[0], columns * side[1])``.
 
-    Frame k gives pixel k, by rows, of every super-pixel, so that an array of cameras is treated like super-pixels.
+    Frame k becomes pixel k, by rows, of every super-pixel, so that an array of cameras is treated like super-pixels.
 
     Raises
     ------

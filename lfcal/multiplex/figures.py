@@ -1,4 +1,4 @@
-"""Figures 3, 5, 6 and 7 of the paper and pictures of modulators, as files in a folder."""
+"""Figures 3, 5, 6 and 7 of the paper, and plots of modulators, as files in a folder."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SIDE = 11
 
 
 def figure_files(folder: Path) -> list[Path]:
-    """Return the files that `iter_paper_figures` writes."""
+    """Return the paths of the files that `iter_paper_figures` writes."""
     modulators = (f"modulator_{name.replace(':', '').replace('*', '_')}" for name in PICTURED)
     return [folder / f"{name}.png" for name in ("figure3", "figure5", "figure6", "figure7", *modulators)]
 

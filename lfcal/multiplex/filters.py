@@ -32,9 +32,9 @@ _TAPS = {"nearest": 1, "linear": 2, "cubic": 4, "lanczos": 6}
 
 
 def kernel(name: str, x: Array) -> Array:
-    """Return the filter's value at distances ``x`` in samples of a channel.
+    """Return the value of filter ``name`` at distances ``x`` (samples of a channel).
 
-    ``cubic`` is Keys' kernel with a = -1/2, ``lanczos`` has three lobes on each side.
+    ``cubic`` is Keys' kernel with a = -1/2; ``lanczos`` has three lobes on each side.
     """
     check_choice("filter", name, tuple(_TAPS))
     d = np.abs(np.asarray(x, float))
@@ -52,15 +52,15 @@ def kernel(name: str, x: Array) -> Array:
 def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDArray[np.intp], Array]:
     """Return first taps and weights along one axis for output sample n of channel row a.
 
-    Output sample n is at (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. One sample per
-    pixel is therefore on the pixels, and a single one in the middle.
+    Output sample n is at (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. With one sample
+    per pixel, samples are therefore at the pixels' centres; a single sample is in the middle of the super-pixel.
 
     Parameters
     ----------
     name
         One of the filters with few taps.
     side
-        Pixels of the super-pixel along the axis.
+        Number of pixels of the super-pixel along the axis.
     positions
         Position at which each row of the super-pixel samples the light ``(side,)`` (pixels).
     samples

@@ -1,10 +1,10 @@
-"""The general route: any modulator m(x, p), periodic or not, separable or not, by regularised least squares.
+"""The general route: regularised least squares for any modulator m(x, p), periodic or not, separable or not.
 
-If every pixel has different transmissions, no measurement channel can be interpolated, and super-pixels share no
-decorrelation. The samples are then computed on a separate grid, linear between its nodes, from all pixels together.
-Conjugate gradients minimize sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration takes about 14
-multiply-adds per pixel and sample (`GeneralModel.operations`), while the routes for super-pixels take one pass.
-Usually 20 to 200 iterations are needed.
+If every pixel has different transmissions, no measurement channel can be interpolated, and super-pixels have no common
+decorrelation. The samples are then computed from all pixels together, on a separate grid with linear interpolation
+between its nodes. Conjugate gradients minimize sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration
+takes about 14 multiply-adds per pixel and sample (`GeneralModel.operations`), while the routes for super-pixels take
+one pass. Usually 20 to 200 iterations are needed.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class GeneralModel:
 
     @property
     def operations(self) -> int:
-        """Multiply-adds of one iteration: one forward and one adjoint."""
+        """Number of multiply-adds of one iteration, which consists of one `forward` and one `adjoint`."""
         (n, ny, nx), (rows, columns) = self.grid, self.shape
         return int(2 * n * (2 * rows * nx + 2 * rows * columns + rows * columns) + 4 * n * ny * nx)
 
@@ -115,7 +115,7 @@ def iter_demultiplex_generally(
     Parameters
     ----------
     frame
-        Frame ``(rows, columns)``, background subtracted.
+        Frame ``(rows, columns)`` after background subtraction.
     transmissions
         Response of each pixel to each sample ``(N, rows, columns)``; or a modulator, repeated over the frame.
     spacing

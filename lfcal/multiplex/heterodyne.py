@@ -1,9 +1,9 @@
-"""Apply both routes to a real lattice: super-pixels of any pitch, rotated and sheared, without resampling the frame.
+"""Both routes for a real lattice: super-pixels of any pitch, rotated and sheared, without resampling the frame.
 
-With reciprocal vectors g of the lattice (cycles per pixel) a frame behind a periodic modulator is ``i(x) = sum_k
-exp(2 pi i g_k x) c_k(x)`` (equations 5 to 7). Theorem 2 crops each ``c_k`` from the spectrum about ``g_k`` and brings
-it to zero frequency; theorem 1 samples the frame at each pixel of the super-pixels, wherever that lies between the
-sensor's, and interpolates. With a sinc both are the same wherever the frame holds nothing between the tiles.
+With reciprocal vectors g of the lattice (cycles per pixel) a frame behind a periodic modulator is ``i(x) = sum_k exp(2
+pi i g_k x) c_k(x)`` (equations 5 to 7). Theorem 2 crops each ``c_k`` from the spectrum about ``g_k`` and brings it to
+zero frequency; theorem 1 samples the frame at each pixel of the super-pixels, which may be between those of the
+sensor, and interpolates. With a sinc filter, both are equal if the frame has no content between the tiles.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def lattice_transmissions(
     lattice
         Positions of the super-pixels; the middle of each is a centre of the lattice.
     modulator
-        Its values are at equal steps of the lattice's vectors.
+        Modulator whose values are at equal steps along the lattice's vectors.
     profile
         ``"cells"``: a mask of uniform cells, averaged over the area of each pixel (to 1/64 of it), so that values stay
         within those of the mask. ``"sinusoids"``: the trigonometric polynomial through the values, as in optical
@@ -127,7 +127,7 @@ def _waves(place: Array, n: int) -> Complex:
 
 
 def sample_places(grid: ViewGrid) -> Array:
-    """Return the place (row, column) of each sample of a view, ``(rows * columns, 2)`` (pixels)."""
+    """Return the position (row, column) of each sample of a view on the frame, ``(rows * columns, 2)`` (pixels)."""
     down = np.array([math.cos(grid.rotation_rad), -math.sin(grid.rotation_rad)])
     along = np.array([math.sin(grid.rotation_rad), math.cos(grid.rotation_rad)])
     i, j = np.indices(grid.shape)
@@ -136,7 +136,7 @@ def sample_places(grid: ViewGrid) -> Array:
 
 
 def is_straight(lattice: MicroImageLattice) -> bool:
-    """Return whether the centres of a lattice are in straight rows, as both routes with waves assume."""
+    """Return whether the centres of a lattice are in straight rows, as both Fourier-based routes assume."""
     origin, along, across = _steps(lattice)
     far = lattice.centres_px(20, 20)
     return bool(np.abs(origin + 20 * (along + across) - far).max() <= MOST_BENT_PX)
@@ -157,10 +157,11 @@ def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
 def lattice_by_spectrum(
     frame: NDArray[Any], lattice: MicroImageLattice, modulator: Modulator, places: Array, rcond: float | None = None
 ) -> Array:
-    """Return the samples ``(N, n)`` at places (row, column) by theorem 2: tiles about each g_k, then decorrelation.
+    """Return the samples ``(N, n)`` at ``places`` by theorem 2: tiles about each g_k, then decorrelation.
 
-    It takes one transform of the frame and one per pixel of the super-pixel. Frames are assumed to be periodic, so
-    samples within two super-pixels of the border depend on the opposite border.
+    ``places`` ``(n, 2)`` are positions (row, column) on the frame. One transform of the frame is needed, and one for
+    each pixel of the super-pixel. Frames are assumed to be periodic, so samples within two super-pixels of the border
+    depend on the opposite border.
     """
     from scipy import fft
 
@@ -225,7 +226,7 @@ def _interpolated(image: Complex, places: Array) -> Complex:
 def lattice_by_sinc(
     frame: NDArray[Any], lattice: MicroImageLattice, modulator: Modulator, places: Array, rcond: float | None = None
 ) -> Array:
-    """Return the samples ``(N, n)`` at places (row, column) by theorem 1 with a sinc.
+    """Return the samples ``(N, n)`` at positions ``places`` ``(n, 2)`` (row, column) by theorem 1 with a sinc filter.
 
     The frame is evaluated at each pixel of the super-pixels, between those of the sensor, by its trigonometric
     polynomial. Each channel is interpolated to the places by the waves of the lattice's cell, and decorrelated there.
@@ -234,7 +235,7 @@ def lattice_by_sinc(
     Raises
     ------
     InputError
-        If the frame has more super-pixels than that.
+        If the frame has more super-pixels.
     """
     image = np.asarray(frame, float)
     origin, along, across = _vectors(lattice)

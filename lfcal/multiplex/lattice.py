@@ -1,9 +1,9 @@
 """Super-pixels of any pitch and angle: light fields behind a real lenslet lattice or mask.
 
-A channel of a sample is interpolated linearly between pixels and between super-pixels. Each pixel counts by its share
-h and its weight w: ``c = sum h w f / sum h w``. If none of its pixels has weight, those of the same channel within two
-super-pixels are used. Decorrelation is weighted least squares. Its noise is computed from the pixels, because
-neighbouring channels may share some.
+A channel of a sample is interpolated linearly between pixels and between super-pixels. Each pixel contributes with its
+interpolation coefficient h and its weight w: ``c = sum h w f / sum h w``. If none of its pixels has weight, those of
+the same channel within two super-pixels are used. Decorrelation is weighted least squares. Its noise is computed from
+the pixels, because neighbouring channels may share some.
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ def lattice_channels(
     Parameters
     ----------
     frame
-        Frame ``(rows, columns)``, background subtracted.
+        Frame ``(rows, columns)`` after background subtraction.
     lattice
         Positions of the super-pixels: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or
         `lfcal.lattice.lattice_of` a camera. Pitch and angle need not fit the pixels, and the lattice need not be
@@ -286,7 +286,7 @@ def lattice_channels_weighted(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> WeightedSamples:
-    """Return measurement channels ``(size, size, rows, columns)`` from pixels with weight.
+    """Return measurement channels ``(size, size, rows, columns)`` from weighted pixels, and their standard deviations.
 
     Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If no pixel of a channel
     has weight, those of the super-pixels within two rows and columns are used.
@@ -294,9 +294,8 @@ def lattice_channels_weighted(
     Parameters
     ----------
     weights
-        Inverse variances ``(rows, columns)``, 0 where nothing was measured; the frame may have any value there.
-    frame, lattice, size, spacing_px, axes
-        As in `lattice_channels`.
+        Inverse variances of the pixels ``(rows, columns)``; 0 where nothing was measured, and where the frame may have
+        any value. frame, lattice, size, spacing_px, axes As in `lattice_channels`.
 
     Returns
     -------
@@ -414,7 +413,7 @@ def demultiplex_lattice(
         the tiles. It takes one transform of the frame for each pixel of a super-pixel.
     filter
         Filter of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, where the channels of a
-        super-pixel count as recorded at its centre. Or ``"sinc"`` between super-pixels, with each channel at its
+        super-pixel count as recorded at its centre. ``"sinc"``: between super-pixels, with each channel at its actual
         position (`lfcal.multiplex.heterodyne`).
     rcond
         Singular values up to this fraction of the largest count as zero.
@@ -475,17 +474,17 @@ def demultiplex_lattice_weighted(
     axes: str = "lattice",
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the views ``(N, rows, columns)`` behind a real lattice, and their deviation, by weighted least squares.
+    """Return the views ``(N, rows, columns)`` behind a real lattice, and their deviations, by weighted least squares.
 
     Channels are computed as in `lattice_channels_weighted` and decorrelated with the resulting weights (theorem 1 with
-    noise). The deviation includes that neighbouring channels share pixels if the pitch is not a whole number.
+    noise). The standard deviations take into account that neighbouring channels share pixels if the pitch is not a
+    whole number.
 
     Parameters
     ----------
     weights
-        Inverse variances ``(rows, columns)``, 0 where nothing was measured; the frame may have any value there.
-    frame, lattice, modulator, axes, rcond
-        As in `demultiplex_lattice`.
+        Inverse variances of the pixels ``(rows, columns)``; 0 where nothing was measured, and where the frame may have
+        any value. frame, lattice, modulator, axes, rcond As in `demultiplex_lattice`.
 
     Raises
     ------

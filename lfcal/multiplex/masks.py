@@ -144,11 +144,12 @@ def dirichlet_minimum(p: int) -> float:
 def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float = 0.0, name: str = "mask") -> Modulator:
     """Return the modulator of a periodic mask in front of the sensor, i(x) = sum_v l(x, v) m(x - s v) (equation 9).
 
-    The mask consists of cells of one pixel. A transmission is the mean of the shadow over the pixel and over the
-    directions of the view. It therefore stays within the mask's values, and each view's light through a whole
-    super-pixel is that through the mask for any shift. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of
-    a moved cell for a pixel and a view: exp(-2 pi i s v w), the Fourier basis for s = 1, for whole shifts and views
-    without extent. With s = 0 (mask on the sensor), all views pass the same mask and only their sum can be recovered.
+    The mask consists of cells of one pixel. The transmission of a pixel for a view is the mean of the shadow over the
+    pixel and over the directions of the view. It is therefore within the mask's values, and the light of each view
+    over a whole super-pixel equals that through the mask, for any shift. Sigma = F^-1 M-hat, and Pi^T contains the
+    Fourier transform of a moved cell for a pixel and a view: exp(-2 pi i s v w), the Fourier basis for s = 1, for
+    whole shifts and views without extent. With s = 0 (mask on the sensor), all views pass the same mask and only their
+    sum can be recovered.
 
     Parameters
     ----------
@@ -157,8 +158,8 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     shift_px
         Shift s of the mask's shadow from one view to the next (pixels, `shadow_shift_px`).
     view_width
-        Extent of a view, relative to the step between views, 0 … 1. 0: a single direction, as in the paper's sum. 1:
-        adjacent views without gaps, as behind a full aperture, whose shadows are blurred by s pixels.
+        Extent of a view, relative to the step between views, 0 … 1. 0: a single direction, as in the sum of equation
+        9. 1: adjacent views without gaps, as behind a full aperture, whose shadows are blurred by s pixels.
     name
         Name in tables and plots.
 
@@ -243,7 +244,7 @@ def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> fl
     Parameters
     ----------
     distance_um
-        Distance z of mask and sensor (µm).
+        Distance z between mask and sensor (µm).
     view_step
         Step dv between views (tangent of the angle).
     pixel_um
@@ -266,7 +267,7 @@ MAX_EXHAUSTIVE = 4
 
 
 def noise_shares(chi2: float) -> tuple[float, float]:
-    """Return the fractions of additive and of photon noise at ``chi2``, 0 … inf."""
+    """Return the fractions of the variance due to additive and to photon noise at ``chi2``, 0 … inf."""
     if not chi2 >= 0:
         raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
     additive = 1.0 / (1.0 + chi2)
@@ -320,7 +321,7 @@ def mask_gain_bound(size: int, chi2: float) -> float:
 
 
 def best_binary_mask(size: int, chi2: float) -> Array:
-    """Return the binary pattern ``(size, size)`` with the largest gain, by trying all.
+    """Return the binary pattern ``(size, size)`` with the largest gain, found by trying all patterns.
 
     Raises
     ------

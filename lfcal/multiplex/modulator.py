@@ -52,7 +52,8 @@ class Modulator:
     cell
         Pixels ``(rows, columns)`` of one super-pixel of the light field; (1, 1) for a colour filter array.
     lenslets
-        Whether all pixels of a cell sample the light at the place of their lenslet, instead of each at its own place.
+        Whether all pixels of a cell sample the light at the position of their lenslet, instead of at their own
+        positions.
     light
         Samples ``(N,)`` of unmodulated light, which a bare pixel records as one; 1/N each by default.
 
@@ -125,7 +126,7 @@ class Modulator:
 
     @property
     def natural_samples(self) -> tuple[int, int]:
-        """Output samples ``(rows, columns)`` per super-pixel: each pixel for colours, one per cell for light fields."""
+        """Output samples ``(rows, columns)`` per super-pixel: one per pixel (colours) or per cell (light fields)."""
         return self.side[0] // self.cell[0], self.side[1] // self.cell[1]
 
     @property
@@ -205,7 +206,7 @@ class Modulator:
         return result
 
     def lost(self, rcond: float | None = None) -> Array:
-        """Return the unrecoverable share ``(N,)`` of each sample: 0 fully recovered, 1 not measured."""
+        """Return the unrecoverable fraction ``(N,)`` of each sample, from 0 (fully recovered) to 1 (not measured)."""
         right = self._decomposition[2][self._kept(rcond)]
         share: Array = np.clip(1.0 - (np.abs(right) ** 2).sum(0), 0.0, 1.0)
         share[share < 1e-12] = 0.0
@@ -225,7 +226,7 @@ class Modulator:
         return block.reshape(*self.side, colours).copy()
 
     def pattern_spectrum(self) -> Array:
-        """Return the magnitude of `pattern`'s Fourier weights per pixel, zero frequency in the middle, same shape."""
+        """Return the magnitude of `pattern`'s Fourier weights per pixel in its shape, zero frequency in the middle."""
         spectrum = np.fft.fftshift(np.fft.fft2(self.pattern(), axes=(0, 1)), axes=(0, 1))
         result: Array = np.abs(spectrum) / self.pixels
         return result

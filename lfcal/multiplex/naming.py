@@ -1,4 +1,4 @@
-"""Create modulators from names."""
+"""Modulators from names."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def is_whole(text: str) -> bool:
 
 
 def modulator_of(text: str) -> Modulator:
-    """Create a modulator from a name, a matrix file, or several of these joined by ``*`` (see `GRAMMAR`).
+    """Return the modulator for a name, a matrix file, or several of these joined by ``*`` (see `GRAMMAR`).
 
-    ``nd:`` gives transmissions and ``polarisers:`` angles in degrees, in rows separated by slashes.
+    ``nd:`` is followed by transmissions and ``polarisers:`` by angles in degrees, in rows separated by slashes.
     ``bands:PATTERN:N`` uses the included model filters for N bands of 400 … 700 nm on silicon; other tables
     (`spectral_array`, `read_spectra`) are given as in
-    ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` gives the moments in which
-    each pixel is open, and ``cameras:2x2`` an array of cameras.
+    ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` is followed by the moments in
+    which each pixel is open. ``cameras:2x2`` is an array of cameras.
 
     Examples
     --------

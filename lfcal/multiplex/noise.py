@@ -1,6 +1,6 @@
 """Noise of multiplexed acquisition: transmission, noise amplification, and gain of SNR (equations 12 to 14).
 
-In addition to equation 14: gains of each sample, and for a sensor with all of its noise.
+In addition to equation 14, the gains of each sample, and the gain for a sensor with all its noise, are computed.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
 def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
     """Return the decorrelation ``(N, K)`` with the smallest noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss and Markov).
 
-    For square super-pixels of full rank, it is the plain inverse. If there are more pixels than samples, it gives less
-    noisy pixels more weight.
+    If the matrix is square and of full rank, this is its plain inverse. If there are more pixels than samples, less
+    noisy pixels have more weight.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        If it is not a covariance of the super-pixel's pixels.
+        If ``covariance`` is not a covariance of the super-pixel's pixels.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
 def pixel_variance(modulator: Modulator, chi2: float) -> Array:
     """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a fraction of s_c^2 + s_p^2.
 
-    Equation 12 with the light of each pixel instead of the mean.
+    This is equation 12 with the light of each pixel instead of the mean.
 
     Examples
     --------
@@ -219,7 +219,7 @@ def _variance(modulator: Modulator, chi2: Array) -> Array:
 
 
 def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -> float:
-    """Return chi^2 of a camera exposed to full scale: electrons of unmodulated light over the additive variance.
+    """Return chi^2 of a camera exposed to full scale: electrons of unmodulated light divided by the additive variance.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -
 
 @dataclass(frozen=True, eq=False)
 class GainCurves:
-    """Gain of several modulators over chi^2: figure 6 of the paper as numbers.
+    """Gain of several modulators as a function of chi^2, as in figure 6 of the paper.
 
     Attributes
     ----------
@@ -260,7 +260,7 @@ class GainCurves:
     alpha, tau
         Amplification and transmission of each modulator.
     cameras
-        chi^2 of the cameras to mark.
+        chi^2 of the cameras to mark, by name.
 
     Examples
     --------
@@ -322,7 +322,7 @@ def monte_carlo_gain(
     trials: int = 4000,
     noise: str = "mean",
 ) -> float:
-    """Measure the gain (dB) on simulated acquisitions of unmodulated light, each decorrelated by least squares.
+    """Return the gain (dB) measured on simulated acquisitions of unmodulated light, decorrelated by least squares.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ DECORRELATIONS = ("plain", "optimal")
 
 @dataclass(frozen=True, eq=False)
 class GainMap:
-    """Gain of each sample (band, colour, view) over chi^2.
+    """Gain of each sample (band, colour, view) as a function of chi^2.
 
     Attributes
     ----------
@@ -402,7 +402,7 @@ class GainMap:
 
 
 def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None = None) -> GainMap:
-    """Return the gain of each sample over ``reference`` (dB); `snr_gain` is their mean in variance.
+    """Return the gain of each sample over ``reference`` (dB); `snr_gain` is their mean in terms of variance.
 
     The noise of sample n is that of its row of the decorrelation, s^2 sum_k (A^+)_nk^2, with s of equation 12.
     Different super-pixels are compared per pixel.
@@ -472,9 +472,9 @@ def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation:
 def sensor_gain(
     modulator: Modulator, reference: Modulator, noise: SensorNoise, *, decorrelation: str = "plain"
 ) -> float:
-    """Return the gain over ``reference`` (dB) for a camera's own noise, at equal exposure, compared per pixel.
+    """Return the gain over ``reference`` (dB) with the noise of a camera, at equal exposure, compared per pixel.
 
-    It is equation 14 with the noise of each pixel's own light; `snr_gain` uses the mean light of all pixels.
+    It is equation 14 with the noise of the light on each pixel; `snr_gain` uses the mean light of all pixels.
 
     Examples
     --------

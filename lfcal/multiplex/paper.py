@@ -1,4 +1,4 @@
-"""Figures 3, 5, 6 and 7 of the paper as data and as PNG: pictures with shared scales, numbers for each."""
+"""Figures 3, 5, 6 and 7 of the paper as data and as PNG files, with common scales and numbers for each image."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ LIGHT_FIELD = ("lenslet", "MURA", "pinhole", "sum_of_sinusoids")
 
 @dataclass(frozen=True, eq=False)
 class PaperPanel:
-    """One picture of a figure.
+    """One image of a figure.
 
     Attributes
     ----------
     title
-        Title of the picture.
+        Title of the image.
     image
         Grey image ``(rows, columns)``, or colours ``(rows, columns, 3)`` in 0 … 1.
     numbers
-        One-line text of error, ringing or signal to noise.
+        One-line text that states error, ringing or signal-to-noise ratio.
     levels
-        Darkest and brightest value shown, equal for all pictures that are compared; None for colours.
+        Values shown as black and as white, equal for all images that are compared; None for colours.
     """
 
     title: str
@@ -64,7 +64,7 @@ class PaperPanel:
 
 @dataclass(frozen=True, eq=False)
 class PaperFigure:
-    """A figure: pictures by rows, or curves.
+    """A figure that consists of images or of curves.
 
     Attributes
     ----------
@@ -73,9 +73,9 @@ class PaperFigure:
     title
         Title of the figure.
     panels
-        Pictures, by rows of `columns`.
+        Images by rows, with `columns` in each row.
     columns
-        Number of pictures side by side.
+        Number of images side by side.
     curves
         Titles and gains of figure 6.
     """
@@ -93,7 +93,7 @@ def paper_figure(number: int, *, camera: str = "", chi2: float | None = None, se
     Parameters
     ----------
     number
-        3, 5, 6 or 7.
+        Number of the figure: 3, 5, 6 or 7.
     camera, chi2
         Name and chi^2 of a camera; it is marked in figure 6 and replaces the noise of the PG Dragonfly in figure 7.
     seed
@@ -216,7 +216,7 @@ def _contrast(frame: Array, modulator: Modulator) -> Array:
 
 
 def save_paper_figure(found: PaperFigure, path: str | os.PathLike[str]) -> None:
-    """Write the pictures of a figure; for figure 6, use `lfcal.multiplex.drawing.save_gain_curves`."""
+    """Write the images of a figure; for figure 6, use `lfcal.multiplex.drawing.save_gain_curves`."""
     rows = -(-len(found.panels) // found.columns)
     with figure(3.7 * found.columns, 3.5 * rows + 0.4, dpi=140) as fig:
         grid = fig.subplots(rows, found.columns, squeeze=False).ravel()

@@ -21,19 +21,19 @@ def polarisers(
 ) -> Modulator:
     """Return a super-pixel of linear polarisers for the Stokes parameters S0, S1, S2; with retarders, also S3.
 
-    A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator), half
-    of unpolarised light, which has only S0. The fraction of a pixel is between 0 and 1 for any polarisation.
+    A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator). This
+    is half of unpolarised light, which has only S0. A pixel receives a fraction between 0 and 1 for any polarisation.
 
     Parameters
     ----------
     angles_deg
         Angle of the polariser of each pixel ``(rows, columns)`` (degrees); NaN: no polariser.
     retardance_deg
-        Retardance of a plate with its fast axis along 0° before each polariser, same shape (degrees); 90: a quarter
-        wave. None: no plates.
+        Retardance of a plate with its fast axis at 0° in front of each polariser, ``(rows, columns)`` (degrees); 90: a
+        quarter-wave plate. None: no plates.
     extinction
-        Ratio of the light transmitted along the polariser to that across it, the larger the better. The shares are
-        (1 ± e)/2 with e = (x - 1)/(x + 1).
+        Extinction ratio x: light transmitted along the polariser divided by that across it; ideally infinite. The
+        transmitted fractions are (1 ± e)/2 with e = (x - 1)/(x + 1).
 
     Raises
     ------
@@ -83,7 +83,7 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the polarised fraction of light from Stokes parameters ``(3 or 4, ...)``; 0 without light.
+    """Return the degree of polarisation from Stokes parameters ``(3 or 4, ...)``; 0 without light.
 
     Examples
     --------

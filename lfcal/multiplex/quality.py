@@ -43,7 +43,7 @@ class Ringing:
     Attributes
     ----------
     flat
-        Rms error in places where the scene is uniform within two super-pixels, averaged over the samples.
+        Rms error where the scene is uniform within two super-pixels, averaged over the samples.
     overshoot
         Largest excursion beyond the scene's values, averaged over the samples.
     """
@@ -110,7 +110,7 @@ def _inside(shape: tuple[int, ...], side: tuple[int, int]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class FilterTrial:
-    """Error and time of one way to reconstruct a scene.
+    """Error and time of one way of reconstructing a scene.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class FilterTrial:
 
     @property
     def name(self) -> str:
-        """Name in tables."""
+        """Name for tables."""
         return "Fourier" if self.route == "fourier" else f"spatial, {self.filter}"
 
 
@@ -168,7 +168,7 @@ def iter_measure_filters(
     ways
         Pairs of route and filter. None: `ways_of` the modulator.
     noise
-        Noise added to the frame.
+        Noise ``(rows, columns)`` to add to the frame, or 0.
     rounds
         Number of timed runs of each way, after one run for compilation; the shortest time is used.
     workers

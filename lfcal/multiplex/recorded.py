@@ -24,7 +24,7 @@ class RecordedFrame(NamedTuple):
     black_level: Any
 
     def level(self, given: float | None = None, sensor: Sensor | None = None) -> Any:
-        """Return the black level: the given one, else that of the file, of the sensor, or 0."""
+        """Return the black level: ``given``, else that of the file, else that of the sensor, else 0."""
         if given is not None:
             return given
         if self.black_level is not None:
@@ -36,7 +36,7 @@ class RecordedFrame(NamedTuple):
     ) -> NDArray[Any] | None:
         """Return the weight of every pixel from a sensor and an image of dead pixels; None if all weights are equal.
 
-        ``how`` contains options of `lfcal.multiplex.pixel_weights`.
+        ``how`` are options of `lfcal.multiplex.pixel_weights`.
         """
         bad = None if dead is None else read_image(dead)
         if bad is not None and bad.shape != self.raw.shape:

@@ -23,14 +23,14 @@ def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Gene
     views
         Number of views along a side, and side of a super-pixel (pixels).
     cells
-        Super-pixels ``(rows, columns)``.
+        Number of super-pixels ``(rows, columns)``.
     rng
         Random generator for the filaments.
 
     Returns
     -------
     NDArray
-        Samples of a plenoptic function, smooth over two super-pixels; their sum is one at the brightest place.
+        Samples of a plenoptic function, smooth over two super-pixels; the maximum of their sum is one.
     """
     import cv2
 

@@ -49,7 +49,7 @@ CHANGES = 6
 
 @dataclass(frozen=True, eq=False)
 class Frontier:
-    """Candidates with their gains for additive and for photon noise, and which of them are efficient.
+    """Candidates with their gains for additive noise and for photon noise, and which of them are efficient.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def filter_set_frontier(
     letters
         Filters to choose from, see `lfcal.multiplex.colour_filters.FILTERS`.
     filters
-        Number of filters in the super-pixel; their places do not affect the noise.
+        Number of filters in the super-pixel; their arrangement does not affect the noise.
 
     Examples
     --------
@@ -240,11 +240,12 @@ def best_mask(
     begin: Sequence[Array] = (),
     rng: np.random.Generator | None = None,
 ) -> Modulator:
-    """Search for the attenuation mask ``size`` x ``size`` with the largest gain at ``chi2``.
+    """Return the attenuation mask of ``size`` x ``size`` pixels with the largest gain at ``chi2`` that a search finds.
 
-    The search starts from the known masks, from random ones with various fractions of open pixels, and from the best so
-    far with a few pixels inverted. Up to `MAX_EXHAUSTIVE` pixels a side it also starts from the best of all masks of
-    open and closed pixels. The result is never worse than any start; `mask_gain_bound` returns an upper bound.
+    The search starts from the known masks, from random ones with various fractions of open pixels, and from the best
+    mask so far with a few pixels inverted. Up to `MAX_EXHAUSTIVE` pixels per side, it also starts from the best of all
+    masks of open and closed pixels. The result is never worse than any start; `mask_gain_bound` returns an upper
+    bound.
 
     Parameters
     ----------
@@ -253,7 +254,7 @@ def best_mask(
     chi2
         Ratio chi^2 of the camera, 0 … inf.
     starts
-        Number of random starts; the best mask found is changed `CHANGES` times as often.
+        Number of random starts; the number of starts from changed masks is `CHANGES` times as large.
     begin
         Further patterns ``(size, size)`` to start from.
     rng
@@ -301,7 +302,7 @@ def _known(size: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class SearchProgress(Progress):
-    """Progress of a search with its result so far; the search may be stopped at any record.
+    """Progress of a search, with the result so far; the search may be stopped at any time.
 
     Attributes
     ----------

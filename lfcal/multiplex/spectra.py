@@ -1,4 +1,4 @@
-"""Create filter arrays for any number of spectral bands, from tables over wavelength.
+"""Filter arrays for any number of spectral bands, from tables over wavelength.
 
 Tables of filters, illuminants and quantum efficiencies are read from files, or are included in lfcal.
 """
@@ -81,7 +81,7 @@ class Spectra:
             object.__setattr__(self, name, array)
 
     def on(self, wavelengths_nm: ArrayLike) -> Array:
-        """Interpolate the curves ``(len(names), n)`` linearly at wavelengths (nm).
+        """Return the curves ``(len(names), n)`` interpolated linearly at wavelengths (nm).
 
         Raises
         ------
@@ -144,7 +144,7 @@ def read_spectra(path: str | os.PathLike[str]) -> Spectra:
 
 
 def shipped_spectra(name: str) -> Spectra:
-    """Return one of `TABLES`; its `Spectra.source` states the origin of the numbers.
+    """Return the included table ``name``, one of `TABLES`; its `Spectra.source` states the origin of the numbers.
 
     Examples
     --------
@@ -160,7 +160,7 @@ def shipped_spectra(name: str) -> Spectra:
 def daylight(temperature_k: float) -> Spectra:
     """Return the relative power of CIE daylight at a correlated colour temperature, 100 at 560 nm (CIE 15).
 
-    ``S0 + M1 S1 + M2 S2`` with M1 and M2 from the chromaticity of the daylight locus. D65 is that at 6504 K.
+    It is ``S0 + M1 S1 + M2 S2``, with M1 and M2 from the chromaticity of the daylight locus. D65 is daylight at 6504 K.
 
     Parameters
     ----------
@@ -186,8 +186,8 @@ def daylight(temperature_k: float) -> Spectra:
 def colour_matching(wavelengths_nm: ArrayLike) -> Array:
     """Return colour matching functions x, y, z ``(3, n)``, as fitted by Wyman, Sloan and Shirley 2013.
 
-    "Simple Analytic Approximations to the CIE XYZ Color Matching Functions", Journal of Computer Graphics Techniques
-    2(2):1, multi-lobe fit to the CIE 1931 observer; its peaks are within 1 % of the tables.
+    This is the multi-lobe fit to the CIE 1931 observer in "Simple Analytic Approximations to the CIE XYZ Color
+    Matching Functions", Journal of Computer Graphics Techniques 2(2):1. Its peaks are within 1 % of the tables.
     """
     waves = np.asarray(wavelengths_nm, float)
 
@@ -210,7 +210,7 @@ POINTS = 16
 
 
 def band_edges(bands: int | Sequence[float]) -> Array:
-    """Return the edges (nm) of a number of equal bands in 400 … 700 nm, or check the given edges."""
+    """Return the edges (nm) of a number of equal bands in 400 … 700 nm, or the given edges after checking them."""
     if isinstance(bands, int | np.integer) and not isinstance(bands, bool):
         check_number("spectral bands", int(bands), at_least=1, at_most=MAX_SAMPLES, integer=True)
         return np.linspace(*VISIBLE_NM, int(bands) + 1)
@@ -276,8 +276,8 @@ def spectral_array(
     filters
         Transmissions 0 … 1; by default the included model filters R G B C M Y W.
     illuminant
-        Relative power of the light on the scene (one curve). Samples are then reflectances, each times its band's
-        fraction of the spectrum (`Modulator.light`); photons are counted, with a mean of one over the bands. None:
+        Relative power of the light on the scene (one curve). Samples are then reflectances, each multiplied by the
+        photons of the illuminant in its band (`Modulator.light`), which have a mean of one over the bands. None:
         samples are the photons in each band.
     efficiency
         Electrons per photon (one curve); None: one.

@@ -38,7 +38,7 @@ class ModulatorNumbers:
     transmission, amplification
         Transmission tau and noise amplification alpha.
     lost
-        Names of the samples that are not fully recovered, and the lost fraction of each.
+        Names of the samples that are not fully recovered, and the unrecoverable fraction of each.
     gain_additive_db, gain_photon_db, gain_db
         Gain over the reference at chi^2 = 0, infinity, and the camera's (dB); None without a reference.
     """
@@ -103,7 +103,7 @@ class Merits(NamedTuple):
     worst_noise_percent
         Largest standard deviation of a sample (% of full scale).
     mtf_low, mtf_high, false_detail
-        Mean over samples of the MTF at 0.1 and 0.25 cycles per pixel, and of aliasing with the finer one.
+        Mean over samples of the MTF at 0.1 and 0.25 cycles per pixel, and of the aliasing at 0.25.
     delta_e, delta_e_noise
         Colour error (CIEDE2000) of 100 smooth reflectances with the included filters, and the error due to noise.
     """
@@ -140,7 +140,8 @@ def merits(
     filter
         Filter of the reconstruction whose MTF is measured; default: that of `lfcal.multiplex.demultiplex`.
     most_entries
-        Largest product of pixels and samples for which the MTF is measured; above, it takes minutes and gigabytes.
+        Largest product of pixels and samples for which the MTF is measured; above it, this would take minutes and
+        gigabytes.
     """
     plain = optimal = low = high = false = None
     if reference is not None:

@@ -66,8 +66,8 @@ def tiled_modulator(
 ) -> Modulator:
     """Return a modulator whose super-pixel is a tile of any shape with the matrix ``(pixels, N)``.
 
-    Gains are per pixel, so a period that contains the tile several times does not change them. The reconstruction by
-    channels uses each pixel of the period as one channel. If that loses resolution, use
+    Gains are per pixel, so they do not change if a period contains the tile several times. The reconstruction by
+    channels uses each pixel of the period as one channel. If that reduces the resolution, use
     `lfcal.multiplex.demultiplex_generally`.
 
     Examples

@@ -47,7 +47,7 @@ class WeightedSamples:
 
 
 def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Check weights of a frame's pixels, and return them as float64."""
+    """Return the weights of a frame's pixels as float64 after checking them."""
     array = np.asarray(weights, float)
     if array.shape != shape or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or not array.any():
         told = f"shape {array.shape}" if array.shape != shape else f"{array.min():.3g} … {array.max():.3g}"
@@ -58,7 +58,7 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def measured(frame: ArrayLike, weights: ArrayLike | None) -> tuple[NDArray[Any], Array]:
-    """Return a frame with 0 where it has no weight, and its checked weights (None: 1 everywhere)."""
+    """Return a frame with pixels of weight 0 set to 0, and the checked weights (None: 1 everywhere)."""
     raw = np.asarray(frame)
     known = np.ones(raw.shape) if weights is None else check_weights(weights, raw.shape)
     return (np.where(known > 0, raw, 0) if raw.dtype.kind in "uif" else raw), known
@@ -71,7 +71,7 @@ def reconstruct_weighted(
     samples: tuple[int, int],
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the samples of a frame of whole super-pixels by weighted least squares at every place.
+    """Return the samples of a frame of whole super-pixels, by weighted least squares at every output position.
 
     Each measurement channel is interpolated linearly from the samples with weight, ``c = sum h w f / sum h w``. Its
     variance is ``sum h^2 w / (sum h w)^2`` if w are inverse variances. Then ``(A^T W A) x = A^T W c`` is solved

@@ -30,12 +30,12 @@ MICROMETRE, PIXEL = "micrometer", "pixel"
 
 
 def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
-    """Return the reader for ``path``, or None if it is no file of lfcal; the manifest's command.
+    """Return the reader for ``path``, or None if it is not a file of lfcal; this is the command in the manifest.
 
     Parameters
     ----------
     path
-        A file or folder, or a list that holds one.
+        A file or folder, or a list that contains one.
     """
     paths = [path] if isinstance(path, str) else list(path)
     if len(paths) != 1:
@@ -54,14 +54,14 @@ def _read(path: str | Sequence[str]) -> list[Layer]:
 def read_layers(path: str | Path) -> list[Layer]:
     """Return the layers of an H or HT file, a recorded session, or a volume; values are loaded when displayed.
 
-    H also gets a layer for HT, hidden at first. A file with several regions of the field gets a layer for each.
+    For H, a hidden layer of HT is added. A file with several regions of the field has one layer for each region.
 
     Raises
     ------
     FileFormatError
-        If it is no file of lfcal.
+        If ``path`` is not a file of lfcal.
     LfcalError
-        If it is damaged or cannot be read.
+        If the file is damaged or cannot be read.
     """
     source = Path(path)
     read = _kind_of(source)

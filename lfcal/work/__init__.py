@@ -1,10 +1,10 @@
-"""Long work in units that survive a kill: each unit writes one file, and is done when that file exists.
+"""Long work in units that survive a killed process: each unit writes one file, and is done when that file exists.
 
 - ``unit``: the work of one unit, its input files, and the fingerprint that identifies its result
-- ``runs``: run units on an executor, skip those that are done, and join their files meanwhile; `iter_run`
-- ``choice``: the executor, and what happens to an earlier run; `iter_made` joins the units' files
+- ``runs``: `iter_run`, which runs units on an executor, skips those that are done, and joins their files meanwhile
+- ``choice``: the choice of executor and of what happens to an earlier run; `iter_made`, which joins the units' files
 - ``records``: results of units other than planes and volumes
-- ``executors``: threads of this process, processes, workers of dask.distributed
+- ``executors``: threads of this process, processes, and workers of dask.distributed
 - ``journal``: events and state of a run, as shown by `lfcal status` and the window
 """
 

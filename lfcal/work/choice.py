@@ -19,23 +19,23 @@ BEGUN = ("refuse", "resume", "discard")
 
 @dataclass(frozen=True)
 class RunChoice:
-    """Executor of units, and what happens to units that an earlier run left.
+    """Choice of the executor of units, and of what happens to units left by an earlier run.
 
     Attributes
     ----------
     executor
         One of `EXECUTORS`.
     workers
-        Threads or processes; None: every processor this process may use.
+        Number of threads or processes; None: one for each processor that this process may use.
     address
-        Address of a running scheduler (``tcp://host:8786``); empty: a local one is started.
+        Address of a running scheduler (``tcp://host:8786``); empty: a local scheduler is started.
     begun
         What to do if an earlier run left units: ``"refuse"``, ``"resume"`` or ``"discard"``.
 
     Raises
     ------
     InputError
-        If there is no such executor, or an address is given to one that takes none.
+        If the executor does not exist, or an address is given to an executor that does not use one.
 
     Examples
     --------
@@ -71,9 +71,7 @@ def iter_begun(
     following: Following | None = None,
     joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
-    """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it.
-
-    Raises the errors of `iter_made`.
+    """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it. Raises as `iter_made`.
 
     Examples
     --------
@@ -107,7 +105,7 @@ def iter_made(
     in_order: bool = False,
     joined: bool = True,
 ) -> Work[None]:
-    """Do units and join their files to ``out``; yields progress over both.
+    """Do units and join their files to ``out``; yields progress over both steps.
 
     Until ``out`` is complete, the files of the units are in `parts_folder`. A run that was stopped or killed continues
     from them.
@@ -123,9 +121,10 @@ def iter_made(
     join
         Function that makes ``out`` atomically from the units' files, in order.
     keep
-        Keep the units' files when ``out`` exists, because the caller adds to it and discards them afterwards.
+        Keep the units' files when ``out`` is complete, because the caller adds to it and discards them afterwards.
     in_order
-        ``join`` takes one file with each step, after a first step that takes none. Joining then begins while units run.
+        Whether ``join`` needs one file in each step, after a first step that needs none. Joining then begins while
+        units run.
     joined
         As in `iter_run`; false if ``out`` may be much smaller than the files.
 

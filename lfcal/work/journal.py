@@ -57,7 +57,7 @@ PASS = "pass"
 
 
 class Journal:
-    """Appends events to the journal of a run."""
+    """Journal of a run, to which events are appended."""
 
     def __init__(self, file: TextIO) -> None:
         self._file = file
@@ -78,17 +78,17 @@ class Journal:
         self._file.flush()
 
     def settle(self, values: Mapping[str, Any], fingerprints: Iterable[str]) -> None:
-        """Record how units are computed, for a run that continues with them."""
+        """Record the settings of units, for a later run that continues with them."""
         self.note(SETTLED, values=dict(values), units=list(fingerprints))
 
     def begin(self, title: str, units: Iterable[str], executor: str, workers: int, place: str) -> None:
-        """Record the units to do, and the executor."""
+        """Record the start of a run: its title, units and executor."""
         here = {"process": os.getpid(), "host": socket.gethostname()}
         self.note("begin", title=title, units=list(units), executor=executor, workers=workers, place=place, **here)
 
 
 def read_settled(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the settings that runs in ``folder`` fixed for their units at the start, by fingerprint."""
+    """Return the settings with which runs in ``folder`` began their units, by fingerprint."""
     return {name: dict(note["values"]) for note in read_notes(folder, SETTLED) for name in note["units"]}
 
 
@@ -103,13 +103,13 @@ class UnitState:
     state
         ``"waiting"``, ``"under way"``, ``"done"`` or ``"failed"``.
     attempts
-        Number of times it was begun in this run.
+        Number of times that it was begun in this run.
     seconds
-        Time it took or has taken so far; NaN if it was not begun, or done by an earlier run.
+        Time that it took or has taken so far (s); NaN if it was not begun, or was done by an earlier run.
     worker
-        Worker that does it or did it.
+        Name of the worker that does or did it.
     reason
-        Why it failed or was begun again.
+        Reason why it failed or was begun again.
     """
 
     name: str
@@ -166,19 +166,19 @@ class RunState:
         }
 
     def count(self, state: str) -> int:
-        """Return how many units are in a state."""
+        """Return the number of units in a state."""
         return sum(unit.state == state for unit in self.units)
 
     @property
     def eta_seconds(self) -> float | None:
-        """Estimated seconds to the end, from the durations of units so far; None without any."""
+        """Estimated time to the end (s), from the durations of finished units; None if there are none."""
         left = sum(u.state in ("waiting", "under way") for u in self.units)
         pace = self.per_hour
         return None if pace is None else 3600 * left / pace
 
     @property
     def per_hour(self) -> float | None:
-        """Units done per hour, from the durations of units so far; None without any."""
+        """Units done per hour, from the durations of finished units; None if there are none."""
         took = [u.seconds for u in self.units if u.state == "done" and u.seconds == u.seconds]
         if not took:
             return None

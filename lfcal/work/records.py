@@ -29,12 +29,12 @@ NUMPY = frozenset({"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"})
 
 
 def save_record(path: Path, value: Any, shared: Mapping[str, object] | None = None) -> None:
-    """Write a record atomically; objects that the reader has as well, ``shared`` by name, are not stored.
+    """Write a record atomically; objects in ``shared``, which the reader also has, are stored only by their names.
 
     Raises
     ------
     StorageError
-        If it cannot be written.
+        If the file cannot be written.
     """
     data = io.BytesIO()
     names = {id(one): name for name, one in (shared or {}).items()}
@@ -44,16 +44,16 @@ def save_record(path: Path, value: Any, shared: Mapping[str, object] | None = No
 
 
 def load_record(path: Path, shared: Mapping[str, object] | None = None) -> Any:
-    """Return the record in a file; its references become the reader's own ``shared`` objects.
+    """Return the record in a file; references by name become the objects in ``shared``.
 
     Raises
     ------
     UnsafeFileError
-        If it contains anything but records and arrays.
+        If the file contains anything but records and arrays.
     FileFormatError
-        If it is damaged.
+        If the file is damaged.
     StorageError
-        If it cannot be read.
+        If the file cannot be read.
     """
     with storage_errors(path):
         data = path.read_bytes()

@@ -1,4 +1,4 @@
-"""Run units on an executor: units that are done are skipped, lost ones are tried again."""
+"""Runs of units on an executor: units that are done are skipped, lost ones are tried again."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ PAUSE = 1.0
 
 
 def parts_folder(out: str | os.PathLike[str]) -> Path:
-    """Return the folder next to ``out`` that holds the files of its units until it is complete.
+    """Return the folder next to ``out`` that contains the files of its units until ``out`` is complete.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def check_begun(folder: Path, *, resume: bool) -> None:
 
 
 def unit_files(folder: Path) -> list[Path]:
-    """Return the files of units in the folder of a run; each is complete and enough to continue.
+    """Return the files of units in the folder of a run; each is complete and can be used to continue.
 
     The journal may lack files of an earlier run, if this run ended before it had checked them.
     """
@@ -89,12 +89,12 @@ def note_joining(folder: Path) -> None:
 
 
 def was_joining(out: str | os.PathLike[str]) -> bool:
-    """Return whether a run had begun to write ``out``: an existing file is then its own, and is written again."""
+    """Return whether a run had begun to write ``out``; an existing file is then from this run and is written again."""
     return any(event == JOINING for event in read_events(parts_folder(out)))
 
 
 def discard(folder: Path) -> None:
-    """Remove a run's folder with its contents; raises `StorageError` if another program works in it."""
+    """Remove a run's folder with its contents; raises `StorageError` if another program uses it."""
     if not folder.exists():
         return
     with only_writer(folder):
@@ -376,7 +376,7 @@ def _given_up(event: Event, attempts: int) -> Exception:
 
 
 class Following:
-    """Joins the existing files step by step while workers are busy.
+    """Joining of finished files, step by step while workers are busy.
 
     Parameters
     ----------
@@ -393,11 +393,11 @@ class Following:
 
     @property
     def taken(self) -> int:
-        """Number of files that were consumed."""
+        """Number of files that have been joined."""
         return max(0, self._taken)
 
     def advance(self, files: Sequence[Path], available: int) -> None:
-        """Take a step if one of the first ``available`` files was not consumed yet."""
+        """Take a step if one of the first ``available`` files has not been joined yet."""
         if self._steps is None:
             self._steps = self._join(tuple(files))
         if self._taken < available <= len(files):
@@ -405,7 +405,7 @@ class Following:
             self._last, self._taken = next(self._steps), self._taken + 1
 
     def rest(self, files: Sequence[Path]) -> Work[None]:
-        """Consume all remaining files, and finish."""
+        """Join all remaining files, and finish."""
         if self._steps is None:
             self._steps = self._join(tuple(files))
         elif self._last is not None:
@@ -413,6 +413,6 @@ class Following:
         yield from self._steps
 
     def close(self) -> None:
-        """Close; no incomplete file remains."""
+        """Stop joining; no incomplete file remains."""
         if self._steps is not None:
             self._steps.close()

@@ -1,4 +1,4 @@
-"""A unit of work that any process on any machine can do, the input its process keeps, and the worker's number."""
+"""Units of work that any process on any machine can do, input that is kept in a process, and numbers of workers."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class Unit:
     name
         Name for display and for its file; unique within a run.
     task
-        Function of type `Task` that does it: ``"package.module:function"``.
+        Function of type `Task` that does the unit, as ``"package.module:function"``.
     arguments
         Arguments of the function, as plain JSON types.
     inputs
-        Files that it reads.
+        Files that the unit reads.
     suffix
-        Ending of the file that it writes.
+        Suffix of the file that it writes.
     hints
-        Further arguments that do not change the result, such as memory limits; not in the fingerprint.
+        Further arguments that do not change the result, such as memory limits; they are not in the fingerprint.
     settled
         Further arguments that change the result only by rounding, such as the way of computing it. They depend on the
         machine and are not in the fingerprint. A run that continues uses those with which the unit was begun.
@@ -98,7 +98,7 @@ class Job:
     Attributes
     ----------
     number
-        Counted from 0.
+        Number of the unit in the run, from 0.
     unit
         Work of the unit.
     out
@@ -110,7 +110,7 @@ class Job:
     out: str
 
     def steps(self, workers: int) -> Work[str]:
-        """Do it with ``threads`` threads; yields progress, returns the `seal_of` its file, and stops when closed."""
+        """Do the unit with ``workers`` threads; yields progress, and returns the `seal_of` its file."""
         path = Path(self.out)
         yield from self.unit.function()({**self.unit.arguments, **self.unit.hints, **self.unit.settled}, path, workers)
         if not path.exists():
@@ -119,12 +119,12 @@ class Job:
 
 
 def stamp_of(inputs: Iterable[str]) -> str:
-    """Return a fingerprint of files: an argument for units that all read the same large number of files.
+    """Return a fingerprint of files, for use as an argument of units that all read the same large number of files.
 
     Raises
     ------
     StorageError
-        If one does not exist.
+        If a file does not exist.
     """
     return _digest(_stamps(inputs))
 
@@ -170,7 +170,7 @@ T = TypeVar("T")
 
 
 class ProcessCache(Generic[T]):
-    """Input that the units of a run share, kept in each process until another run needs a different one.
+    """Cache for the input that the units of a run share, kept in each process until another input is needed.
 
     Only the last input is kept: an H, or frames with their corrections, may take most of the memory.
 
@@ -186,7 +186,7 @@ class ProcessCache(Generic[T]):
         self._kept: tuple[object, T, bool] | None = None
 
     def get(self, key: object, make: Callable[[], T]) -> T:
-        """Return the input that ``key`` identifies: the kept one, or the result of ``make``."""
+        """Return the input identified by ``key``: the one kept, or else the result of ``make``."""
         with self._lock:
             if self._kept is None or self._kept[0] != key:
                 self._drop()
@@ -195,7 +195,7 @@ class ProcessCache(Generic[T]):
 
     @contextmanager
     def using(self, key: object, value: T) -> Iterator[None]:
-        """Let the units of this process use ``value``, made by their run, until the end of the block."""
+        """Context in which the units of this process use ``value``, made by their run."""
         with self._lock:
             self._drop()
             self._kept = key, value, False
@@ -216,13 +216,13 @@ _NUMBER: ContextVar[int] = ContextVar("worker", default=0)
 
 
 def worker_number() -> int:
-    """Return the number of the worker that does the present unit, from 0; 0 if there is only one."""
+    """Return the number of the worker that does the current unit, from 0; 0 if there is only one."""
     return _NUMBER.get()
 
 
 @contextmanager
 def numbered(name: int | str) -> Iterator[None]:
-    """Set the worker's number for units inside this block; a name is converted to a number."""
+    """Context that sets the worker's number for units; a name is converted to a number."""
     text = str(name)
     token = _NUMBER.set(int(text) if text.isdecimal() else zlib.crc32(text.encode()))
     try:

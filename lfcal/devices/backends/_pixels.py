@@ -1,9 +1,9 @@
 """Pixel formats of GenICam cameras, and the samples in their buffers.
 
 Names and layouts are those of the GenICam Pixel Format Naming Convention (PFNC). Formats such as ``Mono12p`` are one
-stream of bits, the lowest first. ``Mono12Packed`` is the older layout of GigE Vision: two pixels in three bytes. The
-outer bytes are their high bits; the middle one contains the low bits of the first pixel, and above them those of the
-second.
+stream of bits, least significant first. ``Mono12Packed`` is the older layout of GigE Vision: two pixels in three
+bytes. The outer bytes are their high bits; the middle byte contains the low bits of the first pixel, and above them
+those of the second.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ FREE_RUNNING_DISCARD = 2
 
 
 class AravisBackend:
-    """Aravis as a backend."""
+    """Backend for cameras that are accessed through Aravis."""
 
     name = "aravis"
     title = "GigE Vision and USB3 Vision (Aravis)"
@@ -166,7 +166,7 @@ class _Camera(CameraFacts):
         return Setting(roi, Roi(y, x, h, w))
 
     def grab(self, timeout_s: float) -> Frame:
-        """Trigger, or skip frames that may be old, and return the next frame."""
+        """Trigger a frame, or skip frames that may be old, and return the next one."""
         lib = self._lib
         try:
             if self._dirty:  # a frame of an earlier call may still arrive
@@ -195,7 +195,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, self._exposure, started if self._triggered else None, text)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the read-back of the settings that change samples."""
+        """Return the values read back for the settings that change samples."""
         try:
             return read_settings(GENICAM, RECORDED, self._read)
         except AravisError as error:

@@ -33,7 +33,7 @@ Signature = tuple[int, int]
 
 
 class FolderBackend:
-    """A folder as a camera."""
+    """Backend that uses a folder as a camera."""
 
     name = "folder"
     title = "files of another program, as they appear"
@@ -51,7 +51,7 @@ class FolderBackend:
         return "TIFF, PNG, PGM, NPY, camera RAW"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return the folder as a camera, and a stage that assumes that the other program moves."""
+        """Return the folder as a camera, and a stage that leaves all moves to the other program."""
         path = Path(options.get("path", ""))
         if not options.get("path") or not path.is_dir():
             raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "create it first")
@@ -90,7 +90,7 @@ class _Camera(CameraFacts):
         self.name = f"files {pattern} in {folder.resolve()}"
 
     def set_exposure(self, seconds: float) -> Setting[float]:
-        """Request this exposure from now on; the other program must set it."""
+        """Request this exposure (s) from now on; the other program must set it."""
         self._exposure = seconds
         return Setting(seconds, seconds)
 
@@ -99,7 +99,7 @@ class _Camera(CameraFacts):
         return Setting(roi, Roi(0, 0, *self._shape))
 
     def grab(self, timeout_s: float) -> Frame:
-        """Write the request and return the frame in the file that follows."""
+        """Write the request, wait for the file, and return its frame."""
         # list files before the request; any new file afterwards belongs to it
         known = self._listing()
         self._number += 1
@@ -125,7 +125,7 @@ class _Camera(CameraFacts):
         raise DeviceLost(f"{message}; a late file could be mistaken for the next, so use {{number}} in the pattern")
 
     def close(self) -> None:
-        """Remove the request."""
+        """Remove the request file."""
         (self._folder / REQUEST).unlink(missing_ok=True)
 
     def _request(self) -> None:

@@ -36,7 +36,7 @@ INSTALL = "uv pip install 'lfcal[acquire]'"
 
 
 class GenTLBackend:
-    """GenTL as a backend."""
+    """Backend for cameras with a GenTL producer."""
 
     name = "gentl"
     title = "GenTL producers (harvesters)"
@@ -134,7 +134,7 @@ class _Camera(CameraFacts):
         self._device.start()
 
     def set_exposure(self, seconds: float) -> Setting[float]:
-        """Set the exposure (s); a camera without this feature keeps its own."""
+        """Set the exposure (s); a camera without this feature keeps its exposure."""
         if self._nodes.has_node("ExposureTime"):
             # microseconds in the GenICam standard (SFNC), seconds here
             self._set("ExposureTime", seconds * 1e6)
@@ -147,7 +147,7 @@ class _Camera(CameraFacts):
         return Setting(roi, Roi(0, 0, *self._shape))
 
     def grab(self, timeout_s: float) -> Frame:
-        """Trigger, or skip frames that may be old, and return the next frame."""
+        """Trigger a frame, or skip frames that may be old, and return the next one."""
         # frames in the buffers were exposed before the call
         while self._device.num_holding_filled_buffers:
             self._fetch(timeout_s)
@@ -163,7 +163,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, exposure, started if self._triggered else None, status)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the read-back of the features that change samples."""
+        """Return the values read back for the features that change samples."""
         return read_settings(GENICAM, RECORDED, self._read)
 
     def close(self) -> None:

@@ -40,7 +40,7 @@ INSTALL = "uv pip install 'lfcal[acquire]', and Micro-Manager for its drivers"
 
 
 class MicroManagerBackend:
-    """Micro-Manager as a backend."""
+    """Backend for the device drivers of Micro-Manager."""
 
     name = "micromanager"
     title = "Micro-Manager drivers (pymmcore)"
@@ -159,7 +159,7 @@ class _Camera(CameraFacts):
         return Setting(seconds, float(self._call(self._core.getExposure)) / 1e3)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Read only ``roi``; the whole sensor by clearing the region."""
+        """Read only ``roi``; for the whole sensor, the region is cleared."""
         if roi.shape == self._shape:
             self._call(self._core.clearROI)
         else:
@@ -184,7 +184,7 @@ class _Camera(CameraFacts):
         return Frame(data, self._number, exposure, started)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the read-back of the properties that change samples."""
+        """Return the values read back for the properties that change samples."""
         return read_settings(self._off, self._noted, self._read)
 
     def close(self) -> None:
@@ -222,7 +222,7 @@ class _Stage:
         self.name = f"Micro-Manager {core.getDeviceName(xy)} {xy}, {core.getDeviceName(z)} {z}"
 
     def move(self, target: Point) -> None:
-        """Begin to move."""
+        """Begin to move to ``target`` (µm)."""
         self._call(self._core.setXYPosition, self._xy, target[0], target[1])
         self._call(self._core.setPosition, self._z, target[2])
 
@@ -231,7 +231,7 @@ class _Stage:
         return bool(self._call(self._core.deviceBusy, self._xy) or self._call(self._core.deviceBusy, self._z))
 
     def position(self) -> Point:
-        """Return the read-back (µm)."""
+        """Return the position read back from both stages (µm)."""
         x = float(self._call(self._core.getXPosition, self._xy))
         y = float(self._call(self._core.getYPosition, self._xy))
         return x, y, float(self._call(self._core.getPosition, self._z))
@@ -242,7 +242,7 @@ class _Stage:
         self._call(self._core.stop, self._z)
 
     def home(self) -> None:
-        """Send both stages to their reference."""
+        """Begin to move both stages to their reference switches."""
         self._call(self._core.home, self._xy)
         self._call(self._core.home, self._z)
 
@@ -264,7 +264,7 @@ class _Shutter:
         self.switch(True)
 
     def switch(self, on: bool) -> None:
-        """Open or close the shutter and wait."""
+        """Open or close the shutter, and return when that is done."""
         try:
             self._core.setShutterOpen(self._label, on)
             self._core.waitForDevice(self._label)

@@ -40,7 +40,7 @@ def simulated_rig(
     Parameters
     ----------
     plan
-        Camera, period and exposures.
+        Plan of the scan, with camera, period and exposures.
     model, faults
         Motion of the stage, and faults.
     axes
@@ -90,7 +90,7 @@ def simulated_rig(
 
 
 def inject(rig: Rig, fault: DeviceFault) -> None:
-    """Add a fault to a simulated rig in use, ``fault.at`` calls after the next one.
+    """Add a fault to a simulated rig in use, to begin ``fault.at`` calls after the next one.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def inject(rig: Rig, fault: DeviceFault) -> None:
 
 
 class SimBackend:
-    """The simulator as a backend."""
+    """Backend for the simulator."""
 
     name = "sim"
     title = "simulated camera and stage"
@@ -129,7 +129,7 @@ class SimBackend:
     }
 
     def probe(self) -> str:
-        """Return the version; the simulator is always available."""
+        """Return the version of lfcal, because the simulator is always available."""
         return __version__
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
@@ -152,7 +152,7 @@ class SimBackend:
 
 
 def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
-    """Return the default options of the simulator and its optics.
+    """Return ``options`` completed by the defaults of the simulator, and its optics.
 
     The plan's camera is simulated with the effects that it needs, because ideal optics focus a point into single
     pixels, which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because
@@ -222,7 +222,7 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
 
 
 class SimGauge:
-    """Gauge with a constant reading, and another one during a fault."""
+    """Gauge with a constant reading, which differs during a fault."""
 
     def __init__(
         self, name: str, unit: str, values: tuple[float, float], fault: str, faults: Iterable[DeviceFault]

@@ -1,4 +1,4 @@
-"""Inject faults into the simulated rig, each at a chosen call."""
+"""Faults that can be injected into the simulated rig, each at a chosen call."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ class DeviceFault:
     kind
         One of `FAULTS`.
     at
-        Number of the call to ``move`` (stage faults), ``grab`` (camera faults) or ``read`` (faults of gauges), from 0.
+        Number of the first affected call to ``move`` (stage faults), ``grab`` (camera faults) or ``read`` (gauge
+        faults), from 0.
     times
         Number of consecutive affected calls; a vanished device and lost steps never recover.
     """
@@ -75,7 +76,7 @@ class DeviceFault:
 
 
 def parse_faults(text: str) -> list[DeviceFault]:
-    """Parse faults ``kind@call[*times]``, separated by ``;``; raises `InputError` if the text is invalid."""
+    """Return the faults in a text ``kind@call[*times]``, separated by ``;``; raises `InputError` if it is invalid."""
     faults = []
     for part in filter(None, (p.strip() for p in text.split(";"))):
         kind, _, call = part.partition("@")
@@ -90,7 +91,7 @@ def parse_faults(text: str) -> list[DeviceFault]:
 
 
 class FaultSchedule:
-    """Count the calls of one device and decide which faults occur."""
+    """Schedule of faults of one device, which counts its calls and decides which faults occur."""
 
     def __init__(self, faults: Iterable[DeviceFault], kinds: tuple[str, ...]) -> None:
         self.kinds = kinds

@@ -64,7 +64,9 @@ FINAL_EVENTS = (EventKind.DONE, EventKind.FAILED, EventKind.LOST)
 
 
 class Executor(Protocol):
-    """Does units, several at a time or one after the other. As a context, it stops all running units at its end.
+    """Base class of executors, which do units concurrently or one after the other.
+
+    As a context manager, it stops all running units at its end.
 
     Attributes
     ----------
@@ -75,7 +77,8 @@ class Executor(Protocol):
     place
         Address of a dashboard that shows the workers; empty if there is none.
     ahead
-        Whether workers get their next unit before one has ended; otherwise they get it at the next call of `events`.
+        Whether workers get the next unit before they have finished one; otherwise they get it at the next call of
+        `events`.
     """
 
     name: str
@@ -96,7 +99,7 @@ class Executor(Protocol):
         ...
 
     def events(self) -> list[Event]:
-        """Return the events since the last call; waits briefly for one."""
+        """Return the events since the last call, after a short wait for one."""
         ...
 
 
@@ -111,10 +114,10 @@ class ExecutorKind:
     title
         Short description.
     make
-        Function that makes an executor with ``workers`` (None: all processors of this machine) at an ``address``
-        (empty: none).
+        Function that makes an executor from ``workers`` (None: all processors of this machine) and ``address`` (empty:
+        none).
     addressed
-        Whether it accepts an address.
+        Whether the executor accepts an address.
     """
 
     name: str

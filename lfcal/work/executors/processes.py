@@ -32,11 +32,11 @@ _SCRIPT = threading.Lock()
 
 
 class WorkerLost(LfcalError):
-    """A worker ended before its unit was done: it was killed, or out of memory."""
+    """Error of a worker that ended before its unit was done, because it was killed or out of memory."""
 
 
 class TaskFailed(LfcalError):
-    """A task raised an unexpected error: a defect, reported with its traceback."""
+    """Unexpected error of a task, which is a defect and is reported with its traceback."""
 
 
 def news(error: Exception) -> tuple[EventKind, Exception]:
@@ -70,7 +70,7 @@ def _serve(link: Connection, number: int) -> None:
 
 @contextmanager
 def without_script() -> Iterator[None]:
-    """Prevent processes started in this block from running the program's script again, as multiprocessing would do.
+    """Context in which started processes do not run the program's script again, as multiprocessing would do.
 
     A unit names the module of its task and needs nothing from the script. A script without ``if __name__ ==
     "__main__":`` would start its work again in each process.
@@ -128,7 +128,7 @@ class _Worker:
 
 
 class Processes:
-    """Executor in processes; a worker that ends is replaced, and its unit reported as lost."""
+    """Executor in separate processes; a worker that ends early is replaced, and its unit is reported as lost."""
 
     name, place, ahead = "processes", "", False
 

@@ -23,7 +23,7 @@ POLL_S = 0.2
 
 
 def concurrent_units(sizes: Iterable[int], threads: int, memory: int) -> int:
-    """Return how many units of ``sizes`` bytes each run at the same time; 0: none fits.
+    """Return how many units may run at the same time, given the bytes that each needs; 0: none fits into ``memory``.
 
     A size of 0 marks a unit that runs alone.
     """
@@ -79,7 +79,7 @@ class _Worker:
 
 
 class Threads:
-    """Executor in threads of this process; errors of a task reach the caller unchanged.
+    """Executor in threads of this process; errors of a task are raised unchanged.
 
     Units that state their memory (`Unit.concurrent_bytes`) run concurrently as far as memory allows, with the threads
     divided among them. This is faster, because two threads on one unit wait for each other. All other units run one
