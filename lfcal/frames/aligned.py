@@ -46,9 +46,9 @@ def find_shift(source: FrameSource) -> int:
         (least, one), *_, (most, other) = sorted(found.items())
         raise InputError.expected(
             "alignment of the samples",
-            "one for all frames",
-            f"{least} empty low bits in {one}, {most} in {other}",
-            "record all frames with one setting",
+            "the same in all frames",
+            f"{least} empty low bits in {one} and {most} in {other}",
+            "record all frames with the same camera settings",
         )
     return next(iter(found), 0)
 
@@ -64,12 +64,10 @@ def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
             found = 0 if bits else find_shift(source)
         except InputError as error:
             return bits, f"samples: {error}"
-        return bits, f"samples: all are multiples of {1 << found}; --shift auto moves them down" if found else ""
+        return bits, f"samples: all are multiples of {1 << found}; --shift auto shifts them down" if found else ""
     bits = find_shift(source)
     width = 8 * source.dtype.itemsize
-    words = (
-        f"left-aligned, moved down by {bits} to {width - bits} bits" if bits else "not left-aligned, left as they are"
-    )
+    words = f"left-aligned, shifted down to {width - bits} bits" if bits else "not left-aligned, not shifted"
     return bits, f"samples: {words}"
 
 
@@ -79,7 +77,7 @@ def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
         raise InputError.expected(f"{what}, samples to shift", "integers", values.dtype, "leave the shift out")
     if np.any(values & values.dtype.type((1 << bits) - 1)):
         raise InputError.expected(
-            what, f"samples with {bits} empty low bits", "bits in use", "correct the shift, or leave it out"
+            what, f"samples with {bits} empty low bits", "samples that use them", "correct the shift, or leave it out"
         )
     moved: NDArray[Any] = values >> values.dtype.type(bits)
     return moved

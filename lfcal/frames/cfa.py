@@ -31,7 +31,7 @@ def check_cfa(cfa: str) -> str:
             "colour filter pattern",
             f"1, 4, 16 or 36 letters of {_LETTERS}",
             repr(cfa),
-            'for example "GRBG", or "" for monochrome',
+            'use for example "GRBG", or "" for monochrome',
         )
     return cfa
 
@@ -135,8 +135,8 @@ def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     if greens > 2.5 * others and greens > 0.0125 * float(light[bright].mean()):
         ratio = greens / max(others, 1e-9)
         raise FileFormatError.expected(
-            f"{name}, greens of {cfa}",
-            "equal light on both",
-            f"{ratio:.1f} times that of the other pixels",
-            "its Bayer tag is wrong; correct it",
+            f"{name}, green pixels of {cfa}",
+            "similar values at both green pixels of a cell",
+            f"a difference {ratio:.1f} times that of the other two",
+            "correct the Bayer tag",
         )

@@ -73,9 +73,9 @@ class ChannelSource(SourceView):
             # the size of a channel would differ from cutout to cutout
             raise InputError.expected(
                 f"channel {self.channel} of {info.label}",
-                "a part from the first pixel of a colour pattern" if whole else "whole sensor frames",
-                f"one from {place}" if whole else "cutouts",
-                "record whole frames for it",
+                "a part that starts at the first pixel of a colour pattern" if whole else "whole sensor frames",
+                f"one that starts at {place}" if whole else "cutouts",
+                "record whole sensor frames",
             )
         drift = None if info.drift is None else (info.drift[0] / self._step, info.drift[1] / self._step)
         (r0, c0), step = self._origin, self._step
@@ -108,10 +108,10 @@ class BalancedSource(SourceView):
         values = () if given is None or isinstance(given, float | int) else tuple(float(g) for g in given)
         if not names or len(values) != len(names) or not all(np.isfinite(values)) or min(values) <= 0:
             raise InputError.expected(
-                "gains of the colours",
+                "colour gains",
                 f"positive numbers for {', '.join(names) or 'a colour mosaic'}",
                 given,
-                "measure them on a white frame and give them",
+                "measure them on a white frame",
             )
         self.gains = values
         self._side = pattern_side(cfa)
@@ -239,14 +239,14 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
         return None
     if plan.resample:
         raise InputError.expected(
-            f"plan for channel {channel}", "sensor pixels", "resampled ones", "make the plan without --resample"
+            f"plan for channel {channel}", "sensor pixels", "resampled pixels", "make the plan without --resample"
         )
     if any(n % step for n in plan.period):
         raise InputError.expected(
             f"period of channel {channel}",
             f"a multiple of {step} pixels, the filter's pattern",
             f"{plan.period[0]} x {plan.period[1]}",
-            f"scan {step} cells along the odd side: only then does the pattern return to the same colour",
+            f"scan {step} cells along the odd axis, so that the period ends on the same colour",
         )
     # the first positions whose image is nearest to a pixel of the colour
     first = [round(r0 - a) % step for r0, a in zip(phase, plan.anchor, strict=True)]

@@ -119,7 +119,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
     chosen = np.setdiff1d(np.arange(len(source)), list(left_out))
     if not chosen.size:
         raise FileFormatError.expected(
-            "frames", "some that can be read", f"{len(left_out)} damaged ones", "record or copy them again"
+            "frames", "at least one readable frame", f"only damaged ones ({len(left_out)})", "record or copy them again"
         )
     return SelectedSource(source, chosen, (*source.metadata.left_out, *left_out.values()))
 
@@ -151,8 +151,8 @@ def without_positions(source: FrameSource, positions: Collection[tuple[int, int,
     unwanted = set(map(tuple, positions))
     chosen = np.array([k for k in range(len(source)) if tuple(source.info(k).position) not in unwanted], np.int64)
     if not len(chosen):
-        got = f"all {len(source)} of them in the list of positions to leave out"
-        raise InputError.expected("frames", "some that are used", got, "shorten the list")
+        got = f"all {len(source)} in the list of positions to leave out"
+        raise InputError.expected("frames", "at least one to use", got, "shorten the list")
     if isinstance(source, SelectedSource):  # so that frames are numbered as they are in the files
         return SelectedSource(source.source, source.chosen[chosen], source.metadata.left_out)
     return SelectedSource(source, chosen, source.metadata.left_out)

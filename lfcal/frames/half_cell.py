@@ -97,5 +97,7 @@ def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
     found = HalfCellSource(source, half_cell(plan), plan.shape[:3])
     if not len(found.filled):
         got = "frames of all positions"
-        raise InputError.expected("half-cell scan", "positions that were not recorded", got, "leave it out")
+        raise InputError.expected(
+            "half-cell scan", "positions that were not recorded", got, "switch the half-cell option off"
+        )
     return found

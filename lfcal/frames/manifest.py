@@ -72,7 +72,7 @@ class FrameEntry:
         """Check every value."""
         name = self.file
         if not name or "\0" in name or "\\" in name:
-            raise InputError.expected("file of a frame", "a path with / in it", repr(name), "correct it")
+            raise InputError.expected("file of a frame", "a path with / between folders", repr(name), "correct it")
         # checked before any access to the file system: "..", drive letters and absolute paths would leave the folder
         if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):
             raise _leads_out(name, "the session folder")
@@ -223,7 +223,7 @@ class Manifest:
                 "frames",
                 f"{len(positions)} for a scan of {nz} x {ny} x {nx}",
                 len(pages),
-                "write a manifest that says which are there",
+                "write a manifest that lists the recorded ones",
             )
         entries = tuple(FrameEntry(file, p, page) for (file, page), p in zip(pages, positions, strict=True))
         return cls(entries, plan_shape=plan_shape)
@@ -262,7 +262,7 @@ def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[s
         if os.path.commonpath((base, path)) != base and not _is_annexed(base, path):
             raise _leads_out(name, base)
         if not stat.S_ISREG(kind):
-            raise StorageError(f"{Path(base, name)}: no such file; copy it there or take it out of the manifest")
+            raise StorageError(f"{Path(base, name)}: no such file; copy it there or remove it from the manifest")
         found[name] = Path(path)
     return found
 
@@ -283,7 +283,7 @@ def _follow(path: str, name: str) -> str:
 
 def _leads_out(name: str, folder: str) -> UnsafeFileError:
     return UnsafeFileError.expected(
-        f"file of a frame {name!r}", f"a path inside {folder}", "one that leads out", "copy the file into the folder"
+        f"file of a frame {name!r}", f"a path inside {folder}", "one outside", "copy the file into the folder"
     )
 
 
@@ -398,7 +398,7 @@ def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
     elif suffix == ".csv":
         if expected:
             raise InputError.expected(
-                f"manifest {path}", "JSON for what CSV cannot hold", ", ".join(expected), "name it .json"
+                f"manifest {path}", "JSON for values that CSV cannot store", ", ".join(expected), "name it .json"
             )
         text = _csv_text(manifest)
     else:

@@ -209,9 +209,9 @@ class OrientedSource(SourceView):
         if (last >= self.sensor).any():
             raise InputError.expected(
                 f"{info.label}, frame to turn",
-                f"one on the sensor of {self.sensor}",
+                f"rows and columns on the sensor of {self.sensor} px",
                 f"{first} … {last}",
-                "name its sensor",
+                "state the size of its sensor",
             )
         row, column = self.turn.places([first, last], self.sensor).min(axis=0).astype(int).tolist()
         mask = None if info.mask is None else self.turn.apply(info.mask)

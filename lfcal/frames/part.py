@@ -93,7 +93,7 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
         return
     raise InputError.expected(
         "origin of the frames (row, column)",
-        f"a place on the sensor of {sensor[0]} x {sensor[1]} px",
+        f"a position on the sensor of {sensor[0]} x {sensor[1]} px",
         f"{origin[0]},{origin[1]} for frames of {shape[0]} x {shape[1]} px",
         "correct it, or the camera's sensor",
     )
@@ -120,6 +120,6 @@ def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, wh
         "frames",
         f"the camera's whole sensor, {sensor[0]} x {sensor[1]} px",
         got,
-        f"state the sensor row and column of their first pixel with --origin {words}; if the sensor is as small, "
+        f"state the sensor row and column of their first pixel with --origin {words}; if the sensor is this small, "
         "correct its size with lfcal camera import CAMERA --frame FRAME",
     )

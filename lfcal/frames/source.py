@@ -78,7 +78,10 @@ class FrameInfo:
         """The scan position of a frame of one point; raises `InputError` for frames of several points."""
         if len(self.points) != 1:
             raise InputError.expected(
-                self.label or "frame", "one point source", len(self.points), "use what handles frames of many points"
+                self.label or "frame",
+                "one point source",
+                len(self.points),
+                "use a function for frames of several points",
             )
         return self.points[0]
 
@@ -507,7 +510,7 @@ def masked(found: Samples, mask: NDArray[np.bool_]) -> Samples:
 def check_index(index: int, count: int) -> int:
     """Return ``index``; raise `InputError` unless it is that of one of ``count`` frames."""
     if not 0 <= index < count:
-        raise InputError.expected("frame index", f"0 … {count - 1}", index, "ask for a frame that is there")
+        raise InputError.expected("frame index", f"0 … {count - 1}", index, "choose an existing frame")
     return int(index)
 
 
@@ -516,7 +519,10 @@ def check_mask(mask: ArrayLike, shape: tuple[int, int], what: str) -> NDArray[np
     checked = np.array(mask, np.bool_)
     if checked.shape != shape or not checked.any():
         raise InputError.expected(
-            f"{what}, pixel mask", f"shape {shape} with some pixels valid", checked.shape, "1 is valid, 0 is not"
+            f"{what}, pixel mask",
+            f"shape {shape} with at least one valid pixel",
+            checked.shape,
+            "mark valid pixels with 1",
         )
     checked.flags.writeable = False
     return checked

@@ -109,7 +109,7 @@ def test_mistakes_are_one_line(folders: Path, tmp_path: Path) -> None:
     flats, darks = folders / "flats", folders / "darks"
     for words, said in (
         ((flats, flats), "different files"),
-        ((darks, flats), "exchange them"),
+        ((darks, flats), "exchange flats and darks"),
         ((flats, darks, "-o", tmp_path / "c.json"), "--camera"),
         ((flats, darks, "--figure", tmp_path / "ptc.xyz"), ".png"),
         ((flats, darks, "--cfa", "RGX"), "letters"),

@@ -74,8 +74,8 @@ def test_a_list_that_numbers_its_planes_and_one_of_a_wrong_z(lfcal: Callable[...
     assert assemble(numbered).code == 0
     longer = listed("longer.csv", "z_um", 1.8 * found.stage[:, 2])
     done = plan(longer)
-    assert done.code == 0 and "its range is 1.8" in done.err and "as z and steps part" in done.err, done.err
+    assert done.code == 0 and "its range is 1.8" in done.err and "z and the steps disagree" in done.err, done.err
     done = assemble(longer)
-    assert done.code == 0 and "lie 1.8" in done.err, done.err
+    assert done.code == 0 and "are 1.8" in done.err, done.err
     done = assemble(listed("thousand.csv", "z_um", found.stage[:, 2] / 1e3))
-    assert done.code == 2 and "z of the planes: expected the distances of the plan's, got 0.001" in done.err
+    assert done.code == 2 and "z of the planes: expected the spacing of the planned planes, got 0.001" in done.err

@@ -132,7 +132,7 @@ def test_frames_on_their_side_with_an_upright_dark_are_named(
     folder = deliver(tmp_path / "s", *scan, "rot90")
     done = lfcal(*arguments(folder, tmp_path / "H.h5", "--dark", straight / "dark"))
     assert done.code == 2
-    assert "on their side" in done.err
+    assert "rotated by 90°" in done.err
     assert "give dark and white frames as the camera delivers them" in done.err
 
 

@@ -102,7 +102,7 @@ def test_where_both_look_the_same_the_note_says_so(lfcal: Callable[..., Run], tm
     folder = deliver(tmp_path / "s", frames.astype(np.uint16), "mirror x", plan)
     taken = assembled(lfcal, folder, tmp_path / "taken.h5", "check")
     assert taken.code == 0, taken.err
-    assert "if the plan is right the frames are mirrored left to right (--orientation mirror-x)" in taken.err
+    assert "if the plan is right, the frames are mirrored left to right (--orientation mirror-x)" in taken.err
     assert json.loads(taken.out)["orientation"]["applied"] == "as is"
     turned = assembled(lfcal, folder, tmp_path / "turned.h5", "auto")
     assert turned.code == 0, turned.err

@@ -22,7 +22,7 @@ def source(frames: np.ndarray, **facts: object) -> ArraySource:
 def test_alignment_is_found(bits: int) -> None:
     assert find_shift(source(FRAMES << np.uint16(bits))) == bits
     shift, note = chosen_shift("auto", source(FRAMES << np.uint16(bits)))
-    assert shift == bits and (f"moved down by {bits} to {16 - bits} bits" in note or not bits)
+    assert shift == bits and (f"shifted down to {16 - bits} bits" in note or not bits)
 
 
 def test_frames_without_light_do_not_mislead() -> None:
@@ -37,14 +37,14 @@ def test_frames_without_light_do_not_mislead() -> None:
 def test_a_mixture_is_refused() -> None:
     frames = (FRAMES << np.uint16(4)).copy()
     frames[-1] >>= 4
-    with pytest.raises(InputError, match=r"one for all frames, got 0 empty low bits in .*, 4 in"):
+    with pytest.raises(InputError, match=r"the same in all frames, got 0 empty low bits in .* and 4 in"):
         chosen_shift("auto", source(frames))
     shift, note = chosen_shift("0", source(frames))
-    assert shift == 0 and "one for all frames" in note
+    assert shift == 0 and "the same in all frames" in note
     hidden = (FRAMES << np.uint16(4)).copy()
     hidden[2] += 1  # a frame that is not looked at shows when it is read
     view = ShiftedSource(source(hidden), find_shift(source(hidden)))
-    with pytest.raises(InputError, match="samples with 4 empty low bits, got bits in use"):
+    with pytest.raises(InputError, match="samples with 4 empty low bits, got samples that use them"):
         view.read(2)
 
 

@@ -91,7 +91,9 @@ def test_frames_along_the_last_axis(tmp_path: Path, name: str) -> None:
             region = (slice(2, 9), slice(1, 4))
             np.testing.assert_array_equal(source.read(k, region), frames[k][region])
     # there are fewer rows than positions: without a sensor it may also be a scan that stopped early
-    with pytest.raises(FileFormatError, match="60 frames along one axis, got 40 along the first and 60 along the last"):
+    with pytest.raises(
+        FileFormatError, match=("60 frames along one axis, got 40 along the first axis and 60 along the last")
+    ):
         open_frames(tmp_path / name, order="raster", plan_shape=plan.shape[:3])
 
 

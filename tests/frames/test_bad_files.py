@@ -82,7 +82,7 @@ def _zeroed_strip() -> bytes:
 
 BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
     "empty file": ("a.png", lambda: b"", FileFormatError, "an empty file"),
-    "text file": ("a.tif", lambda: b"hello, this is no image", FileFormatError, "something else"),
+    "text file": ("a.tif", lambda: b"hello, this is no image", FileFormatError, "an unknown format"),
     "PNG cut in the middle": ("a.png", lambda: _png()[:2000], FileFormatError, "the end is missing"),
     "PNG without its last chunk": ("a.png", lambda: _png()[:-12], FileFormatError, "the end is missing"),
     "PNG of a header only": ("a.png", lambda: _png()[:20], FileFormatError, "no header"),
@@ -91,7 +91,7 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
         "a.png",
         lambda: png_bytes(40, 50, 16, 0, bytes(101 * 20)),
         FileFormatError,
-        "not all there",
+        "missing",
     ),
     "PNG of 8-bit colour": ("a.png", lambda: png_bytes(4, 5, 8, 2, bytes(64)), FileFormatError, "3 samples of 8 bits"),
     "PNG with transparency": (
@@ -109,14 +109,14 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
         "7.2 GB declared in a file of",
     ),
     "PNG of no rows": ("a.png", lambda: png_bytes(0, 5, 16, 0, b""), UnsafeFileError, "0 x 5"),
-    "JPEG": ("a.jpg", _jpeg, FileFormatError, "a JPEG picture; JPEG loses what calibration needs"),
-    "JPEG named PNG": ("a.png", _jpeg, FileFormatError, "got a JPEG picture"),
+    "JPEG": ("a.jpg", _jpeg, FileFormatError, "a JPEG image; JPEG compression loses information"),
+    "JPEG named PNG": ("a.png", _jpeg, FileFormatError, "got a JPEG image"),
     "TIFF cut within the first page": ("a.tif", lambda: _tiff()[:3000], FileFormatError, "the file ends within page 1"),
     "TIFF cut in the last page": ("a.tif", lambda: _tiff()[:-17], FileFormatError, "the file ends within page 3"),
     "TIFF cut in its header": ("a.tif", lambda: _tiff()[:7], FileFormatError, "damaged data"),
     "TIFF whose pages run in a circle": ("a.tif", _tiff_loop, FileFormatError, "leads back to an earlier one"),
     "TIFF of declared 60000 x 60000": ("a.tif", _tiff_huge, UnsafeFileError, "7.2 GB declared in a file of"),
-    "TIFF with an unwritten strip": ("a.tif", _zeroed_strip, FileFormatError, "the samples of page 0 are not"),
+    "TIFF with an unwritten strip": ("a.tif", _zeroed_strip, FileFormatError, "samples of page 0 are missing"),
     "TIFF of JPEG data": (
         "a.tif",
         lambda: _tiff((FRAME // 16).astype(np.uint8), compression="jpeg"),
@@ -181,8 +181,8 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
         "a Zeiss CZI file; export it as OME-TIFF, in ZEN",
     ),
     "LIF": ("a.lif", lambda: b"\x70\0\0\0" + bytes(60), FileFormatError, "a Leica LIF file; export it as OME-TIFF"),
-    "ASCII PGM": ("a.pgm", lambda: b"P2 2 2 9 1 2 3 4", FileFormatError, "a PGM picture in ASCII; convert it without"),
-    "BMP": ("a.bmp", lambda: b"BM" + bytes(60), FileFormatError, "a BMP picture"),
+    "ASCII PGM": ("a.pgm", lambda: b"P2 2 2 9 1 2 3 4", FileFormatError, "a PGM image in ASCII; convert it without"),
+    "BMP": ("a.bmp", lambda: b"BM" + bytes(60), FileFormatError, "a BMP image"),
 }
 
 
@@ -273,7 +273,7 @@ def test_truncated_raw(tmp_path: Path) -> None:
 @pytest.mark.parametrize("pattern", [(0, 1, 0, 2), (1, 1, 0, 2), (0, 1, 2, 0)])
 def test_raw_with_an_impossible_bayer_tag(tmp_path: Path, pattern: tuple[int, int, int, int]) -> None:
     write_dng(tmp_path / "a.dng", FRAME, pattern)
-    with pytest.raises(FileFormatError, match="its Bayer tag is wrong"):
+    with pytest.raises(FileFormatError, match="correct the Bayer tag"):
         open_image(tmp_path / "a.dng")
 
 

@@ -71,7 +71,7 @@ def test_channels_of_corrected_frames() -> None:
 
 @pytest.mark.parametrize("gains", [None, (1.0, 2.0), (1.0, 0.0, 1.0, 1.0), (1.0, float("nan"), 1.0, 1.0)])
 def test_unusable_gains(gains: tuple[float, ...] | None) -> None:
-    with pytest.raises(InputError, match="gains of the colours: expected positive numbers for G1, R, B, G2"):
+    with pytest.raises(InputError, match="colour gains: expected positive numbers for G1, R, B, G2"):
         balanced_source(mosaic(), gains)
 
 

@@ -263,7 +263,7 @@ def test_a_dark_and_a_set_of_darks_do_not_go_together() -> None:
 
 
 def test_shapes_must_fit() -> None:
-    with pytest.raises(InputError, match=r"sensor of White: expected \(3, 4\) as that of Dark, got \(48, 60\)"):
+    with pytest.raises(InputError, match=r"shape of White: expected \(3, 4\) as in Dark, got \(48, 60\)"):
         CorrectionChain((Dark(np.ones((3, 4))), STEPS["White"]))
     with pytest.raises(InputError, match=r"shape \(48, 60\) of the calibration frames, got \(60, 48\)"):
         chain().apply(frame().T, exposure_s=1.0)
@@ -280,7 +280,7 @@ def test_shapes_must_fit() -> None:
 def test_measured_background_needs_the_frame() -> None:
     raw, region = frame(), (slice(4, 30), slice(7, 20))
     steps = chain(kind="plane")
-    with pytest.raises(InputError, match=r"what measure\(\) returned for it, got none"):
+    with pytest.raises(InputError, match=r"the result of measure\(\) for this frame, got none"):
         steps.apply_region(raw[region], region, exposure_s=0.1)
     plane = steps.measure(lambda part: raw[part], SHAPE, exposure_s=0.1)
     inside = (slice(10, 20), slice(12, 15))
@@ -301,7 +301,7 @@ def test_unknown_exposure_names_the_frame() -> None:
         (lambda: White(DARK, WHITE), "white and dark are not swapped"),
         (lambda: White(WHITE, DARK[:-1]), "dark of the white frame"),
         (lambda: White(WHITE, 0.0, floor=0.0), "white floor"),
-        (lambda: White(np.full(SHAPE, 65535, np.uint16), 0.0), "saturated, got 100 %; expose it less"),
+        (lambda: White(np.full(SHAPE, 65535, np.uint16), 0.0), "saturated, got 100 %; reduce its exposure"),
         (lambda: White(WHITE, 0.0, saturation=4000), "at most 0.1 % saturated"),
         (lambda: White(np.where(WHITE > 3000, np.nan, WHITE), 0.0), "white frame: expected finite values"),
         (lambda: Dark(np.zeros((2, 3, 4))), "dark frame: expected a 2-D frame"),

@@ -143,7 +143,7 @@ def test_masked_values_are_repaired_without_being_listed() -> None:
         ([(5, 5)], {"kinds": ("hot", "dead")}, "kinds of defects: expected 1, got 2"),
         ([(5, 5)], {"cfa": "GRB"}, "colour filter pattern"),
         ([(r, c) for r in range(10) for c in range(10)], {}, "at most 5 % of the sensor, got 8.33 %"),
-        ([(r, c) for r in range(7) for c in range(7)], {}, "only defect ones within two periods"),
+        ([(r, c) for r in range(7) for c in range(7)], {}, "only defective ones within two periods"),
     ],
 )
 def test_unusable_defects(pixels: list[tuple[int, int]], more: dict, words: str) -> None:

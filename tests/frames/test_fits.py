@@ -70,14 +70,14 @@ def test_damaged_files_give_one_line(tmp_path: Path) -> None:
     whole = fits(STACK.astype("i4"))
     bad: dict[bytes, tuple[type[Exception], str]] = {
         whole[:3200]: (FileFormatError, "the file is cut short"),
-        whole[:1000]: (FileFormatError, "a header with END"),
+        whole[:1000]: (FileFormatError, "a header that ends with END"),
         fits(None): (FileFormatError, "got no data; export it uncompressed"),
         fits(None) + fits(STACK[0].astype("u1"), "XTENSION= 'BINTABLE'", ZIMAGE="T", PCOUNT=0): (
             FileFormatError,
             "got no data, a compressed table; export it uncompressed",
         ),
         fits(None, NAXIS=10**9): (FileFormatError, "got 999 axes; export it"),
-        fits(None, NAXIS=1, NAXIS1=5, BITPIX="1E300"): (FileFormatError, "an image of 2, 3 or 5 axes"),
+        fits(None, NAXIS=1, NAXIS1=5, BITPIX="1E300"): (FileFormatError, "an image with 2, 3 or 5 axes"),
         fits(None) + fits(STACK[0].astype("u1"), "XTENSION= 'BINTABLE'", PCOUNT=-(10**9)): (
             FileFormatError,
             "got no data, a table",

@@ -176,7 +176,9 @@ def test_what_a_source_brings_itself_is_not_asked_for(places: tuple[ScanPlan, di
     _, ways = places
     for name, what in (("session", "recorded session"), ("plan.json", "simulated camera of a plan")):
         for option, value in {"pattern": "x{x}.png", "order": "raster", "manifest": ways["stack.csv"]}.items():
-            with pytest.raises(InputError, match=f"{what}: expected no option '{option}', got .*it brings this itself"):
+            with pytest.raises(
+                InputError, match=(f"{what}: expected no option '{option}', got .*the source defines this itself")
+            ):
                 open_frames(ways[name], **{option: value})  # type: ignore[arg-type]
 
 

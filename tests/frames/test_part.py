@@ -124,7 +124,7 @@ def test_metadata_that_state_the_part_refuse_a_plan_of_the_whole(tmp_path: Path)
         with pytest.raises(InputError, match=r"first pixel is row 5, column 6 of it, as their metadata say; state"):
             assemble_plan(source, PLAN)
     with opened(tmp_path / "f", origin=(5, 7)) as source:
-        assert "the frames' metadata say 5,6; 5,7 is taken as stated" in source.metadata.notes[-1]
+        assert "the frames' metadata state 5,6; the given 5,7 is used" in source.metadata.notes[-1]
 
 
 def test_a_folder_of_micro_manager_states_the_part(tmp_path: Path) -> None:
@@ -159,7 +159,9 @@ def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) ->
             check_place(found, source, PLAN)
         check_place(replace(found, offset_px=(1.0, 0.5)), source, PLAN)
     with opened(tmp_path / "f", origin=(8, 8)) as source:
-        with pytest.raises(InputError, match="a place on the sensor of 40 x 48 px, got 8,8 for frames of 33 x 42 px"):
+        with pytest.raises(
+            InputError, match=("a position on the sensor of 40 x 48 px, got 8,8 for frames of 33 x 42 px")
+        ):
             assemble_plan(source, PLAN)
 
 
@@ -186,7 +188,7 @@ def test_h_of_a_part_is_that_of_the_whole_frames(tmp_path: Path) -> None:
         assemble_plan(corrected_view(source, recipe, PLAN), PLAN)
     with opened(tmp_path / "part", origin=ORIGIN) as source:
         recipe = CorrectionRecipe(dark=str(tmp_path / "dark.tif"), background="border")
-        with pytest.raises(InputError, match="a constant for frames that are cutouts"):
+        with pytest.raises(InputError, match="a constant for cutouts"):
             corrected_view(source, recipe, PLAN)
 
 
@@ -220,7 +222,7 @@ def test_colours_of_a_part_begin_with_its_first_pixel(tmp_path: Path) -> None:
     with opened(tmp_path / "f", origin=(5, 6)) as source:
         described = DescribedSource(source, plan)
         assert described.metadata.cfa == "GBRG"
-        with pytest.raises(InputError, match="a part from the first pixel of a colour pattern"):
+        with pytest.raises(InputError, match="a part that starts at the first pixel of a colour pattern"):
             channel_source(described, "R").info(0)
     mosaic = session((1, 6, 8))
     gains = (1.0, 2.0, 3.0, 4.0)

@@ -61,7 +61,7 @@ def test_streams_that_lie(tmp_path: Path) -> None:
     image = np.arange(12, dtype=np.uint16).reshape(3, 4)
     cases = {
         "an unknown filter in row 1": b"\x00" + bytes(8) + b"\x07" + bytes(8) + b"\x00" + bytes(8),
-        "not all there": b"\x00" + bytes(8),
+        "missing pixels": b"\x00" + bytes(8),
     }
     for word, rows in cases.items():
         (tmp_path / "a.png").write_bytes(png(image, [0, 0, 0], rows=rows))

@@ -325,8 +325,12 @@ def test_frames_are_read_as_they_were_recorded(tmp_path: Path, case: str) -> Non
 
 
 NOTED: dict[str, tuple[Write, dict[str, Any], str]] = {
-    "bluesky/tiled#555, a gap": (tiffs(GAP), RASTER, "order: number 20 is not among the names"),
-    "micro-manager/micro-manager#264": (AS_STORED["micro-manager/micro-manager#264"][0], {}, "planes: by SliceIndex"),
+    "bluesky/tiled#555, a gap": (tiffs(GAP), RASTER, "order: the file names skip 20"),
+    "micro-manager/micro-manager#264": (
+        AS_STORED["micro-manager/micro-manager#264"][0],
+        {},
+        ("planes: numbered by SliceIndex"),
+    ),
     "bluesky/ophyd#935": (hdf5(begun(40)), RASTER, "40 of 56 were written to a.h5"),
     "astropy/astropy#6841": (fits("ROWORDER= 'BOTTOM-UP'", frames=F[:, ::-1]), RASTER, "mirror-y .*--orientation"),
     "OpenChemistry/tomviz#1809": (
@@ -361,15 +365,19 @@ REFUSED: dict[str, tuple[Write, dict[str, Any], str]] = {
     "bluesky/tiled#555, one missing": (
         tiffs(GAP[:-1], np.delete(F, 20, 0)),
         RASTER,
-        "expected 56 .* got 55; .*; number 20 is not among the names",
+        "expected 56 .* got 55; .*; the file names skip 20",
     ),
     "scifio/scifio#159": (pages(each=[*F[:9], F[9][:30], *F[10:]]), RASTER, r"page 9.* got uint16 \(30, 48\)"),
     "ome/bioformats#4192": (cut_short, RASTER, "expected an intact TIFF file, .*the file ends within page 0"),
     "MrKepzie/Natron#1215": (png(16, alpha=True), {}, "one sample per pixel, got 2 samples of 16 bits"),
-    "white is zero": (tiffs(photometric="miniswhite"), {}, "samples that grow with light"),
-    "link out of the folder": (linked("elsewhere"), {}, "a path inside .*, got one that leads out"),
+    "white is zero": (tiffs(photometric="miniswhite"), {}, "samples that increase with light"),
+    "link out of the folder": (linked("elsewhere"), {}, "a path inside .*, got one outside"),
     "h5py/h5py#1546": (hdf5(virtual), RASTER, "a virtual dataset of data_000001.h5; open the file that holds them"),
-    "dials/dials#1088": (hdf5(master), RASTER, "links to data_000001.h5::/entry/data/data; .*open the file that holds"),
+    "dials/dials#1088": (
+        hdf5(master),
+        RASTER,
+        ("links to data_000001.h5::/entry/data/data; .*open the file that contains"),
+    ),
     "areaDetector/ADAndor#41": (
         hdf5(lambda file: file.create_dataset("data", data=np.where(np.arange(COUNT)[:, None, None] == 55, 0, F))),
         RASTER,

@@ -68,7 +68,7 @@ def test_channel_of_a_mosaic_takes_the_channel_of_its_calibration_frames(folder:
 def test_declared_black_level_stands_in_for_a_dark_frame() -> None:
     chain = build_chain(source(cfa="GRBG", black_level=(64.0,) * 4), CorrectionRecipe(exposure="none"))
     assert chain.describe()["steps"] == [{"kind": "dark", "level": 64.0}]
-    with pytest.raises(InputError, match="black level of the colours: expected one for all"):
+    with pytest.raises(InputError, match="black level of the colours: expected the same for all"):
         build_chain(source(black_level=(64.0, 65.0, 64.0, 64.0)), CorrectionRecipe())
 
 
@@ -142,7 +142,7 @@ def test_left_aligned_samples_are_named_and_shifted() -> None:
     view = corrected_view(source, CorrectionRecipe(shift=4), plan)
     np.testing.assert_array_equal(view.read(0), raw[0])
     assert view.samples(0).saturated == 0
-    with pytest.raises(InputError, match="samples with 4 empty low bits, got bits in use"):
+    with pytest.raises(InputError, match="samples with 4 empty low bits, got samples that use them"):
         corrected_view(ArraySource(raw, [(0, 0, 0)]), CorrectionRecipe(shift=4), plan).read(0)
 
 
@@ -164,14 +164,14 @@ def test_darks_of_a_recording_are_taken_by_exposure_and_place() -> None:
     with pytest.raises(InputError, match=r"frames\[0\]: dark frame: expected rows 0 … 5"):
         corrected_view(off, CorrectionRecipe(exposure="none")).read(0)
     other = ArraySource(raw, places, exposures_s=[1.0, 3.0], origins=origins, metadata={"darks": darks})
-    with pytest.raises(InputError, match="dark frame: expected one of 3 s, got 1, 2 s"):
+    with pytest.raises(InputError, match="exposure of the dark frame: expected 3 s, got 1, 2 s"):
         corrected_view(other, CorrectionRecipe(exposure="none")).read(1)
 
 
 def test_what_does_not_fit_cutouts_is_refused() -> None:
     frames = ArraySource(np.full((1, 6, 8), 500, np.uint16), [(0, 0, 0)], origins=[(4, 5)], metadata={"cfa": "GRBG"})
     for recipe, word in (
-        (CorrectionRecipe(background="border"), "background: expected a constant for frames that are cutouts"),
+        (CorrectionRecipe(background="border"), "background: expected a constant for cutouts"),
         (CorrectionRecipe(defects=True), "search for defect pixels: expected whole sensor frames, got cutouts"),
         (CorrectionRecipe(channel="R"), "channel R of .*: expected whole sensor frames, got cutouts"),
     ):
@@ -190,7 +190,7 @@ def test_a_level_that_no_sample_can_have_is_refused(shift: int, level: str) -> N
 
 
 def test_a_dark_frame_and_a_black_level_do_not_go_together(folder: Path) -> None:
-    with pytest.raises(InputError, match=r"one source of it, got the dark frame .* and black level 5; leave one"):
+    with pytest.raises(InputError, match=r"a dark frame or a number, got both \(.* and 5\); omit one"):
         build_chain(source(), CorrectionRecipe(dark=folder / "dark", black_level=5.0))
     # of darks recorded with the frames, the level that was stated takes the place
     chain = build_chain(source(), CorrectionRecipe(dark="none", black_level=5.0))

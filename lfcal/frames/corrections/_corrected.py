@@ -48,21 +48,21 @@ class CorrectedSource(SourceView):
             cut, self._first = False, part
         if cut and chain.measures_frames:
             raise InputError.expected(
-                "background", "a constant for frames that are cutouts", "one measured on whole frames", "use a constant"
+                "background", "a constant for cutouts", "a measurement on whole frames", "use a constant"
             )
         if not cut and chain.shape is not None and chain.shape != source.shape:
             if chain.shape == source.shape[::-1]:
                 raise InputError.expected(
                     "frames and their calibration frames",
-                    "all delivered the same way up",
-                    f"frames {source.shape} and dark or white {chain.shape}, on their side",
-                    "give dark and white frames as the camera delivers them: all are turned together (orientation)",
+                    "the same orientation of all",
+                    f"frames {source.shape} and dark or white {chain.shape}, rotated by 90°",
+                    "give dark and white frames as the camera delivers them; the orientation is applied to all",
                 )
             raise InputError.expected(
                 "frames",
                 f"shape {chain.shape} of the calibration frames",
                 source.shape,
-                "take frames, dark and white with one sensor setting",
+                "record frames, dark and white with the same sensor settings",
             )
 
     @property

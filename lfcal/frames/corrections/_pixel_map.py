@@ -96,7 +96,7 @@ def _checked(
             f"{what} {path}",
             f"{target[0]} x {target[1]} px, as the frames come from the camera",
             f"{marked.shape[0]} x {marked.shape[1]}",
-            "use that of the same sensor setting",
+            "use a map for the sensor settings of the frames",
         )
     return np.ascontiguousarray(marked)
 
@@ -125,8 +125,8 @@ def _listed(path: str | os.PathLike[str]) -> NDArray[np.int64]:
         names = ["row", "column"]
     found = [[k for k, name in enumerate(names) if name in wanted] for wanted in (_ROWS, _COLUMNS)]
     if any(len(one) != 1 for one in found):
-        got = ", ".join(table.columns) if table.header else f"{len(names)} without names"
-        raise FileFormatError.expected(str(path), "the columns row and column, or y and x", got, "name them so")
+        got = ", ".join(table.columns) if table.header else f"{len(names)} columns without names"
+        raise FileFormatError.expected(str(path), "the columns row and column, or y and x", got, "rename the columns")
     (row,), (column,) = found
     pixels = []
     for number, cells in zip(table.lines, table.rows, strict=True):
@@ -150,7 +150,7 @@ def _image(path: str | os.PathLike[str], what: str) -> NDArray[np.bool_]:
         image = open_image(file)
         try:
             if image.pages > 1:
-                raise InputError.expected(f"{what} {path}", "one image", f"{image.pages} pages", "keep one of them")
+                raise InputError.expected(f"{what} {path}", "one image", f"{image.pages} pages", "keep one page")
             values = image.read()
         finally:
             image.close()
@@ -158,7 +158,9 @@ def _image(path: str | os.PathLike[str], what: str) -> NDArray[np.bool_]:
         values = values.reshape(values.shape[-2:] if values.size == np.prod(values.shape[-2:]) else values.shape)
     if values.ndim != 2 or values.dtype.kind not in "biuf":
         got = f"{values.dtype} {values.shape}"
-        raise FileFormatError.expected(f"{what} {path}", "one image, (rows, columns)", got, "save it as one")
+        raise FileFormatError.expected(
+            f"{what} {path}", "one image with axes (row, column)", got, "save a single image"
+        )
     return np.asarray(values != 0)
 
 

@@ -86,10 +86,10 @@ class CorrectionChain:
         for step in sized[1:]:
             if step.shape != sized[0].shape:
                 raise InputError.expected(
-                    f"sensor of {_name(step)}",
-                    f"{sized[0].shape} as that of {_name(sized[0])}",
+                    f"shape of {_name(step)}",
+                    f"{sized[0].shape} as in {_name(sized[0])}",
                     step.shape,
-                    "take all calibration frames with one sensor setting",
+                    "record all calibration frames with the same sensor settings",
                 )
 
     @property
@@ -179,7 +179,7 @@ class CorrectionChain:
         if self.measures_frames and background is None:
             raise InputError.expected(
                 "background of the frame",
-                "what measure() returned for it",
+                "the result of measure() for this frame",
                 "none",
                 "call measure() first, correct whole frames, or use a constant background",
             )
@@ -281,7 +281,7 @@ class CorrectionChain:
                 "frame",
                 f"shape {self.shape} of the calibration frames",
                 shape,
-                "take frame, dark and white with one sensor setting",
+                "record frame, dark and white with the same sensor settings",
             )
         return shape
 

@@ -108,7 +108,7 @@ class Defects:
             raise InputError.expected(
                 f"defect pixel ({r}, {c})",
                 "a good neighbour of its colour",
-                "only defect ones within two periods",
+                "only defective ones within two periods of the colour pattern",
                 "such a cluster cannot be repaired; mask it (--mask)",
             )
         return found

@@ -103,16 +103,16 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
     ...     check_turned_colours(frames, plan, CorrectionRecipe(channel="G1"), "rot90")
     ... except InputError as error:
     ...     print(error)
-    colour pattern of rotated frames: expected that of the frames as delivered, ...
+    colour pattern of rotated frames: expected the pattern of the frames as delivered, ...
     """
     used = recipe.channel or recipe.defects or recipe.white
     if applied == AS_IS or not used or frames.metadata.cfa or not plan.camera.sensor.cfa:
         return
     raise InputError.expected(
         "colour pattern of rotated frames",
-        "that of the frames as delivered",
-        f"that of the plan's upright sensor, {plan.camera.sensor.cfa}",
-        "state it in the manifest, or turn the files themselves",
+        "the pattern of the frames as delivered",
+        f"only that of the plan's upright sensor, {plan.camera.sensor.cfa}",
+        "state it in the manifest, or rotate the files themselves",
     )
 
 
@@ -135,7 +135,9 @@ def _images(place: Path) -> list[Path]:
         # sorted, so that the float sums and with them the checksums do not depend on the folder's order
         files = sorted(p for p in place.iterdir() if p.suffix.lower() in image_suffixes())
         if not files:
-            raise InputError.expected(f"calibration frames in {place}", "at least one image", "none", "check it")
+            raise InputError.expected(
+                f"calibration frames in {place}", "at least one image", "none", "check the folder"
+            )
         return files
     if not split_dataset(place)[0].exists():
         raise StorageError(f"{place}: no such file or folder; check the path")
@@ -227,7 +229,7 @@ def _defects(
         part = source.metadata.origin or (0, 0)
         if any(source.info(k).origin != part for k in range(len(source))):
             raise InputError.expected(
-                "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for it"
+                "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for the search"
             )
         known = [one for one in (listed, lost) if one is not None]
         found = find_defects(source, ignore=np.logical_or.reduce(known) if known else None)
@@ -243,8 +245,8 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
     """Return the first subtraction: the dark of the recipe, that of the recording, or the black level."""
     if recipe.dark and recipe.dark != "none":
         if recipe.black_level is not None:
-            got = f"the dark frame {recipe.dark} and black level {recipe.black_level:g}"
-            raise InputError.expected("black level", "one source of it", got, "leave one of them out")
+            got = f"both ({recipe.dark} and {recipe.black_level:g})"
+            raise InputError.expected("black level", "a dark frame or a number", got, "omit one of them")
         frame, count, variance = _read_mean(recipe.dark, source.metadata.colour, recipe.shift)
         return Dark(_of_channel(source, frame), count=count, variance=variance)
     if recipe.black_level is None and recipe.dark == "none":
@@ -253,7 +255,7 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
     if lost and recipe.black_level is None:
         raise InputError.expected(
             "recorded dark frames",
-            f"an intact one of {', '.join(f'{seconds:g}' for seconds in lost)} s",
+            f"an intact frame of {', '.join(f'{seconds:g}' for seconds in lost)} s",
             "damaged ones",
             "record them again (lfcal acquire --resume), or give --dark or --black-level",
         )
@@ -272,7 +274,7 @@ def _white_dark(dark: Dark | DarkSet | None, shape: tuple[int, ...]) -> NDArray[
     one = dark.at(None) if isinstance(dark, DarkSet) and len(dark.darks) == 1 else dark
     if isinstance(one, DarkSet) or (one.frame is not None and one.frame.shape != shape):
         raise InputError.expected(
-            "dark of the white image", "one for the whole sensor", "darks of a part of it", "give a dark frame"
+            "dark of the white image", "the whole sensor", "only a part of it", "give a dark frame of the whole sensor"
         )
     return one.level if one.frame is None else one.frame
 
@@ -295,7 +297,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
         raise InputError.expected(
             "exposures of the frames",
             "one for every frame, because they differ",
-            f"{counts[None]} unknown",
+            f"{counts[None]} frames without one",
             "complete the manifest, or do not scale by exposure (exposure none)",
         )
     # the most frequent exposure leaves most frames unscaled; among equal counts take the longest, for reproducibility
@@ -334,7 +336,9 @@ def _black_level(source: FrameSource) -> float:
     """Return the black level of camera RAW frames, 0 if there is none."""
     levels = np.atleast_1d(np.asarray(source.metadata.black_level or 0.0, float))
     if np.ptp(levels) > 0:
-        raise InputError.expected("black level of the colours", "one for all", levels.tolist(), "give a dark frame")
+        raise InputError.expected(
+            "black level of the colours", "the same for all", levels.tolist(), "give a dark frame"
+        )
     return float(levels[0])
 
 

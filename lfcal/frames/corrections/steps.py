@@ -111,7 +111,7 @@ class PixelMask:
         lost = np.array(self.lost, np.bool_)
         if lost.ndim != 2 or lost.all():
             raise InputError.expected(
-                "mask", "some pixels with information", f"none of {lost.shape}", "in a mask, 0 marks usable pixels"
+                "mask", "at least one usable pixel", f"none of {lost.shape}", "mark usable pixels with 0"
             )
         lost.flags.writeable = False
         object.__setattr__(self, "lost", lost)
@@ -191,8 +191,8 @@ class Dark:
             raise InputError.expected(
                 "dark frame",
                 f"rows {region[0].start} … {region[0].stop - 1}, columns {region[1].start} … {region[1].stop - 1}",
-                f"{self.frame.shape} pixels from {self.origin}",
-                "record darks of the same region",
+                f"{self.frame.shape[0]} x {self.frame.shape[1]} px from {self.origin}",
+                "record dark frames of the same region",
             )
         return np.ascontiguousarray(self.frame[inside])
 
@@ -234,15 +234,17 @@ class DarkSet:
                 return next(iter(self.darks.values()))
             raise InputError.expected(
                 "exposure of the frame",
-                "one of those of the dark frames",
+                "the exposure of a dark frame",
                 "none",
-                "state the exposures, or give one dark",
+                "state the exposures of the frames, or give a single dark frame",
             )
         nearest = min(self.darks, key=lambda seconds: abs(seconds - exposure_s))
         # cameras report exposures rounded to their clock
         if abs(nearest - exposure_s) > 0.01 * exposure_s:
             known = ", ".join(f"{seconds:g}" for seconds in sorted(self.darks))
-            raise InputError.expected("dark frame", f"one of {exposure_s:g} s", f"{known} s", "record the darks again")
+            raise InputError.expected(
+                "exposure of the dark frame", f"{exposure_s:g} s", f"{known} s", "record dark frames with this exposure"
+            )
         return self.darks[nearest]
 
     def describe(self) -> dict[str, Any]:
@@ -267,7 +269,7 @@ def white_gain(
                 "white frame",
                 "light above the dark level",
                 f"99th percentile {peak:g}",
-                "check lamp, shutter and that white and dark are not swapped",
+                "check the lamp and the shutter, and that white and dark are not swapped",
             )
         np.divide(part, np.float32(peak), out=relative[rows, columns])
     # in place from here on: a frame of 29 MP takes 115 MB in float32
@@ -332,7 +334,10 @@ class White:
             level = as_sensor_frame("dark of the white frame", level)
         if level.ndim and level.shape != white.shape:
             raise InputError.expected(
-                "dark of the white frame", f"shape {white.shape}", level.shape, "use one sensor setting"
+                "dark of the white frame",
+                f"shape {white.shape}",
+                level.shape,
+                "record both with the same sensor settings",
             )
         gain, dim = white_gain(white - level, self.floor, self.cfa)
         for name, value in (("gain", gain), ("dim", dim)):
@@ -350,7 +355,7 @@ class White:
         # clipped pixels are too dark compared with others, so their gain would be wrong; a few hot pixels do no harm
         if share > 1e-3:
             raise InputError.expected(
-                "white frame", "at most 0.1 % saturated", f"{100 * share:.3g} %", "expose it less"
+                "white frame", "at most 0.1 % saturated", f"{100 * share:.3g} %", "reduce its exposure"
             )
 
     @property

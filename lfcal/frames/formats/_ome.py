@@ -68,7 +68,9 @@ def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dic
         modulo = _modulo(root)
     except (ValueError, OverflowError) as error:
         if root.find("{*}Image/{*}Pixels/{*}TiffData") is not None:
-            facts["order_notes"] = (f"pages: OME metadata state {error}; pages are taken in the order of the file",)
+            facts["order_notes"] = (
+                f"pages: the OME metadata are invalid ({error}); pages are read in the order of the file",
+            )
         return facts
     order = _of_pages(planes, pages) | _of_order(planes, pages, modulo)
     notes = _order_notes(planes, pages) if order else ()
@@ -92,7 +94,7 @@ class _Planes:
         """Return the number of the plane whose Z, C and T an element states with ``prefix``, 0 if it has none."""
         at = [int(element.get(f"{prefix}{axis}", "0")) for axis in self.axes]
         if any(not 0 <= k < n for k, n in zip(at, self.lengths, strict=True)):
-            raise ValueError("a plane outside of the image")
+            raise ValueError("a plane outside the image")
         return int(np.ravel_multi_index(at, self.lengths, order="F"))
 
 
@@ -100,7 +102,7 @@ def _planes(pixels: ElementTree.Element, samples: int) -> _Planes:
     """Return the planes of an image with their elements; raises `ValueError` for sizes that no image has."""
     axes = pixels.get("DimensionOrder", "XYCZT")[2:]
     if sorted(axes) != ["C", "T", "Z"]:
-        raise ValueError("an unknown order of dimensions")
+        raise ValueError("unknown order of dimensions")
     found = pixels.findall("{*}Plane")
     lengths = []
     for axis in axes:
@@ -110,7 +112,7 @@ def _planes(pixels: ElementTree.Element, samples: int) -> _Planes:
         lengths.append(size // samples if axis == "C" and samples > 1 and size % samples == 0 else size)
     planes = _Planes(axes, tuple(lengths))
     if min(lengths) < 1 or np.prod(lengths, dtype=object) > MAX_PLANES:
-        raise ValueError("sizes that no image has")
+        raise ValueError("impossible image sizes")
     for plane in found:
         planes.elements[planes.number(plane, "The")] = plane
     return planes
@@ -155,7 +157,7 @@ def _place(planes: list[_Planes], images: list[ElementTree.Element], files: _Fil
             begin += image.count
         for number, page in placed:
             if page in taken or number in image.pages:
-                raise ValueError("two planes of one page, or two pages of one plane")
+                raise ValueError("two planes for one page, or two pages for one plane")
             taken.add(page)
             if page[0] or page[1] < files.pages:
                 image.pages[number] = page
@@ -166,7 +168,7 @@ def _block(image: _Planes, data: ElementTree.Element, files: _Files) -> list[tup
     first, page = image.number(data, "First"), int(data.get("IFD", "0"))
     count = int(data.get("PlaneCount", data.get("NumPlanes", "1" if "IFD" in data.attrib else str(files.pages))))
     if page < 0 or not 0 <= count <= MAX_PLANES:
-        raise ValueError("a page that no file has")
+        raise ValueError("a page outside the file")
     file = files.of(data)
     return [(first + k, (file, page + k)) for k in range(min(count, image.count - first))]
 
@@ -253,14 +255,14 @@ def _order_notes(planes: list[_Planes], pages: int) -> tuple[str, ...]:
     notes = []
     count, there = sum(image.count for image in planes), sum(len(image.pages) for image in planes)
     if count > there:
-        notes.append(f"pages: OME metadata state {count} planes, of which {there} have a page")
+        notes.append(f"pages: {there} of the {count} planes in the OME metadata have a page; the others are missing")
     own = sum(not page[0] for image in planes for page in image.pages.values())
     if own < pages:
-        notes.append(f"pages: {own} of {pages} hold a plane that OME metadata state; the others are left out")
+        notes.append(f"pages: {own} of {pages} belong to a plane in the OME metadata; the others are ignored")
     odd = next((image for image in planes if not _rising(image)), None)
     if odd is not None:
         order = f"DimensionOrder XY{odd.axes}"
-        notes.append(f"pages: in the order that TiffData states; that of {order} would be another one")
+        notes.append(f"pages: read in the order of TiffData, which differs from {order}")
     return tuple(notes)
 
 

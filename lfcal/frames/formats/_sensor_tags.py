@@ -78,7 +78,7 @@ def check_pattern(path: Path, cfa: str) -> None:
     if known and len(cfa) == 4 and set(cfa) <= set("RGB"):
         known = sorted(cfa) == ["B", "G", "G", "R"] and "GG" in (cfa[0] + cfa[3], cfa[1] + cfa[2])
     if not known:
-        raise FileFormatError.expected(str(path), "a known colour filter pattern", repr(cfa), "its Bayer tag is wrong")
+        raise FileFormatError.expected(str(path), "a known colour filter pattern", repr(cfa), "correct the Bayer tag")
 
 
 def _pattern(page: Any) -> tuple[tuple[int, int], str]:

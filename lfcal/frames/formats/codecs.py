@@ -73,9 +73,9 @@ def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], 
         name, lossless = _jpeg_2000(stored()), False
     else:
         name, lossless = OTHERS.get(compression, f"compression scheme {compression}"), False
-        name += ", which may lose some" if compression in OTHERS else ", which is not known"
+        name += ", which may be lossy" if compression in OTHERS else " (unknown)"
     if not lossless:
-        raise FileFormatError.expected(str(path), "data compressed without loss", name, REMEDY)
+        raise FileFormatError.expected(str(path), "lossless compression", name, REMEDY)
     return "lossless " + name
 
 
@@ -114,5 +114,5 @@ def _jpeg_2000(data: bytes) -> str:
     """Return the mode stated in a JPEG 2000 stream; even a reversible one may have been truncated to save bytes."""
     at = data.find(b"\xff\x52") + 13  # the transformation is the last byte of every coding style
     kind = data[at] if 13 <= at < len(data) else None
-    words = {0: "irreversible", 1: "reversible, but perhaps cut short"}
+    words = {0: "irreversible", 1: "reversible, but possibly truncated"}
     return f"JPEG 2000 ({'damaged' if kind is None else words.get(kind, 'unknown')})"

@@ -70,7 +70,10 @@ class FitsImage(ImageFile):
                 break
             file.seek(-(-size // BLOCK) * BLOCK, 1)
         raise FileFormatError.expected(
-            str(self.path), "an image of 2, 3 or 5 axes", ", ".join(map(str, seen)) or "none", "export it uncompressed"
+            str(self.path),
+            "an image with 2, 3 or 5 axes",
+            ", ".join(map(str, seen)) or "none",
+            "export it uncompressed",
         )
 
     def _header(self, file: BinaryIO) -> dict[str, str] | None:
@@ -88,7 +91,7 @@ class FitsImage(ImageFile):
                     return cards
                 if card[8:10] == "= ":
                     cards.setdefault(card[:8].strip(), _value(card[10:]))
-        raise FileFormatError.expected(str(self.path), "a header with END", "none", "record or copy it again")
+        raise FileFormatError.expected(str(self.path), "a header that ends with END", "none", "record or copy it again")
 
     def _describe(self, header: dict[str, str], offset: int, lengths: tuple[int, ...], stored: np.dtype[Any]) -> None:
         check_declared(self.path, lengths[-2:], stored.itemsize, self._bytes)
@@ -107,7 +110,7 @@ class FitsImage(ImageFile):
         if len(self._lead) == 3:
             self.metadata |= {"plan_shape": self._lead}
         if header.get("ROWORDER", "").upper() == "BOTTOM-UP":
-            words = "ROWORDER says that the first row is the bottom one; mirror-y makes such frames upright"
+            words = "ROWORDER states that the first row is the bottom row; turn such frames upright with mirror-y"
             self.metadata |= {"format_notes": (f"{self.path.name}: {words} (--orientation)",)}
         if (exposure := _number(header, "EXPTIME", 0.0)) > 0:
             self.metadata |= {"exposure_s": np.full(self.pages, exposure)}

@@ -124,13 +124,13 @@ class Hdf5Image(ImageFile):
             remedy = f"name it as {self.path.name}::/{found[0]}" if found else "check the file"
             if not found and (out := self._file.links_out()):
                 got = f"links to {', '.join(out[:3])}{' …' if len(out) > 3 else ''}"
-                remedy = "links to other files are not followed; open the file that holds the frames"
+                remedy = "links to other files are not followed; open the file that contains the frames"
             raise FileFormatError.expected(str(self.path), "one dataset of frames", got, remedy)
         return found[0]
 
     def _note(self, name: str) -> str:
         option = "--dark" if _DARK.search(name) else "--white"
-        return f"{self.path.name} also holds /{name}: to correct with it give {option} {self.path}::/{name}"
+        return f"{self.path.name} also contains /{name}; to correct with it, give {option} {self.path}::/{name}"
 
     def _signal(self) -> str:
         """Return the dataset that NeXus attributes lead to from the root, empty where they lead to none."""
@@ -148,7 +148,7 @@ class Hdf5Image(ImageFile):
 
     def _table(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
         data = self._file.dataset(name)
-        each = ", one per frame" if shape[0] == self.pages else " of a frame"
+        each = ", one per frame" if shape[0] == self.pages else ", that of a frame"
         if data.shape != shape:
             raise FileFormatError.expected(
                 f"{self.path}:/{name}", f"shape {shape}{each}", data.shape, "correct the file"

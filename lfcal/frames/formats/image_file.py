@@ -86,7 +86,7 @@ class ImageFile(ABC):
                 str(self.path),
                 f"page {page}",
                 f"{self.pages} pages (0 … {self.pages - 1})",
-                "the file is cut short or the manifest is wrong",
+                "copy the file again if it is incomplete, or correct the manifest",
             )
         return page
 
@@ -147,7 +147,7 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
     rows, columns = shape[:2]
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
         raise UnsafeFileError.expected(
-            str(path), f"frames of 1 … {MAX_SIDE} px a side", f"{rows} x {columns}", "check the file"
+            str(path), f"frames of 1 … {MAX_SIDE} px per side", f"{rows} x {columns}", "check the file"
         )
     # Python integers: a forged header would overflow 64 bits
     nbytes = int(np.prod(shape, dtype=object)) * itemsize
@@ -189,7 +189,7 @@ def check_grey(path: Path, components: int, colour: str | None, bits: int) -> No
         str(path),
         "grey data, one sample per pixel",
         f"{components} samples of {bits} bits per pixel",
-        "record grey or RAW" if components == 2 else 'record RAW, or take one colour: --channel G (colour="G")',
+        "record grey or RAW frames" if components == 2 else 'record RAW, or use one colour: --channel G (colour="G")',
     )
 
 
@@ -284,14 +284,14 @@ def _head(path: Path) -> bytes:
 
 
 _KINDS = {
-    b"\xff\xd8": "a JPEG picture",
-    b"BM": "a BMP picture",
-    b"GIF8": "a GIF picture",
+    b"\xff\xd8": "a JPEG image",
+    b"BM": "a BMP image",
+    b"GIF8": "a GIF image",
     b"PK": "a ZIP or .npz archive",
     b"\x1f\x8b": "a gzip archive",
-    b"RIFF": "a WebP picture or a video",
-    b"P6": "a colour PPM picture",
-    b"P2": "a PGM picture in ASCII",
+    b"RIFF": "a WebP image or a video",
+    b"P6": "a colour PPM image",
+    b"P2": "a PGM image in ASCII",
     b"\xda\xce\xbe\x0a": "a Nikon ND2 file",
     b"ZISRAWFILE": "a Zeiss CZI file",
     b"\x70\0\0\0": "a Leica LIF file",
@@ -299,9 +299,9 @@ _KINDS = {
 }
 
 _REMEDIES = {
-    b"PK": "unpack it; save an array with numpy.save",
+    b"PK": "unpack it, or save an array with numpy.save",
     b"\x1f\x8b": "unpack it",
-    b"\xff\xd8": "JPEG loses what calibration needs; record RAW, 16-bit TIFF or PNG",
+    b"\xff\xd8": "JPEG compression loses information that calibration needs; record RAW, 16-bit TIFF or PNG",
     b"\xda\xce\xbe\x0a": "export it as OME-TIFF, in NIS-Elements or with Bio-Formats' bfconvert",
     b"ZISRAWFILE": "export it as OME-TIFF, in ZEN or with Bio-Formats' bfconvert",
     b"\x70\0\0\0": "export it as OME-TIFF, in LAS X or with Bio-Formats' bfconvert",
@@ -311,7 +311,7 @@ _REMEDIES = {
 
 
 def _guess(head: bytes) -> str:
-    return next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), "something else")
+    return next((kind for magic, kind in _KINDS.items() if head.startswith(magic)), "an unknown format")
 
 
 def _remedy(head: bytes) -> str:

@@ -30,7 +30,7 @@ class PgmImage(ImageFile):
         columns, rows, top = (int(n) for n in head.groups()) if head else (0, 0, 0)
         if head is None or not 0 < top < 65536:
             raise FileFormatError.expected(
-                str(path), "a PGM header with a highest value of 1 … 65535", "none", "record or copy it again"
+                str(path), "a PGM header with a maximum value of 1 … 65535", "none", "record or copy it again"
             )
         self._stored = np.dtype(np.uint8 if top < 256 else ">u2")
         check_declared(path, (rows, columns), self._stored.itemsize, stored)

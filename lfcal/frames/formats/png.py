@@ -67,7 +67,7 @@ class PngImage(ImageFile):
         with decoding(self.path, "PNG"):
             raw = imagecodecs.deflate_decode(stream, out=need)
         if len(raw) != need:
-            raise self._damaged("pixels that are not all there")
+            raise self._damaged("missing pixels")
         image = np.empty((rows, columns * size), np.uint8)
         bad = unfilter(np.frombuffer(raw, np.uint8), size, image)
         if bad >= 0:

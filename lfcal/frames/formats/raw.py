@@ -59,7 +59,7 @@ class RawImage(ImageFile):
                 str(self.path),
                 "one sample per pixel",
                 "samples of a layered or processed sensor",
-                "record the plain mosaic",
+                "record the unprocessed mosaic",
             )
         self.shape = (int(raw.sizes.height), int(raw.sizes.width))
         self.dtype = np.dtype(np.uint16)

@@ -127,9 +127,9 @@ class TiffImage(ImageFile):
         if photometric not in _GREY and not (photometric == 2 and colour is not None):
             raise FileFormatError.expected(
                 str(self.path),
-                "samples that grow with light",
+                "samples that increase with light",
                 f"photometric interpretation {photometric}",
-                "record grey TIFF, black at zero",
+                "record grey TIFF with black at zero",
             )
         if page.dtype is None or page.dtype.kind not in "iuf" or bits < 8:
             raise FileFormatError.expected(
@@ -235,7 +235,7 @@ class TiffImage(ImageFile):
             # colours are stored as planes or pixel by pixel (PlanarConfiguration)
             image = image[self._component] if image.shape[0] == self._samples else image[..., self._component]
         if image.shape != self.shape:
-            raise _damaged(self.path, f"page {page} holds {image.shape}")
+            raise _damaged(self.path, f"page {page} has shape {image.shape}")
         return self._calibrated(image)
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
@@ -255,13 +255,13 @@ class TiffImage(ImageFile):
             shape, dtype = (int(page.imagelength), int(page.imagewidth)), page.dtype
             starts, lengths = [int(n) for n in page.dataoffsets], [int(n) for n in page.databytecounts]
         if len(starts) != len(lengths):
-            raise _damaged(self.path, f"page {number} has {len(starts)} pieces and {len(lengths)} lengths")
+            raise _damaged(self.path, f"page {number} has {len(starts)} strips or tiles and {len(lengths)} lengths")
         if shape != self.shape or dtype != self._first.dtype or page.samplesperpixel != self._samples:
             raise FileFormatError.expected(
                 f"{self.path} page {number}",
                 f"{self.dtype} {self.shape} as page 0",
                 f"{dtype} {shape}",
-                "keep frames of one kind in a file",
+                "store only frames of the same kind in a file",
             )
         if number:  # pages may have different compression
             with decoding(self.path, "TIFF"):
@@ -269,7 +269,7 @@ class TiffImage(ImageFile):
         skip = number * int(np.prod(self.shape)) * self._stored.itemsize if self._virtual else 0
         for start, length in zip(starts, lengths, strict=True):
             if start <= 0 or length <= 0 or skip + start + length > self._size:
-                raise _damaged(self.path, f"the samples of page {number} are not all there")
+                raise _damaged(self.path, f"samples of page {number} are missing")
         return page, (skip + starts[0] if starts and self._plain(page) else None)
 
     def _read_rows(self, where: int, rows: slice) -> NDArray[Any]:

@@ -81,14 +81,14 @@ def find_depths(
     """
     if given is not None and len(given) != len(planes.heights):
         raise InputError.expected(
-            "planes", f"{len(planes.heights)} as the list has", len(given), "correct --depths or --virtual-depths"
+            "planes", f"{len(planes.heights)} as in the list", len(given), "correct --depths or --virtual-depths"
         )
     rising = camera.step_um(1.0) - camera.step_um(0.0)
     if planes.counted:
         return _of_numbers(camera, axes, planes, given, rising)
     if rising <= 0:
         offsets = _offsets(planes.heights, axes)
-        words = "depths: those of the stage, assuming its zero is the working plane"
+        words = "depths: stage coordinates; the zero of the stage is assumed to be the working plane"
         return _found(axes, given, offsets, (words,))
     scale, error = _scale(planes, rising)
     sense = axes.away[0] if abs(scale) <= 3 * error else "+" if scale > 0 else "-"
@@ -104,8 +104,8 @@ def find_depths(
     common = float(np.sqrt((errors**2).sum())) / len(errors)
     apart, note = _differences(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
     words = (
-        f"depths: those whose steps are one pixel (all by ± {common:.4g} um for what places scatter or are "
-        f"rounded{apart}); --depths states them where they are known better"
+        "depths: inferred from the steps, which are one pixel (uncertainty from scatter and rounding: ± "
+        f"{common:.4g} um for all{apart}); state more accurate depths with --depths"
     )
     return _found(axes, None, depths, (words, *note))
 
@@ -180,11 +180,10 @@ def _differences(
     if not off or 2 * most < MIN_DIFFERENCE * span:
         return "", ()
     note = (
-        f"z: its range is {1 / abs(slope):.3f} times the range that the steps of the planes imply, and up to "
-        f"{most:.4g} um apart "
-        "from them; check unit and scale of z, pixel pitch, focal length and working distance"
+        f"z: its range is {1 / abs(slope):.3f} times the range that the steps of the planes imply, and single planes "
+        f"differ by up to {most:.4g} um; check unit and scale of z, pixel pitch, focal length and working distance"
     )
-    return f", single ones by ± {most:.4g} um as z and steps part", (note,)
+    return f", up to ± {most:.4g} um for one, because z and the steps disagree", (note,)
 
 
 def _of_numbers(
@@ -194,10 +193,10 @@ def _of_numbers(
     falling = rising > 0 and bool(planes.sizes[-1] < planes.sizes[0])
     if given is not None:
         ordered = sorted(given, reverse=falling) if rising > 0 else list(given)
-        return Depths(axes, tuple(ordered), ("depths: as given, a plane for each number",))
+        return Depths(axes, tuple(ordered), ("depths: as given, one for each plane number",))
     if rising <= 0:
         raise InputError.expected(
-            f"{planes.name}, depths", "lengths", "numbers of planes", "state them with --depths, one for each number"
+            f"{planes.name}, depths", "lengths", "plane numbers", "state them with --depths, one for each number"
         )
     depths = (planes.sizes - camera.step_um(0.0)) / rising
     errors = planes.errors / rising
@@ -210,8 +209,8 @@ def _of_numbers(
             "state the depths with --depths, or give z as a length",
         )
     words = (
-        f"depths: those whose steps are one pixel (single ones by ± {float(errors.max()):.4g} um for what places "
-        "scatter or are rounded); --depths states them where they are known better"
+        "depths: inferred from the steps, which are one pixel (uncertainty from scatter and rounding: up to ± "
+        f"{float(errors.max()):.4g} um for each); state more accurate depths with --depths"
     )
     return Depths(axes, _rounded(depths), (words,))
 
@@ -230,13 +229,13 @@ def with_depths(listing: Listing, depths: tuple[float, ...], axes: StageAxes) ->
         k = int(numbers.argmax())
         raise InputError.expected(
             f"{listing.name}, plane of {listing.label(k)}",
-            f"one of {len(depths)}, counted from 0 or 1",
+            f"one of {len(depths)} planes, counted from 0 or 1",
             f"{listing.places[k, 2]:g}",
             "correct the list, or make the plan of this scan with lfcal plan CAMERA --positions LIST",
         )
     if axes.away[1] != "z":
         raise InputError.expected(
-            f"{listing.name}, depth axis", "z, as the list numbers its planes", axes.away, "correct --stage"
+            f"{listing.name}, depth axis", "z, because the list numbers its planes", axes.away, "correct --stage"
         )
     places = listing.places.copy()
     places[:, 2] = np.array(depths)[numbers] * (1 if axes.away[0] == "+" else -1)

@@ -157,9 +157,9 @@ def _plane(points: NDArray[np.float64], frames: NDArray[np.intp], height: float,
     rest = np.linalg.solve(steps.T, (points - origin).T).T - index
     if np.sqrt((rest**2).mean()) > 0.2:
         raise InputError.expected(
-            f"{name}, places of plane {height:g}",
+            f"{name}, stage positions of plane {height:g}",
             "a grid of rows and columns",
-            f"places {np.abs(rest).max():.2f} steps off one",
+            f"positions up to {np.abs(rest).max():.2f} steps off a grid",
             "check which column is which (--columns)",
         )
     return PlaneGrid(frames, height, steps, (index - index.min(axis=0)).astype(np.intp))

@@ -65,9 +65,9 @@ def plan_of_list(
     if listing.unit == "index":
         raise InputError.expected(
             f"list {listing.name}",
-            "coordinates of the stage",
-            "numbers of positions",
-            "give the planes with --depths or --virtual-depths instead of --positions",
+            "stage coordinates",
+            "position numbers",
+            "give the depths of the planes with --depths or --virtual-depths instead of --positions",
         )
     stated = stage or StageAxes()
     grid, lateral = grid_of(listing, stated)
@@ -139,7 +139,7 @@ def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, lis
         raise InputError.expected(
             f"{listing.name}, steps",
             f"about {nominal:.4g} um, one pixel of the camera",
-            f"{size:.4g} {listing.unit or 'of no unit'}",
+            f"{size:.4g} {listing.unit or 'without a unit'}",
             remedy,
         )
     (unit,) = likely
@@ -153,7 +153,8 @@ def _lateral_axes(
     seen = None if light is None else light.axes()
     if seen is not None:
         down, right = (("+" if sense > 0 else "-") + AXES[lateral[axis]] for axis, sense in seen)
-        return StageAxes(right, down, stated.away), "move the image right, down and the source away, as the light moves"
+        why = "move the image right and down and the source away, inferred from the motion of the light"
+        return StageAxes(right, down, stated.away), why
     counts = dict(zip(lateral, grid.counts, strict=True))
     periods = tuple(round(p) for p in camera.period_px)
     fitting = [
@@ -163,10 +164,10 @@ def _lateral_axes(
     ]
     own = (AXES.index(stated.right[1]), AXES.index(stated.down[1]))
     if not fitting or own in fitting:
-        return stated, "assumed: neither list nor frames show their signs; state them with --stage"
+        return stated, "assumed, because neither the list nor the frames show their signs; state them with --stage"
     first, second = (AXES[axis] for axis in fitting[0])
     axes = StageAxes(stated.right[0] + first, stated.down[0] + second, stated.away)
-    return axes, "from the numbers of steps; their signs are assumed, state them with --stage"
+    return axes, "inferred from the numbers of steps, with assumed signs; state them with --stage"
 
 
 def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
@@ -176,9 +177,9 @@ def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
         sides = ", ".join(turn.option for turn in ORIENTATIONS.values() if turn.transposed)
         raise InputError.expected(
             "shape of the frames",
-            f"{camera.sensor.shape}, the camera's sensor",
-            f"{light.shape}, as if on their side",
-            f"turn them upright with --orientation, one of {sides}, or correct the sensor",
+            f"{camera.sensor.shape} as the camera's sensor",
+            f"{light.shape}, rotated by 90°",
+            f"turn them upright with --orientation (one of {sides}), or correct the camera's sensor",
         )
 
 
@@ -188,10 +189,11 @@ def _check_period(period: tuple[int, int], camera: Camera) -> None:
         cells = max(1, round(n / p))
         if abs(n - cells * p) > 0.5 * cells + 1e-6:
             raise InputError.expected(
-                f"{what} of places in the list",
-                f"{round(cells * p)}, one period of the camera",
+                f"{what} of positions in the list",
+                f"{round(cells * p)}, a whole number of the camera's periods",
                 n,
-                "the scan is of another camera, not of a whole period, or its frames are turned (--orientation)",
+                "check that the list covers whole periods of this camera and that the frames are upright "
+                "(--orientation)",
             )
 
 
@@ -199,10 +201,10 @@ def _anchor(
     light: CentroidMotion | None, axes: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[tuple[float, float] | None, list[str]]:
     if light is None or light.axes() is None:
-        return None, ["anchor: the sensor's centre is assumed, as no frames show it; state it with --anchor"]
+        return None, ["anchor: assumed at the sensor's centre, because no frames show it; state it with --anchor"]
     row, column = anchor_of(light, axes, lateral, period)
     where = (float(round(row)), float(round(column)))
-    return where, [f"anchor: row {where[0]:g}, column {where[1]:g}, where the light of y = x = 0 has its centre"]
+    return where, [f"anchor: row {where[0]:g}, column {where[1]:g}, the centroid of the light at y = x = 0"]
 
 
 def _with_period(plan: ScanPlan, period: tuple[int, int], anchored: bool) -> ScanPlan:

@@ -40,7 +40,7 @@ def located(listing: Listing, root: Path) -> Listing:
             seen[name] += 1
         pages = tuple(numbered)
         name, times = seen.most_common(1)[0]
-        notes.append(f"pages: {name} is listed {times} times; its rows are its pages in their order")
+        notes.append(f"pages: {name} is listed {times} times; its rows are taken as its pages, in order")
     return replace(listing, files=tuple(files), pages=pages, notes=(*listing.notes, *notes))
 
 
@@ -53,7 +53,7 @@ def _check_pages(listing: Listing, files: Sequence[str]) -> None:
             f"{listing.name}, rows of {twice[0]}",
             "one",
             counts[twice[0]],
-            "delete what is not meant, or add a column page",
+            "delete the wrong rows, or add a column named page",
         )
 
 
@@ -113,7 +113,7 @@ def _counted(
     absent = ~np.isfinite(places).all(axis=0)
     if (places[:, ~absent] != np.round(places[:, ~absent])).any():
         raise FileFormatError.expected(
-            f"{listing.name}, places", "whole numbers", "others", "say what they are: --columns y_um=…,x_um=…"
+            f"{listing.name}, positions", "whole numbers", "fractions", "state their unit: --columns y_um=…,x_um=…"
         )
     numbers = np.where(absent, 0, np.nan_to_num(places)).astype(np.intp)
     begin = (
@@ -125,7 +125,10 @@ def _counted(
     if numbers.min() < 0:
         k = int(numbers.min(axis=1).argmin())
         raise InputError.expected(
-            f"{listing.name}, place of {listing.label(k)}", f"numbers from {begin}", "a smaller one", "correct --first"
+            f"{listing.name}, position of {listing.label(k)}",
+            f"numbers from {begin}",
+            "a smaller one",
+            "correct --first",
         )
     note = ("positions: counted from 1 in the list",) if begin == 1 and first is None else ()
     return numbers, note
@@ -188,7 +191,7 @@ def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
             shortened.add("/".join(parts[:dropped]))
     notes = []
     if shortened:
-        notes.append(f"names: {min(shortened)}/… is looked for in {root}")
+        notes.append(f"names: files listed in {min(shortened)}/… are read from {root}")
     if ended:
         notes.append(f"names: {listing.files[0]} is read from {found[0]}")
     return found, notes
@@ -219,7 +222,7 @@ def _match(
         near = folded.get(_folded(tail), [])
         if len(near) > 1:
             raise StorageError(
-                f"{listing.name}: {listing.files[k]!r} may be {near[0]} or {near[1]}; write names with endings"
+                f"{listing.name}: {listing.files[k]!r} may be {near[0]} or {near[1]}; include the file extensions"
             )
         if near:
             return near[0], dropped

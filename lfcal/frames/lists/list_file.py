@@ -118,7 +118,7 @@ def any_listing(path: Path, columns: str = "") -> Listing:
     image.close()
     if image.metadata.get("stage_um") is None:
         raise FileFormatError.expected(
-            str(path), "stage coordinates of every page in its metadata", "none", "give a list of them"
+            str(path), "stage coordinates of every page in its metadata", "none", "give a list of the frames"
         )
     return stage_listing(path, image.metadata)
 
@@ -142,8 +142,10 @@ def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple
             places[row, "xyz".index(axis)] = float(number.replace(",", ".")) * LENGTHS[unit.lower()]
     example = names[0]
     if np.isnan(places[:, 2]).any() and not np.isnan(places[:, 2]).all():
-        raise FileFormatError.expected(f"z in the names of {root}", "in all or none", "in some", "rename the others")
-    notes = (f"positions: of the stage, as the names state them, such as {example}",)
+        raise FileFormatError.expected(
+            f"z in the file names of {root}", "in all or none", "only in some", "rename the others"
+        )
+    notes = (f"positions: stage coordinates in the file names, such as {example}",)
     listing = Listing(f"the names in {root.name}", tuple(names), (0,) * len(names), places, "um", notes=notes)
     return _placed(listing, root, options)
 
@@ -161,11 +163,11 @@ def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
             )
     places = metadata["stage_um"]
     times = None if exposures is None else tuple(exposures.tolist())
-    notes = [f"positions: of the stage, as {path.name} states them for its {len(pages)} pages"]
+    notes = [f"positions: stage coordinates that {path.name} states for its {len(pages)} pages"]
     notes += metadata.get("order_notes", ())
     if times is not None and max(times) > MAX_EXPOSURE_S:
         # some programs write microseconds where the format requires seconds
-        notes.append(f"exposures: {max(times):g} s, as {path.name} states them, are hardly meant and left out")
+        notes.append(f"exposures: ignored, because {max(times):g} s in {path.name} is implausible")
         times = None
     return Listing(path.name, files, pages, places, "um", times, notes=tuple(notes))
 
@@ -248,7 +250,7 @@ def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str,
             str(path), "Micro-Manager's metadata of each frame", "none", "name a list of the frames with --manifest"
         )
     entries, dark, notes = _of_channel(path, entries, channel)
-    listing = _listing(path, entries, (f"positions: of the stage, as Micro-Manager wrote them to {path.name}", *notes))
+    listing = _listing(path, entries, (f"positions: stage coordinates that Micro-Manager wrote to {path.name}", *notes))
     facts: dict[str, Any] = {"dark": _listing(path, dark, ())} if dark else {}
     size, bits = _optional(entries[0].get("PixelSizeUm")), _optional(entries[0].get("BitDepth"))
     if size:
@@ -266,7 +268,10 @@ def _listing(path: Path, entries: list[dict[str, Any]], notes: tuple[str, ...]) 
     # a stage that the camera triggers does not report where it is: all slices of a stack have one z
     if counted := bool(np.ptp(places[:, 2]) == 0 and np.ptp(slices) > 0):
         places[:, 2] = slices
-        notes = (*notes, "planes: by SliceIndex, because ZPositionUm is the same in all slices (a sequenced stack)")
+        notes = (
+            *notes,
+            "planes: numbered by SliceIndex, because ZPositionUm is the same in all slices (a sequenced stack)",
+        )
     exposures = [_optional(entry.get("Exposure-ms")) for entry in entries]
     known = tuple(ms / 1e3 for ms in exposures if ms is not None and ms > 0)
     files, pages = tuple(str(entry["FileName"]) for entry in entries), tuple(entry.get("page", 0) for entry in entries)
@@ -295,8 +300,8 @@ def _of_channel(
         )
     of = {name: [entry for entry in entries if str(entry.get("Channel", "")) == name] for name in (chosen, *dark)}
     used = of[dark[0]] if len(dark) == 1 and chosen not in dark else []
-    note = f"channels: {chosen!r} is read, of {', '.join(map(repr, names))}"
-    return of[chosen], used, (f"{note}; {dark[0]!r} is its dark" if used else note,)
+    note = f"channels: {chosen!r} is used, out of {', '.join(map(repr, names))}"
+    return of[chosen], used, (f"{note}; {dark[0]!r} contains its dark frames" if used else note,)
 
 
 def _frames(body: Any) -> Iterator[dict[str, Any]]:
@@ -312,7 +317,10 @@ def _number(path: Path, entry: dict[str, Any], key: str) -> float:
     value = _optional(entry.get(key))
     if value is None and key != "ZPositionUm":
         raise FileFormatError.expected(
-            f"{path}, {key} of {entry['FileName']}", "a number", entry.get(key), "record with the stage, or give a list"
+            f"{path}, {key} of {entry['FileName']}",
+            "a number",
+            entry.get(key),
+            "record with the stage's position, or give a list",
         )
     return math.nan if value is None else value
 

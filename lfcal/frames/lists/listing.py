@@ -153,10 +153,10 @@ def _unit(
     if "index" in stated:
         names = ", ".join(str(column) for column in used if column is not None)
         raise InputError.expected(
-            f"{table.name}, places",
-            "numbers of positions throughout, or lengths along x and y",
+            f"{table.name}, positions",
+            "position numbers throughout, or lengths along x and y",
             names,
-            "say which: --columns y_index=…,x_index=…,z_index=… or y_um=…,x_um=…",
+            "state which: --columns y_index=…,x_index=…,z_index=… or y_um=…,x_um=…",
         )
     if "" in stated:
         if len(stated) == 1:
@@ -175,9 +175,9 @@ def _check_planes(table: Table, column: Column, numbers: NDArray[np.float64]) ->
         k = int(odd[0]) if odd.size else int(numbers.argmin())
         raise FileFormatError.expected(
             f"{table.name} line {table.lines[k]}, {column.name}",
-            "the number of a plane, from 0 or 1",
+            "a plane number, counted from 0 or 1",
             f"{numbers[k]:g}",
-            "correct it, or say that it is a length (--columns z_um=COLUMN)",
+            "correct it, or state that it is a length (--columns z_um=COLUMN)",
         )
 
 
@@ -208,7 +208,7 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
     if not column.unit and np.median(values) >= 1000:
         # microseconds, as written by machine-vision cameras, or milliseconds for a faint source
         remedy = f"give --columns exposure_us={column.name} or exposure_ms={column.name}"
-        raise InputError.expected(name, "a unit of times this large", f"{np.median(values):g} of none", remedy)
+        raise InputError.expected(name, "a unit of such large times", f"{np.median(values):g} without a unit", remedy)
     if (longest := float(values.max() * TIMES[unit])) > MAX_EXPOSURE_S:
         remedy = f"correct its unit, for example --columns exposure_us={column.name}"
         raise InputError.expected(name, f"exposures of at most {MAX_EXPOSURE_S:g} s", f"{longest:g} s", remedy)
@@ -229,7 +229,7 @@ def _pages(table: Table, column: Column | None) -> tuple[int, ...]:
     values = _numbers(table, column)
     if (values != np.round(values)).any() or values.min() < 0:
         raise FileFormatError.expected(
-            f"{table.name}, {column.name}", "pages counted from 0", "other numbers", "correct it"
+            f"{table.name}, {column.name}", "page numbers from 0", "negative numbers or fractions", "correct it"
         )
     return tuple(int(v) for v in values)
 

@@ -107,7 +107,7 @@ def place(
     ):
         raise InputError.expected(
             f"stage coordinates in {listing.name}",
-            "those of each frame",
+            "different ones for each frame",
             f"the same ones for all {len(listing)} frames",
             "record them with the stage's position, or state the order of the frames (--order serpentine or raster)",
         )
@@ -146,7 +146,7 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
     lateral = tuple(k for k in range(3) if k != depth)
     if not listing.has_depth and (planes > 1 or depth != 2):
         raise InputError.expected(
-            f"list {listing.name}", f"a column of z for {planes} planes", "none", "name it: --columns z_um=COLUMN"
+            f"list {listing.name}", f"a z column for {planes} planes", "none", "name it: --columns z_um=COLUMN"
         )
     places = np.where(np.isfinite(listing.places), listing.places, 0.0)
     grid = find_grid(places[:, lateral], places[:, depth], listing.name, counted=listing.counted)
@@ -180,10 +180,10 @@ def _another_scan(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> I
     nz, ny, nx = plan.shape[:3]
     first, second = grid.counts
     return InputError.expected(
-        "places of the list",
-        f"{nz} planes of {nx} across and {ny} down, as the plan has",
+        "positions in the list",
+        f"{nz} planes of {nx} across and {ny} down, as in the plan",
         f"{len(grid.planes)} planes of {first} along {AXES[lateral[0]]} and {second} along {AXES[lateral[1]]}",
-        "the list is of another scan: make its plan with lfcal plan CAMERA --positions LIST",
+        "the list is of another scan; make its plan with lfcal plan CAMERA --positions LIST",
     )
 
 
@@ -241,9 +241,9 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
     worst = int(size.argmax())
     if size[worst] > 0.5:
         raise InputError.expected(
-            f"{listing.name}, place of {listing.label(worst)}",
-            "within half a step of a position of the plan",
-            f"{size[worst]:.2f} px off (all: {np.sqrt((size**2).mean()):.2f} px rms)",
+            f"{listing.name}, position of {listing.label(worst)}",
+            "at most half a step from a planned position",
+            f"{size[worst]:.2f} px (all frames: {np.sqrt((size**2).mean()):.2f} px rms)",
             "correct the list, or make the plan of this scan with lfcal plan CAMERA --positions LIST",
         )
     _check_once(listing, plan, positions)
@@ -252,12 +252,12 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
         far = int(np.abs(rest[:, 2]).argmax())
         raise InputError.expected(
             f"{listing.name}, depth of {listing.label(far)}",
-            "within half the distance of planes",
-            f"{rest[far, 2]:.4g} um off",
-            "the list is of another scan, or z is another column",
+            "at most half the plane spacing from a planned plane",
+            f"{rest[far, 2]:.4g} um",
+            "the list is of another scan, or z is the wrong column",
         )
     rms = float(np.sqrt((size**2).mean()))
-    note = f"places: {rms:.3f} px rms off the grid, {listing.label(worst)} most with {size[worst]:.3f} px"
+    note = f"positions: {rms:.3f} px rms from the grid, at most {size[worst]:.3f} px ({listing.label(worst)})"
     unit, scales = _scale_notes(listing, affine, plan)
     scales += _depth_notes(listing, affine, rest, plan)
     return Placing(positions, drift, stage, rms, float(size[worst]), worst, (note, *unit, *scales), tuple(scales))
@@ -271,7 +271,7 @@ def _check_once(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp]) -
         z, y, x = positions[first].tolist()
         raise InputError.expected(
             f"{listing.name}, position z={z}, y={y}, x={x}",
-            f"{plan.frames_averaged} frame{'s' if plan.frames_averaged > 1 else ''} as the plan averages",
+            f"{plan.frames_averaged} frame{'s' if plan.frames_averaged > 1 else ''} per position, as in the plan",
             f"{listing.label(int(first))}, {listing.label(int(second))}",
             "correct the list, or the plan's number of frames averaged (lfcal plan --average)",
         )
@@ -297,12 +297,12 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
         [] if listing.unit else [f"unit: {unit}, inferred from the plan's steps; state it with --columns x_{unit}=…"]
     )
     if not 0.8 < ratio < 1.25 and not listing.unit:
-        return [f"unit: 1 of the list is {scale:.4g} um, inferred from the plan's steps"], []
+        return [f"unit: 1 in the list is {scale:.4g} um, inferred from the plan's steps"], []
     if not 0.8 < ratio < 1.25:
         raise InputError.expected(
             f"{listing.name}, steps",
             "those of the plan",
-            f"{ratio:.3g} times them",
+            f"{ratio:.3g} times as much",
             "correct the unit (--columns x_mm=…), or make the plan of this scan: lfcal plan CAMERA --positions LIST",
         )
     if abs(ratio - 1) <= SCALE_TOLERANCE:
@@ -318,25 +318,26 @@ def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float6
     scale, unit = _lateral_scale(listing, affine, plan)
     per = abs(float(affine[1 + axis, 2]))
     if not listing.unit and not (scale and 0.8 < UNITS[unit] / scale < 1.25):  # axes with stated units may differ
-        return [f"depths: 1 of the list's {AXES[axis]} is {per:.4g} um, inferred from the plan's depths"]
+        return [f"depths: 1 in the list's {AXES[axis]} is {per:.4g} um, inferred from the plan's depths"]
     ratio, what = UNITS[unit] / per, f"{AXES[axis]} of the planes"
     if not LEAST < ratio < MOST:
         raise InputError.expected(
             f"{listing.name}, {what}",
-            "the distances of the plan's",
-            f"{ratio:.3g} times them",
+            "the spacing of the planned planes",
+            f"{ratio:.3g} times as much",
             f"correct unit or column (--columns {AXES[axis]}_mm=…), or make the plan of this scan: "
             "lfcal plan CAMERA --positions LIST",
         )
     notes = []
     if abs(ratio - 1) > SCALE_TOLERANCE:
         notes.append(
-            f"depths: {what} lie {ratio:.3f} times as far apart as the plan's; check unit and scale, and the plan"
+            f"depths: the planes are {ratio:.3f} times as far apart in {AXES[axis]} as planned; check unit and "
+            "scale, and the plan"
         )
     far = int(np.abs(rest[:, 2]).argmax())
     off = abs(float(rest[far, 2]))
     if off > PLANE_TOLERANCE * np.abs(np.diff(plan.depths_um)).min():
-        notes.append(f"depths: {what} are up to {off:.4g} um off the plan's, {listing.label(far)} most")
+        notes.append(f"depths: {what} differs by up to {off:.4g} um from the plan ({listing.label(far)})")
     return notes
 
 
@@ -344,16 +345,16 @@ def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: StageOrientation | No
     found = f"{stage.right},{stage.down},{stage.away}"
     own = f"{plan.stage.right},{plan.stage.down},{plan.stage.away}"
     if reading is not None and reading.turn.name != AS_IS:
-        return [f"axes: {found} of the stage are meant; the light moves otherwise in the frames as they lie"]
+        return [f"axes: {found} of the stage are used; the light moves along other axes in the frames as delivered"]
     if found != own:
-        why = "as the light moves" if reading is not None else "according to the numbers of steps"
-        words = f"axes: {found} move the image right, down and the source away, {why}; the plan says {own}"
+        why = "inferred from the motion of the light" if reading is not None else "inferred from the numbers of steps"
+        words = f"axes: {found} move the image right and down and the source away, {why}; the plan states {own}"
         other = None if reading is None else reading.other
         if other is None:
             return [words]
-        return [f"{words}; if the plan is right the frames are {other.words} (--orientation {other.option})"]
+        return [f"{words}; if the plan is right, the frames are {other.words} (--orientation {other.option})"]
     if reading is not None:
-        return [f"axes: {found} move the image right, down and the source away; the light agrees"]
+        return [f"axes: {found} move the image right and down and the source away; the motion of the light agrees"]
     return [f"axes: {found} as in the plan; the list alone does not show their signs"] if several else []
 
 
@@ -367,7 +368,7 @@ def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes,
         return []
     return [
         f"light: at y = x = 0 it is near row {where[0]:.0f}, column {where[1]:.0f}, {off:.0f} px from the plan's "
-        "anchor; lfcal plan --anchor moves it"
+        "anchor; correct the anchor with lfcal plan --anchor"
     ]
 
 

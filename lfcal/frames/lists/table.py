@@ -149,7 +149,7 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
     twice = sorted({name for name in columns if name and columns.count(name) > 1})
     if twice:
         raise FileFormatError.expected(
-            f"list {path.name}, header", "every column named once", f"{twice[0]!r} twice", "rename one of them"
+            f"list {path.name}, header", "unique column names", f"{twice[0]!r} twice", "rename one of them"
         )
 
 
@@ -247,7 +247,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
                 "--columns",
                 f"ROLE=COLUMN,… with each of {', '.join(ROLES)} at most once",
                 repr(part),
-                "for example file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp",
+                "use for example file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp",
             )
         found[role] = (name, unit)
     return found
@@ -265,7 +265,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
     for role, found in doubtful.items():
         names = " or ".join(repr(column.name) for column in found)
         raise InputError.expected(
-            f"{table.name}, column of {role}", "one", names, f"say which: --columns '{role}={found[-1].name}'"
+            f"{table.name}, column of {role}", "one", names, f"state which: --columns '{role}={found[-1].name}'"
         )
     missing = [role for role in ("file", "y", "x") if role not in chosen]
     if missing:
@@ -273,7 +273,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
             f"{table.name}, column of {missing[0]}",
             "a name such as " + {"file": "file, image or name", "y": "y, PosY or stage_y"}.get(missing[0], "x or PosX"),
             f"columns {', '.join(table.columns)}",
-            f"say which it is: --columns {','.join(f'{role}=COLUMN' for role in missing)}",
+            f"state which it is: --columns {','.join(f'{role}=COLUMN' for role in missing)}",
         )
     return tuple(chosen[role] for role in ROLES if role in chosen)
 

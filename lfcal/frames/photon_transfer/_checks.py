@@ -39,24 +39,27 @@ def doubts_of(
         lit is not None and min(lit) > MAX_CORRELATION and min(dark) > MAX_CORRELATION / 2
     ):
         doubts.append(
-            f"noise of neighbouring pixels is alike (correlation {min(dark):.2f} in darks): the frames were smoothed, "
+            f"the noise of neighbouring pixels is correlated ({min(dark):.2f} in darks): the frames were smoothed, "
             "scaled or debayered; record raw frames"
         )
     elif min(dark) < -MAX_CORRELATION and max(dark) < 0:
-        doubts.append(f"noise of neighbouring pixels is opposed (correlation {min(dark):.2f}): frames were sharpened")
+        doubts.append(
+            f"the noise of neighbouring pixels is anticorrelated ({min(dark):.2f}): the frames were sharpened; "
+            "record raw frames"
+        )
     elif lit is not None and min(lit) > MAX_CORRELATION:
         doubts.append(
-            f"differences of flats are alike in neighbouring pixels (correlation {min(lit):.2f}) and those of darks "
-            "are not: light or camera moved between the frames of a pair, or the frames were compressed"
+            f"neighbouring pixels are correlated in differences of flats ({min(lit):.2f}), but not in differences of "
+            "darks: the light or the camera moved between the frames of a pair, or the frames were compressed"
         )
     lag = [level.lagging for level in _fitted(flats, curve) if level.lagging is not None]
     if lag and float(np.median(lag)) > LAG:
         doubts.append(
-            f"frames farther apart differ more (variance {float(np.median(lag)):.2f} times): the camera mixes "
-            "successive frames (temporal noise filter), or the light drifts"
+            f"frames farther apart in time differ more ({float(np.median(lag)):.2f} times the variance): the camera "
+            "mixes successive frames (temporal noise filter), or the light drifts"
         )
     if converter.step == 0:
-        doubts.append("samples are no whole numbers: the frames were scaled or processed; record what the camera sends")
+        doubts.append("samples are not whole numbers: the frames were scaled or processed; record raw frames")
     if 0 < converter.step < 1:
         doubts.append(f"samples are means of {round(1 / converter.step)} frames: gain and noise are those of the mean")
     return tuple(doubts)
@@ -68,33 +71,36 @@ def notes_of(
     """Return remarks on the series that do not invalidate the values."""
     notes = []
     if converter.shift:
-        notes.append(f"samples are left-aligned by {converter.shift} bits; all counts are after moving them down")
+        notes.append(f"samples are left-aligned by {converter.shift} bits; all counts refer to samples shifted down")
     if converter.step > 1 or converter.used < SPARSE:
         notes.append(
-            f"{100 * min(converter.used, 1 / max(converter.step, 1)):.0f} % of the sample values occur: "
-            "a table or a factor stretched them"
+            f"{100 * min(converter.used, 1 / max(converter.step, 1)):.0f} % of the possible sample values occur: "
+            "a lookup table or a factor stretched them"
         )
     pairs = [pair for level in flats for pair in level.pairs]
     change = max((abs(pair.change) for pair in pairs), default=0.0)
     if change > FLICKER:
-        notes.append(f"light differs by up to {100 * change:.1f} % within a pair; it was allowed for")
+        notes.append(f"the light changes by up to {100 * change:.1f} % within a pair; this is taken into account")
     rolling = max((pair.rolling for pair in pairs), default=0.0)
     if rolling > ROLLING:
         notes.append(
-            f"light differs from row to row ({100 * rolling:.1f} % rms): a flickering lamp; it was allowed for"
+            f"the light varies from row to row ({100 * rolling:.1f} % rms), because the lamp flickers; this is taken "
+            "into account"
         )
     if darks[0].cut_off:
         notes.append(
-            "darks are cut off at zero: black level and offsets are unknown, read noise comes from the curve; "
+            "darks are clipped at zero: black level and offsets are unknown, and read noise is derived from the curve; "
             "raise the camera's black level"
         )
     if not curve.refusal and abs(curve.departure) > 0:
         notes.append(
-            f"variance departs from a line by {100 * curve.departure:+.1f} % at {curve.limit:.0f} counts; "
-            "gain is that of its beginning"
+            f"the variance departs from a straight line by {100 * curve.departure:+.1f} % at {curve.limit:.0f} counts; "
+            "the gain is the initial slope"
         )
     if curve.chi2 > CHI2:
-        notes.append(f"points scatter {curve.chi2**0.5:.1f} times as much as chance; errors are widened by that")
+        notes.append(
+            f"points scatter {curve.chi2**0.5:.1f} times as much as expected by chance; errors are enlarged accordingly"
+        )
     return tuple(notes)
 
 

@@ -89,7 +89,9 @@ class ConverterScan:
         if not values.size or self.step < 1 or self.top > values[-1]:
             return Converter(self.top, None, 0, self.step, 1.0)
         if values.size < 2:
-            raise InputError.expected("flats and darks", "samples that differ", f"{values[0]} everywhere", "check them")
+            raise InputError.expected(
+                "flats and darks", "varying samples", f"{values[0]} everywhere", "check the files"
+            )
         # empty low bits: a power of two divides every sample
         whole = int(np.bitwise_or.reduce(values))
         shift = (whole & -whole).bit_length() - 1

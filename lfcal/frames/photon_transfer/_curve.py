@@ -116,11 +116,11 @@ def _fitted(points: TransferPoints, limit: float, whole: bool, saturation: Measu
         used &= points.y > ROUNDING_VARIANCE
     why = ""
     if not lit.any():
-        why = "no flat lies between the dark and 70 % of saturation"
+        why = "no flat is between the dark level and 70 % of saturation"
     elif not (lit & used).any():
         why = "the noise is below the rounding of the samples; raise the camera's gain"
     elif np.ptp(points.x[used]) < 0.1 * points.x[used].max():
-        why = "all flats are of one brightness, and the darks have no noise to compare with"
+        why = "all flats have the same brightness, and the darks have no noise to compare with"
     if why:
         return PhotonTransferCurve(
             points, used, None, MeasuredValue(0.0, np.inf), 0.0, 0.0, 0.0, limit, saturation, why
@@ -136,7 +136,7 @@ def _fitted(points: TransferPoints, limit: float, whole: bool, saturation: Measu
             terms, cov, chi2, bend, departure = bowed, bowed_cov, bowed_chi2, float(bowed[2]), share
     constant, slope = (MeasuredValue(float(terms[k]), float(np.sqrt(cov[k, k]))) for k in (0, 1))
     if not slope.value > 3 * slope.sigma or abs(departure) > REFUSED:
-        why = "the variance does not grow in proportion to the light: the samples are processed, or light changed"
+        why = "the variance is not proportional to the light: the samples were processed, or the light changed"
     return PhotonTransferCurve(
         points, used, None if why else slope, constant, bend, departure, chi2, limit, saturation, why
     )

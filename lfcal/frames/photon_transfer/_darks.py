@@ -99,7 +99,7 @@ def measure_darks(frames: Sequence[CalibrationFrame], exposure_s: float | None) 
         found = measure_pair(FramePair(first.read(), second.read(), empty, empty, good, "", len(frames), lit=False))
         if found.equal:
             raise InputError.expected(
-                "darks", "frames that differ", f"{first.label} and {second.label} alike", "remove copies"
+                "darks", "different frames", f"identical ones ({first.label}, {second.label})", "remove the copies"
             )
         variances.append(float(found.points.y[0]) if found.points.y.size else 0.0)
         weights.append(int(good.sum()))
@@ -185,7 +185,7 @@ def dark_current(levels: Sequence[DarkLevel], slope: MeasuredValue) -> tuple[Mea
     """
     known = sorted((one for one in levels if one.exposure_s), key=lambda one: one.exposure_s or 0.0)
     if len({one.exposure_s for one in known}) < 2:
-        return None, "dark current: unknown, for it takes darks of two or more exposures"
+        return None, "dark current: unknown; record darks of two or more exposures"
     seconds = np.array([one.exposure_s for one in known], float)
     mean = _slope(seconds, [one.black for one in known])
     grown = _slope(seconds, [one.variance for one in known])
@@ -194,7 +194,10 @@ def dark_current(levels: Sequence[DarkLevel], slope: MeasuredValue) -> tuple[Mea
         by_mean.sigma, by_variance.sigma
     ):
         return by_mean, ""
-    return by_variance, "the camera subtracts dark current: it was derived from the growth of the noise"
+    return (
+        by_variance,
+        "dark current: derived from the increase of the noise, because the camera subtracts dark current",
+    )
 
 
 def _slope(seconds: NDArray[np.float64], values: Sequence[MeasuredValue]) -> MeasuredValue:

@@ -114,7 +114,7 @@ def measure_linearity(
     """
     known = [level for level in levels if level.exposure_s and level.count]
     if len({level.exposure_s for level in known}) < 3:
-        return None, "linearity: unknown, for it takes flats of three or more exposures under one lamp"
+        return None, "linearity: unknown; record flats of three or more exposures with the same light"
     pixels = _similar_pixels(known, good, top)
     x, y, sigma = [], [], []
     for level in known:
@@ -128,7 +128,7 @@ def measure_linearity(
             # fluctuations of the lamp are not due to the sensor
             sigma.append(value * float(np.mean(change)) / np.sqrt(2 * len(change)) + 1e-4 * value)
     if len(set(x)) < 3:
-        return None, "linearity: unknown, for fewer than three exposures lie between 5 and 95 % of saturation"
+        return None, "linearity: unknown, because fewer than three exposures are between 5 and 95 % of saturation"
     seconds_, values, errors = np.array(x), np.array(y), np.array(sigma)
     # relative deviations are minimized, as EMVA requires: dim and bright levels have equal weight
     base = np.stack([1 / values, seconds_ / values], axis=1)
@@ -192,15 +192,18 @@ def measure_prnu(
         along = (float((residual[1:] * residual[:-1]).sum()), float((residual[:, 1:] * residual[:, :-1]).sum()))
         alike += [abs(one) / max(own, 1e-300) for one in along]
     if count < 1000:
-        return None, "pixel response (PRNU): unknown, for too few pixels are lit"
+        return None, "pixel response (PRNU): unknown, because too few pixels are lit"
     if max(alike) > STRUCTURED:
-        return None, "pixel response (PRNU): unknown, for the flats have structure; take flats without the lenslets"
+        return (
+            None,
+            "pixel response (PRNU): unknown, because the flats have structure; record flats without the lenslets",
+        )
     # the residual from the mean over a box that includes the pixel has (1 - 1/box) of the pixel's variance
     seen = squares / count / (1 - 1 / BOX**2)
     chance = float(seen * np.sqrt(2 / count)) + 0.02 * noise / count
     found = MeasuredValue(seen - noise / count, chance).root()
     if found.value < 2 * found.sigma:
-        return None, f"pixel response (PRNU): below {100 * 2 * found.sigma:.2g} %, lost in noise; average more flats"
+        return None, f"pixel response (PRNU): below {100 * 2 * found.sigma:.2g} %, hidden by noise; average more flats"
     return found, ""
 
 

@@ -74,10 +74,12 @@ def iter_measure_sensor(
         if values.shape != shape:
             which = f"{'darks' if k < len(darks) else 'flats'}, {frame.label}"
             sizes = [" × ".join(map(str, size)) + " px" for size in (shape, values.shape)]
-            raise InputError.expected(which, f"{sizes[0]} as the first dark", sizes[1], "take one sensor setting")
+            raise InputError.expected(
+                which, f"{sizes[0]} as the first dark", sizes[1], "use the same sensor settings for all"
+            )
         if values.size < MIN_PIXELS:
             raise InputError.expected(
-                frame.label, f"{MIN_PIXELS} pixels or more", f"{values.shape}", "take larger frames"
+                frame.label, f"at least {MIN_PIXELS} pixels", f"{values.shape}", "record larger frames"
             )
         scan.add(values, frame.label)
         means.append(float(values.mean(dtype=np.float64)))
@@ -86,7 +88,10 @@ def iter_measure_sensor(
     dimmest, brightest = min(means[: len(darks)]), max(means[len(darks) :])
     if brightest <= dimmest:
         raise InputError.expected(
-            "flats", f"brighter frames than the darks (mean {dimmest:.4g})", f"{brightest:.4g} at most", "exchange them"
+            "flats",
+            f"brighter frames than the darks (mean {dimmest:.4g})",
+            f"{brightest:.4g} at most",
+            "exchange flats and darks, or check the lamp",
         )
     if converter.shift:
         flats, darks = ([f.moved(converter.shift) for f in held] for held in (flats, darks))
@@ -102,7 +107,9 @@ def iter_measure_sensor(
     for held in sorted_levels(flats, light, reference.black.value):
         level = measure_level(held, reference.mean, reference.good, cfa)
         if any(pair.equal for pair in level.pairs):
-            raise InputError.expected("flats", "frames that differ", f"copies among {held[0].label} …", "remove copies")
+            raise InputError.expected(
+                "flats", "different frames", f"copies of one frame ({held[0].label} …)", "remove the copies"
+            )
         levels.append(level)
         done += len(held)
         yield clock.at(done)
@@ -125,7 +132,7 @@ def _points(dark: DarkLevel, levels: Sequence[FlatLevel]) -> TransferPoints:
     for k, level in enumerate(levels):
         parts += [replace(pair.points, level=np.full(pair.points.x.size, k)) for pair in level.pairs]
     if not any(level.pairs for level in levels):
-        raise InputError.expected("flats", "two or more of a level", "one of each", "record them in pairs")
+        raise InputError.expected("flats", "two or more of a light level", "one of each", "record pairs")
     return TransferPoints.joined(parts)
 
 
@@ -198,11 +205,11 @@ def _read_noise(dark: DarkLevel, curve: PhotonTransferCurve, whole: bool, notes:
         constant = MeasuredValue(curve.constant.value - rounding, curve.constant.sigma)
         if curve.slope is not None and constant.value > 2 * constant.sigma:
             return constant.root()
-        notes.append("read noise: unknown, for the flats are too bright to show it and the darks are cut off")
+        notes.append("read noise: unknown, because the flats are too bright to show it and the darks are clipped")
         return None
     found = read_noise(dark, whole)
     if found is None:
-        notes.append("read noise: below half a count and lost in rounding; raise the camera's gain")
+        notes.append("read noise: below half a count and hidden by rounding; raise the camera's gain")
     return found
 
 
@@ -214,9 +221,7 @@ def _saturation(
         return MeasuredValue(broken.value + black.value, broken.sigma)
     if converter.clip is not None:
         return MeasuredValue(converter.clip, 0.0)
-    notes.append(
-        f"saturation and full well: not reached, for the brightest sample is {converter.top:.0f}; expose longer"
-    )
+    notes.append(f"saturation and full well: not reached by the brightest sample, {converter.top:.0f}; expose longer")
     return None
 
 
@@ -259,4 +264,4 @@ def _multiplied(channels: dict[str, MeasuredValue], curve: PhotonTransferCurve) 
     middle = float(np.median([one.value for one in channels.values()]))
     if max(abs(one.value - middle) - 5 * one.sigma for one in channels.values()) <= 0.03 * middle:
         return ()
-    return ("gain differs between colours: the camera multiplies them (white balance); switch that off",)
+    return ("gain differs between colours, because the camera applies white balance; switch it off",)

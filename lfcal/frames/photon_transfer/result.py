@@ -129,7 +129,9 @@ class SensorMeasurement:
         """
         if self.doubts or self.gain is None:
             why = self.doubts[0] if self.doubts else "the gain was not measured"
-            raise InputError.expected("measured sensor", "figures to rely on", why, "record raw flats and darks again")
+            raise InputError.expected(
+                "measured sensor", "reliable values", f"doubtful ones ({why})", "record raw flats and darks again"
+            )
         clip = self.saturation.value if self.saturation is not None else None
         # a converter ends at a power of two; a lower level is due to the pixels
         full = clip is not None and int(clip + 1) & int(clip) == 0
@@ -196,15 +198,16 @@ def sensor_differences(found: SensorMeasurement, known: Sensor) -> list[str]:
     if found.shape != known.shape:
         sizes = [" × ".join(map(str, size)) for size in (found.shape, known.shape)]
         words.append(
-            f"frames of {sizes[0]} px, and the camera's sensor has {sizes[1]}: a part of it, or another camera"
+            f"the frames have {sizes[0]} px, the camera's sensor {sizes[1]}: they show a part of it, or are from "
+            "another camera"
         )
     if found.electrons_per_count is not None:
         stated = known.electrons_per_count * (1 << found.shift)
         ratio = found.electrons_per_count.value / stated
         if not SMALLEST <= ratio <= LARGEST:
             words.append(
-                f"{ratio:.3g} times as many electrons per count as the camera description has ({stated:.4g}): "
-                "another gain setting, or frames that the camera averaged or denoised"
+                f"{ratio:.3g} times as many electrons per count as in the camera description ({stated:.4g}): "
+                "the gain setting differs, or the camera averaged or denoised the frames"
             )
     return words
 

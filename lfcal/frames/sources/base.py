@@ -41,7 +41,9 @@ class FrameOptions:
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name not in (*accepted, "plan_shape", "plan", "orientation") and value != entry.default:
-                raise InputError.expected(what, f"no option '{entry.name}'", repr(value), "it brings this itself")
+                raise InputError.expected(
+                    what, f"no option '{entry.name}'", repr(value), "omit it: the source defines this itself"
+                )
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,7 +78,7 @@ def open_unplaced(path: Path) -> FolderSource:
     if path.is_dir():
         root, names = path, [p.name for p in path.iterdir() if p.suffix.lower() in image_suffixes()]
         if not names:
-            raise InputError.expected(f"frames in {path}", "images", "none", "name the folder that holds them")
+            raise InputError.expected(f"frames in {path}", "images", "none", "name the folder that contains them")
     entries = []
     for name in sorted(names, key=natural_key):
         image = open_image(root / name)
@@ -99,7 +99,7 @@ def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tu
     if table is not None:
         return *manifest_from(table, root, options), {}
     if options.columns:
-        raise InputError.expected(f"columns of {path}", "a list of frames", "none", "name it with --manifest")
+        raise InputError.expected(f"columns of {path}", "a list of frames", "none", "name the list with --manifest")
     if path.is_dir():
         return *_from_folder(path, options), {}
     return _from_file(path, options, options.plan_shape)
@@ -115,7 +115,9 @@ def _pixel_notes(options: FrameOptions, facts: dict[str, Any]) -> list[str]:
     if any(abs(stated / size - 1) < 0.01 for size in own.values()):
         return []
     words = ", ".join(f"{size:.4g} um {where}" for where, size in own.items())
-    return [f"pixels: the frames say {stated:.4g} um, the camera {words}; check binning, objective and camera"]
+    return [
+        f"pixel size: {stated:.4g} um in the frames, but in the camera {words}; check binning, objective and camera"
+    ]
 
 
 SOURCE = SourceKind("files", lambda _: True, open_files, rank=100)
@@ -124,7 +126,7 @@ SOURCE = SourceKind("files", lambda _: True, open_files, rank=100)
 def _bounded(manifest: Manifest, shape: tuple[int, int, int]) -> Manifest:
     if manifest.plan_shape is not None:
         raise InputError.expected(
-            "scan shape", f"{manifest.plan_shape} as the manifest says", shape, "leave it out or correct it"
+            "scan shape", f"{manifest.plan_shape} as in the manifest", shape, "leave it out or correct it"
         )
     fields = {name: getattr(manifest, name) for name in ("shape", "dtype", "bit_depth", "cfa")}
     return Manifest(manifest.entries, plan_shape=shape, **fields)
@@ -163,7 +165,7 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
         raise InputError.expected(f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "a Zarr store", remedy)
     if not names and not (names := _below(path)):
         raise InputError.expected(
-            f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "name the folder that holds them"
+            f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "name the folder that contains them"
         )
     if (path / "NDTiff.index").is_file() and not options.order:
         remedy = "export it from Micro-Manager as separate files, or state their order (--order)"
@@ -176,16 +178,14 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
     if len(pages) != shape[0] * shape[1] * shape[2]:
         pages = [(name, k) for name, _ in pages for k in range(_count(path / name, options))]
     gaps = missing_numbers(names)
-    order = (
-        f"number {', '.join(map(str, gaps[:6]))}{' …' if len(gaps) > 6 else ''} is not among the names" if gaps else ""
-    )
+    order = f"the file names skip {', '.join(map(str, gaps[:6]))}{' …' if len(gaps) > 6 else ''}" if gaps else ""
     try:
         manifest = Manifest.from_order(pages, shape, options.order)
     except InputError as error:
         if not order:
             raise
         raise InputError(f"{error}; {order}") from None
-    return manifest, (f"order: {order}; the files are taken as one after the other",) if order else ()
+    return manifest, (f"order: {order}; the files are taken as consecutive",) if order else ()
 
 
 def _by_pattern(
@@ -204,7 +204,7 @@ def _by_pattern(
     if first_number(numbers[:, used], wanted) == 0:
         return counted, ()
     form = NamePattern(pattern, first=1)
-    note = "positions: counted from 1 in the names; --first 0 says otherwise"
+    note = "positions: counted from 1 in the names; use --first 0 if they are counted from 0"
     return Manifest.from_names(names, form, plan_shape=options.plan_shape), (note,)
 
 
@@ -269,7 +269,7 @@ def _from_file(
     if options.order and shape is not None and len(listed.entries) < (count := int(np.prod(shape))):
         there = len(listed.entries)
         notes.append(
-            f"frames: {there} for {count} positions; they are taken as the first {there} of a scan that stopped"
+            f"frames: {there} for {count} positions; they are taken as the first {there} of a scan that stopped early"
         )
     return listed, tuple(notes), facts
 
@@ -295,7 +295,7 @@ def _is_frames_last(path: Path, image: ImageFile, options: FrameOptions) -> bool
     if image.pages > count:
         return True
     remedy = "put the frames along the first axis, for example with numpy.moveaxis(frames, -1, 0)"
-    got = f"{image.pages} along the first and {count} along the last"
+    got = f"{image.pages} along the first axis and {count} along the last"
     raise FileFormatError.expected(str(path), f"{count} frames along one axis", got, remedy)
 
 
@@ -334,7 +334,7 @@ def _along_axes(
     """
     if len(lengths) > 3:
         raise FileFormatError.expected(
-            f"{path}, axes of the pages", "three or fewer", names, "write a manifest that says which page is where"
+            f"{path}, axes of the pages", "three or fewer", names, "write a manifest with the position of each page"
         )
     number = np.arange(len(pages)).reshape(lengths)
     depth = names.find("Z")
@@ -367,6 +367,6 @@ def _where_from(path: Path) -> InputError:
         f"positions of the frames in {path}",
         "a manifest, a name pattern, or a scan order with the scan shape",
         "none",
-        "name their list (--manifest LIST; file, z, y, x), or state how names or their order give positions: "
+        "name their list (--manifest LIST; columns file, z, y, x), or state how names or order define the positions: "
         "--pattern 'z{z}_y{y}_x{x}.png', or --order with --plan",
     )

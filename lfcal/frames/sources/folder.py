@@ -72,7 +72,7 @@ def check_frame(
         count = int(np.count_nonzero(bad))
         if count and nan == "refuse":
             raise FileFormatError.expected(
-                name, "finite values", f"{count} NaN or infinite", "take the frame again, or mask them (--nan mask)"
+                name, "finite values", f"{count} NaN or infinite", "record the frame again, or mask them (--nan mask)"
             )
         if count:
             frame[bad] = np.nan
@@ -80,7 +80,7 @@ def check_frame(
     # check a few thousand samples first: most frames differ in them, and need no check of every pixel
     if blank == "reject" and (frame[::61, ::53] == first).all() and (frame == first).all() and frame.size > 1:
         raise FileFormatError.expected(
-            name, "an image", f"the value {first} in every pixel", "check shutter and lamp; take it again"
+            name, "an image", f"the value {first} in every pixel", "check shutter and lamp, and record it again"
         )
     if bit_depth is not None and frame.max() >= 1 << bit_depth:
         raise FileFormatError.expected(
@@ -184,7 +184,7 @@ class FolderSource(Frames):
         if origin is not None:
             found["origin"] = origin
             if stated not in (None, origin):
-                words = f"the frames' metadata say {stated[0]},{stated[1]}; {origin[0]},{origin[1]} is taken as stated"
+                words = f"the frames' metadata state {stated[0]},{stated[1]}; the given {origin[0]},{origin[1]} is used"
                 notes = (*notes, f"first pixel on the sensor: {words}")
         elif stated is not None:
             found["stated_origin"] = stated
@@ -211,7 +211,7 @@ class FolderSource(Frames):
             return
         self._mask = ~fixed if self._mask is None else self._mask & ~fixed
         count = format_count(int(fixed.sum()), "pixel", "pixels")
-        words = f"{count} without a value (NaN or infinity) in any frame: masked"
+        words = f"masked: {count} without a finite value in any frame"
         self._metadata = replace(self._metadata, notes=(*self._metadata.notes, words))
 
     def _inspect_any(self) -> tuple[tuple[int, int], np.dtype[Any], dict[str, Any]]:
@@ -250,7 +250,7 @@ class FolderSource(Frames):
         for what, wanted, got in (("shape", shape, image.shape), ("samples", dtype, image.dtype)):
             if wanted != got:
                 raise FileFormatError.expected(
-                    f"{name}, {what}", wanted, got, "take all frames with one setting, or leave it out"
+                    f"{name}, {what}", wanted, got, "record all frames with the same setting, or leave it out"
                 )
         own = image.metadata.get("cfa", cfa)
         if cfa and own != cfa:
@@ -333,7 +333,7 @@ class FolderSource(Frames):
                     label,
                     "finite values",
                     f"{stray} NaN or infinite",
-                    "take the frame again, or mask them (--nan mask)",
+                    "record the frame again, or mask them (--nan mask)",
                 )
             return without_nan(frame, self._metadata.cfa), ~lost
 

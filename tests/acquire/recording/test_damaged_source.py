@@ -111,7 +111,7 @@ def test_without_a_whole_dark_frame_nothing_is_subtracted_in_its_place(
     folder = copy_of(sessions["packed"], tmp_path)
     for slot in (0, 1):
         rot_frame(folder / "darks.h5", slot)
-    with pytest.raises(InputError, match=r"recorded dark frames: expected an intact one of 0\.02 s"):
+    with pytest.raises(InputError, match=r"recorded dark frames: expected an intact frame of 0\.02 s"):
         assemble(folder, skip=True)
     (folder / "darks.h5").unlink()
     for skip in (False, True):
@@ -138,7 +138,7 @@ def test_what_a_short_or_lost_file_held_is_left_out(sessions: dict[str, Path], t
     path.unlink()
     assert len(assemble(folder, skip=True).missing) == 25, "the recording of two positions is there"
     (folder / "recording-002.h5").unlink()
-    with pytest.raises(FileFormatError, match="expected some that can be read, got 27 damaged ones"):
+    with pytest.raises(FileFormatError, match="expected at least one readable frame, got only damaged ones"):
         assemble(folder, skip=True)
 
 

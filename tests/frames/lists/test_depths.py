@@ -33,7 +33,7 @@ def depths_of(planes: ListedPlanes, camera: Camera | None = None) -> Depths:
 
 
 def stated(words: str, what: str) -> float:
-    found = re.search(rf"{what} by ± (\S+) um", words)
+    found = re.search(rf"± (\S+) um for {what}", words)
     assert found, words
     return float(found[1])
 
@@ -50,7 +50,7 @@ def test_a_z_of_another_scale_is_told_and_within_the_error(scale: float) -> None
     found = depths_of(planes_of(scale=scale))
     words, note = found.notes
     apart = np.abs(np.array(found.depths) - DEPTHS).max()
-    assert stated(words, "single ones") == pytest.approx(apart, rel=0.01)
+    assert stated(words, "one") == pytest.approx(apart, rel=0.01)
     assert (
         f"its range is {scale:.3f} times the range that the steps of the planes imply" in note
         and "check unit and scale" in note
@@ -60,7 +60,7 @@ def test_a_z_of_another_scale_is_told_and_within_the_error(scale: float) -> None
 def test_a_single_plane_that_lies_elsewhere_is_told() -> None:
     planes = planes_of()
     found = depths_of(replace(planes, heights=planes.heights + np.array([0.0, 4e3, 0.0])))
-    assert stated(found.notes[0], "single ones") == pytest.approx(2 / 3 * 4e3, rel=0.01) and len(found.notes) == 2
+    assert stated(found.notes[0], "one") == pytest.approx(2 / 3 * 4e3, rel=0.01) and len(found.notes) == 2
 
 
 def test_what_lies_within_the_errors_is_not_told() -> None:
@@ -97,17 +97,17 @@ def test_numbered_planes_have_the_depths_of_their_steps() -> None:
     found = depths_of(planes_of(counted=True))
     np.testing.assert_allclose(found.depths, DEPTHS, atol=0.01)
     rising = (small_camera().step_um(1e3) - small_camera().step_um(0.0)) / 1e3
-    assert stated(found.notes[0], "single ones") == pytest.approx(0.001 / rising, rel=0.01)
+    assert stated(found.notes[0], "each") == pytest.approx(0.001 / rising, rel=0.01)
     np.testing.assert_allclose(depths_of(planes_of(counted=True, depths=DEPTHS[::-1])).depths, DEPTHS[::-1], atol=0.01)
     with pytest.raises(InputError, match="steps of its planes: expected longer steps from each plane to the next"):
         depths_of(planes_of(counted=True, depths=(-40e3, 10e3, -10e3)))
-    with pytest.raises(InputError, match="expected 3 as the list has, got 1"):
+    with pytest.raises(InputError, match="expected 3 as in the list, got 1"):
         find_depths(small_camera(), StageAxes(), planes_of(counted=True), (0.0,))
 
 
 def test_numbered_planes_of_a_microscope_have_to_be_given() -> None:
     camera = preset("lfm_20x05")
-    with pytest.raises(InputError, match="got numbers of planes; state them with --depths"):
+    with pytest.raises(InputError, match="got plane numbers; state them with --depths"):
         depths_of(planes_of(counted=True), camera)
     found = find_depths(camera, StageAxes(), planes_of(counted=True), (20.0, 10.0, 0.0))
     assert found.depths == (20.0, 10.0, 0.0)

@@ -44,7 +44,7 @@ def test_an_ome_stack_says_where_each_page_belongs(tmp_path: Path, found: Scan) 
         np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
         assert source.info(3).exposure_s == pytest.approx(0.02)
         notes = " ".join(source.metadata.notes)
-        assert "-x,+y,+z move the image" in notes and "the frames say 1 um" in notes
+        assert "-x,+y,+z move the image" in notes and "pixel size: 1 um in the frames" in notes
         assert source.metadata.pixel_um == 1.0 and "stage_um" not in source.metadata.other
         np.testing.assert_array_equal(source.read(7), frame(found.positions[7, 1:], seed=7))
     assert any_listing(tmp_path / "s.ome.tif").exposures is not None
@@ -54,7 +54,7 @@ def test_exposures_that_are_hardly_seconds_are_left_out(tmp_path: Path, found: S
     """Cameras count microseconds, and programs write their number where the format means seconds."""
     write_ome(tmp_path / "s.ome.tif", found, exposure=(20_000.0, "s"))
     listing = any_listing(tmp_path / "s.ome.tif")
-    assert listing.exposures is None and "exposures: 20000 s" in listing.notes[-1]
+    assert listing.exposures is None and "20000 s in s.ome.tif is implausible" in listing.notes[-1]
     write_ome(tmp_path / "s.ome.tif", found, exposure=(20_000.0, "µs"))
     assert any_listing(tmp_path / "s.ome.tif").exposures == pytest.approx((0.02,) * len(found.stage))
 
@@ -131,7 +131,7 @@ def test_a_folder_of_micro_manager(tmp_path: Path, found: Scan, version: int) ->
     np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
     assert source.info(0).exposure_s == pytest.approx(0.02)
     assert source.metadata.saturation == 4095 and source.metadata.pixel_um == 0.5
-    assert any("as Micro-Manager wrote them" in note for note in source.metadata.notes)
+    assert any("stage coordinates that Micro-Manager wrote" in note for note in source.metadata.notes)
 
 
 def test_a_stack_of_micro_manager(tmp_path: Path, found: Scan) -> None:
@@ -165,7 +165,9 @@ def test_channels_of_micro_manager(tmp_path: Path, found: Scan, stacked: bool) -
         entry["Channel"] = "Dark" if k % 2 else "Lamp"
     (tmp_path / "scan_metadata.txt").write_text(json.dumps(body))
     with open_frames(tmp_path, plan=plan()) as source:
-        assert "channels: 'Lamp' is read, of 'Lamp', 'Dark'; 'Dark' is its dark" in source.metadata.notes
+        assert (
+            "channels: 'Lamp' is used, out of 'Lamp', 'Dark'; 'Dark' contains its dark frames"
+        ) in source.metadata.notes
         np.testing.assert_array_equal([source.info(k).position for k in range(count)], found.positions)
         np.testing.assert_array_equal(source.read(5), lit[5])
         assert list(source.metadata.darks) == [0.02]
@@ -203,7 +205,7 @@ def test_places_in_the_names_of_files(tmp_path: Path, found: Scan, form: str) ->
     names = [f"{form.format(*place)}.tif" for place in found.stage]
     write_frames(tmp_path, found, names)
     with open_frames(tmp_path, plan=plan()) as source:
-        assert any("of the stage, as the names state them" in note for note in source.metadata.notes)
+        assert any("stage coordinates in the file names" in note for note in source.metadata.notes)
         for k in range(len(source)):
             name = source.info(k).label
             assert tuple(source.info(k).position) == tuple(found.positions[names.index(name)])

@@ -101,9 +101,9 @@ def test_exposures(tmp_path: Path, name: str, value: str, seconds: float) -> Non
 
 
 BAD = {
-    "two for x": ("file,PosX,x_stage,y\na,1.5,2,3\n", "", "column of x: expected one, got 'PosX' or 'x_stage'; say"),
+    "two for x": ("file,PosX,x_stage,y\na,1.5,2,3\n", "", "column of x: expected one, got 'PosX' or 'x_stage'; state"),
     "no file": ("A,x,y\nb,1.5,2\n", "", "column of file: expected a name such as"),
-    "what there is": ("A,B,y\nb,1.5,2\n", "", "got columns A, B, y; say which it is: --columns file=COLUMN,x=COLUMN"),
+    "what there is": ("A,B,y\nb,1.5,2\n", "", "got columns A, B, y; state which it is: --columns file=COLUMN,x=COLUMN"),
     "not a column": ("A,x,y\nb,1.5,2\n", "file=B", "expected one of A, x, y, got 'B'"),
     "no role": ("A,x,y\nb,1.5,2\n", "name=A", "--columns: expected ROLE=COLUMN"),
     "role twice": ("A,x,y\nb,1.5,2\n", "x=x,x=y", "each of file, page, z, y, x, exposure, dy, dx at most once"),
@@ -111,27 +111,27 @@ BAD = {
     "short row": ("file,x,y\na,1.5\n", "", "a.csv line 2: expected 3 cells, got 2"),
     "decimal commas": ("file,x,y\na,1,5,2,5\n", "", "numbers with decimal commas need semicolons"),
     "both signs": ("file;x;y\na;1,5;2.5\n", "", "a point or a comma throughout, got 1,5 and 2.5"),
-    "twice named": ("file,x,x\na,1,2\n", "", "every column named once, got 'x' twice"),
+    "twice named": ("file,x,x\na,1,2\n", "", "unique column names, got 'x' twice"),
     "no number": ("file,x_um,y_um\na,here,2\n", "", "a.csv line 2, x_um: expected a number, got 'here'"),
     "infinite": ("file,x_um,y_um\na,inf,2\n", "", "expected a number, got 'inf'"),
     "units of some": ("file,x_um,PosY\na,1.5,2\n", "", "unit of PosY: expected that of the other axes"),
-    "counts and lengths": ("file,x_um,y_index\na,1.5,2\n", "", "expected numbers of positions throughout, or lengths"),
+    "counts and lengths": ("file,x_um,y_index\na,1.5,2\n", "", "expected position numbers throughout, or lengths"),
     "counts and a length": ("file,x_index,y_index,z_mm\na,1,2,0.5\n", "", "--columns y_index=…,x_index=…,z_index=…"),
     "half a plane": (
         "file,x_um,y_um,plane\na,1.5,2,0.5\n",
         "",
-        "line 2, plane: expected the number of a plane, from 0",
+        "line 2, plane: expected a plane number, counted from 0",
     ),
     "planes from 2": (
         "file,x_um,y_um,plane\na,1.5,2,2\n",
         "",
-        "from 0 or 1, got 2; correct it, or say that it is a le",
+        "from 0 or 1, got 2; correct it, or state that it is a le",
     ),
     "exposure": ("file,x_um,y_um,exposure_s\na,1,2,0\n", "", "line 2, exposure_s: expected a time above 0"),
     "microseconds": (
         "file,x_um,y_um,ExposureTime\na,1,2,20000\n",
         "",
-        "ExposureTime: expected a unit of times this large, got 20000 of none; give --columns exposure_us=Ex",
+        "ExposureTime: expected a unit of such large times, got 20000 without a unit; give --columns exposure_us=Ex",
     ),
     "hours": (
         "file,x_um,y_um,exposure_s\na,1,2,20000\n",
@@ -233,7 +233,7 @@ def test_files_that_are_not_there_or_not_meant(tmp_path: Path) -> None:
 def test_rows_of_one_file_are_its_pages(tmp_path: Path) -> None:
     (tmp_path / "stack.tif").write_bytes(b"x")
     found = located(listing("stack.tif", "stack.tif"), tmp_path)
-    assert found.pages == (0, 1) and "its rows are its pages" in found.notes[-1]
+    assert found.pages == (0, 1) and "its rows are taken as its pages" in found.notes[-1]
 
 
 # -- numbers of positions ----------------------------------------------------------------------------------------
@@ -254,7 +254,7 @@ def test_a_list_with_other_names_opens(tmp_path: Path) -> None:
     rows = [f"z0_y{y}_x{x};{y + 1};{x + 1};20" for y in range(2) for x in range(3)]
     (tmp_path / "scan.csv").write_text("Bild;row;col;Exp\n" + "\n".join(rows))
     with pytest.raises(
-        InputError, match=r"column of file: .*columns Bild, row, col, Exp; say .* --columns file=COLUMN"
+        InputError, match=r"column of file: .*columns Bild, row, col, Exp; state .* --columns file=COLUMN"
     ):
         open_frames(tmp_path)
     source = open_frames(tmp_path, columns="file=Bild")

@@ -92,7 +92,7 @@ def test_stage_positions_go_with_the_pages_that_tiffdata_names(tmp_path: Path, f
     write(tmp_path / "s.ome.tif", pixels(order, found), text)
     with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
         notes = " ".join(source.metadata.notes)
-        assert "in the order that TiffData states; that of DimensionOrder XYCTZ would be another one" in notes
+        assert "read in the order of TiffData, which differs from DimensionOrder XYCTZ" in notes
         assert "the light agrees" in notes
         for k in range(len(source)):
             z, y, x = source.info(k).position
@@ -116,7 +116,7 @@ def test_axes_without_stage_positions_follow_tiffdata(tmp_path: Path) -> None:
     text = header("XYCTZ", (2, 4, 3), mapped(order), shape=(12, 15))
     path = write(tmp_path / "s.ome.tif", [stack[z, t, c] for z, c, t in order], text)
     with open_frames(path) as source:
-        assert len(source) == 24 and "that of DimensionOrder XYCTZ" in source.metadata.notes[0]
+        assert len(source) == 24 and "differs from DimensionOrder XYCTZ" in source.metadata.notes[0]
         for k in range(24):
             np.testing.assert_array_equal(source.read(k), stack[source.info(k).position])
 
@@ -138,7 +138,9 @@ def test_a_scan_that_was_stopped_has_the_planes_that_are_there(tmp_path: Path, f
     write(tmp_path / "s.ome.tif", pixels(order, found)[:-1], text)
     with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
         assert len(source) == len(order) - 1
-        assert "pages: OME metadata state 56 planes, of which 55 have a page" in source.metadata.notes
+        assert (
+            "pages: 55 of the 56 planes in the OME metadata have a page; the others are missing"
+        ) in source.metadata.notes
         np.testing.assert_array_equal([source.info(k).position for k in range(55)], found.positions[:-1])
 
 
@@ -214,7 +216,7 @@ def test_what_tiffdata_leaves_out_has_its_default(data: str, wanted: list[int]) 
 )
 def test_metadata_that_contradict_themselves_say_nothing(tmp_path: Path, data: str) -> None:
     facts = ome_facts(header("XYCTZ", (2, 1, 3), data + planes_of(ALL)), 6)
-    assert set(facts) == {"order_notes"} and "pages are taken in the order of the file" in facts["order_notes"][0]
+    assert set(facts) == {"order_notes"} and "pages are read in the order of the file" in facts["order_notes"][0]
     path = write(tmp_path / "s.ome.tif", list(np.zeros((6, 40, 48), np.uint16)), header("XYCTZ", (2, 1, 3), data))
     with pytest.raises(InputError, match="positions of the frames"):
         open_frames(path)

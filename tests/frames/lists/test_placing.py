@@ -80,7 +80,7 @@ def test_drift_is_where_the_stage_truly_was() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scale", "unit", "words"), [(1e-3, "", "unit: mm"), (1.0, "", "unit: um"), (20.0, "", "unit: 1 of")]
+    ("scale", "unit", "words"), [(1e-3, "", "unit: mm"), (1.0, "", "unit: um"), (20.0, "", "unit: 1 in")]
 )
 def test_unit_is_told_by_the_steps_of_the_plan(scale: float, unit: str, words: str) -> None:
     found = scan()
@@ -89,11 +89,13 @@ def test_unit_is_told_by_the_steps_of_the_plan(scale: float, unit: str, words: s
     assert any(words in note for note in placed.notes)
 
 
-@pytest.mark.parametrize(("scale", "words"), [(1.3, "lie 1.300 times as far apart"), (0.97, "lie 0.970 times as far")])
+@pytest.mark.parametrize(
+    ("scale", "words"), [(1.3, "are 1.300 times as far apart"), (0.97, "are 0.970 times as far apart")]
+)
 def test_a_z_of_another_scale_than_the_plan_s_is_said(scale: float, words: str) -> None:
     placed = place(listing_of(_deep(scan(), scale)), plan_of())
     (note,) = placed.scales
-    assert note.startswith("depths: z of the planes") and words in note and note in placed.notes
+    assert note.startswith("depths: the planes") and words in note and note in placed.notes
     assert not place(listing_of(_deep(scan(), 1.005)), plan_of()).scales
 
 
@@ -101,7 +103,7 @@ def test_a_z_that_has_a_unit_of_its_own_is_said() -> None:
     """Counts of motors are of any length, and of another one along each axis."""
     found = scan()
     listing = listing_of(replace(found, stage=found.stage * [20.0, 20.0, 0.5]), unit="")
-    assert "depths: 1 of the list's z is 2 um, inferred from the plan's depths" in place(listing, plan_of()).notes
+    assert "depths: 1 in the list's z is 2 um, inferred from the plan's depths" in place(listing, plan_of()).notes
     with pytest.raises(InputError, match="z of the planes"):
         place(listing_of(_deep(found, 1e-3), unit=""), plan_of())
 
@@ -112,7 +114,7 @@ def test_a_plane_that_lies_elsewhere_than_planned_is_said() -> None:
     stage = found.stage.copy()
     stage[found.positions[:, 0] == 1, 2] += 6e3
     placed = place(listing_of(replace(found, stage=stage)), plan_of(depths))
-    assert re.search(r"z of the planes are up to .* um off the plan's, \d+\.tif most", placed.scales[-1])
+    assert re.search(r"z of the planes differs by up to .* um from the plan \(\d+\.tif\)", placed.scales[-1])
 
 
 @pytest.mark.parametrize("first", [0, 1])
@@ -137,7 +139,7 @@ def test_numbers_of_planes_that_the_plan_has_not() -> None:
     found = scan((-40e3, -10e3, 10e3))
     stage = np.column_stack([found.stage[:, :2], 2 * found.positions[:, 0]])
     listing = replace(listing_of(replace(found, stage=stage)), counted=True)
-    with pytest.raises(InputError, match="expected one of 3, counted from 0 or 1, got 4; correct the list"):
+    with pytest.raises(InputError, match="expected one of 3 planes, counted from 0 or 1, got 4; correct the list"):
         place(listing, plan_of((-40e3, -10e3, 10e3)))
     with pytest.raises(InputError, match=r"depth axis: expected z, .* got \+x; correct --stage"):
         place(listing, plan_of((-40e3, -10e3, 10e3, 20e3, 30e3), stage=StageAxes("+y", "+z", "+x")))
@@ -173,7 +175,7 @@ def test_missing_frames_and_repeats() -> None:
     double = Scan(found.camera, found.depths, found.positions[twice], noisy)
     np.testing.assert_array_equal(place(listing_of(double), plan_of(frames_averaged=2)).positions, double.positions)
     with pytest.raises(
-        InputError, match=r"position z=0, y=0, x=0: expected 1 frame as the plan averages, got 0000\.tif, 0001"
+        InputError, match=r"position z=0, y=0, x=0: expected 1 frame per position, as in the plan, got 0000\.tif, 0001"
     ):
         place(listing_of(double), plan_of())
 
@@ -189,14 +191,17 @@ def _deep(found: Scan, scale: float) -> Scan:
 
 
 REFUSED = {
-    "planes": (lambda: scan((-40e3, -10e3, 10e3)), "2 planes of 7 across and 4 down, as the plan has, got 3 planes"),
+    "planes": (lambda: scan((-40e3, -10e3, 10e3)), "2 planes of 7 across and 4 down, as in the plan, got 3 planes"),
     "steps": (lambda: scan(shape=(ROWS, 6)), "got 2 planes of 6 along x and 4 along y"),
-    "half a step": (lambda: _moved(scan(), 0.45), "place of 0005.tif: expected within half a step"),
+    "half a step": (lambda: _moved(scan(), 0.45), "position of 0005.tif: expected at most half a step"),
     "onto another": (lambda: _moved(scan(), 1.0), "position z=0, y=0, x=6: expected 1 frame"),
-    "another scale": (lambda: replace(s := scan(), stage=s.stage * [1.5, 1.5, 1]), "1.5 times them"),
-    "a third of z": (lambda: _deep(scan(), 1 / 3), "z of the planes: expected the distances of the plan's, got 0.333"),
+    "another scale": (lambda: replace(s := scan(), stage=s.stage * [1.5, 1.5, 1]), "1.5 times as much"),
+    "a third of z": (
+        lambda: _deep(scan(), 1 / 3),
+        ("z of the planes: expected the spacing of the planned planes, got 0.333"),
+    ),
     "z in mm": (lambda: _deep(scan(), 1e-3), "correct unit or column (--columns z_mm=…)"),
-    "z in nm": (lambda: _deep(scan(), 1e3), "z of the planes: expected the distances of the plan's, got 1e+03"),
+    "z in nm": (lambda: _deep(scan(), 1e3), "z of the planes: expected the spacing of the planned planes, got 1e+03"),
 }
 
 
@@ -234,17 +239,20 @@ def test_the_plan_of_a_list_without_light_says_what_it_assumes() -> None:
 
 def test_what_no_plan_can_be_made_of() -> None:
     found = scan(shape=(ROWS, 6))
-    with pytest.raises(InputError, match="columns of places in the list: expected 7, one period of the camera, got 6"):
+    with pytest.raises(
+        InputError,
+        match=("columns of positions in the list: expected 7, a whole number of the camera's periods, got 6"),
+    ):
         plan_of_list(listing_of(found), found.camera)
     same = scan()
     same.stage[same.positions[:, 0] == 1, :2] = same.stage[same.positions[:, 0] == 0, :2]
     with pytest.raises(InputError, match="longer steps in farther planes"):
         plan_of_list(listing_of(same), same.camera)
-    with pytest.raises(InputError, match=r"expected 2 as the list has, got 1"):
+    with pytest.raises(InputError, match=r"expected 2 as in the list, got 1"):
         plan_of_list(listing_of(scan()), small_camera(), depths_um=(0.0,))
     with pytest.raises(InputError, match=r"1000 times as large would fit; state the unit: --columns x_mm=COLUMN"):
         plan_of_list(listing_of(scan(), scale=1e-3), small_camera())
-    with pytest.raises(InputError, match="coordinates of the stage, got numbers of positions"):
+    with pytest.raises(InputError, match="stage coordinates, got position numbers"):
         plan_of_list(listing_of(found, unit="index"), found.camera)
 
 

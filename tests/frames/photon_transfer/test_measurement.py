@@ -220,17 +220,17 @@ def test_colours_are_measured_at_their_own_levels() -> None:
 
 def test_copies_singles_and_swapped_folders_are_refused() -> None:
     flats, darks = PLAIN.flats([0.5]), PLAIN.darks(2)
-    with pytest.raises(InputError, match="remove copies"):
+    with pytest.raises(InputError, match="remove the copies"):
         measured([flats[0], flats[0]], darks)
-    with pytest.raises(InputError, match="remove copies"):
+    with pytest.raises(InputError, match="remove the copies"):
         measured(flats, [darks[0], darks[0]])
     with pytest.raises(InputError, match="record at least a pair"):
         measured(flats, darks[:1])
-    with pytest.raises(InputError, match="in pairs"):
+    with pytest.raises(InputError, match="record pairs"):
         measured(flats[:1], darks)
-    with pytest.raises(InputError, match="exchange them"):
+    with pytest.raises(InputError, match="exchange flats and darks"):
         measured(darks, flats)
-    with pytest.raises(InputError, match="one sensor setting"):
+    with pytest.raises(InputError, match="the same sensor settings"):
         measured([f[:-2] for f in flats], darks)
     with pytest.raises(InputError, match="1000 pixels"):
         measured([f[:6, :6] for f in flats], [d[:6, :6] for d in darks])

@@ -61,7 +61,7 @@ def test_a_plan_is_made_of_the_list_where_there_is_none(folder: Path) -> None:
     assert found.imported.plan.period == (ROWS, COLUMNS) and found.imported.plan.anchor == START
     found.close()
     other = survey(ImportChoice(str(folder / "tiffs"), columns="file=1"), None, preset("bench"))
-    assert "one period of the camera" in other.problem and other.table is not None
+    assert "a whole number of the camera's periods" in other.problem and other.table is not None
 
 
 def test_what_the_choices_of_columns_say() -> None:

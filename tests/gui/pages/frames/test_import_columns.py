@@ -155,7 +155,7 @@ def test_the_range_of_z_is_told_against_the_plan_s(tmp_path: Path, known: bool) 
 def test_a_z_in_another_unit_than_it_says_is_refused(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "s", ("file", "X (mm)", "Y (mm)", "Z (nm)"), (1e-3, 1e-3, 1.0))
     found = survey(ImportChoice(folder), plan(), None)
-    assert "z of the planes: expected the distances of the plan's, got 0.001 times them" in found.problem
+    assert "z of the planes: expected the spacing of the planned planes, got 0.001 times as much" in found.problem
 
 
 def test_a_list_above_a_folder_named_frames_is_used(tmp_path: Path) -> None:

@@ -65,9 +65,9 @@ CASES: list[tuple[Callable[[Path], str], dict[str, str], str]] = [
     (positions, {"first": "1"}, "got 0; count from 0; choose above what Positions count from"),
     (counted, {"first": "1"}, "got a smaller one; choose above what Positions count from"),
     (two_lists, {}, "expected one, got stage.csv, stage2.csv; choose the List above"),
-    (empty, {}, "expected images (TIFF, PNG, NPY, RAW …), got none; name the folder that holds them"),
+    (empty, {}, "expected images (TIFF, PNG, NPY, RAW …), got none; name the folder that contains them"),
     (unlike, {}, "; choose the List above, type the pattern of Names above, or choose their Order above"),
-    (long_exposures, {}, "expected a unit of times this large, got 20000 of none; choose it above its column"),
+    (long_exposures, {}, "expected a unit of such large times, got 20000 without a unit; choose it above its column"),
     (lambda p: recorded(p, ("file", "X (mm)", "Y", "Z (mm)")), {}, "got none; choose it above its column"),
     (lambda p: recorded(p, ("file", "X", "Y", "other")), {}, "for 2 planes, got none; choose it above its column"),
 ]
@@ -104,8 +104,8 @@ def test_the_unit_that_z_seems_to_have_is_named_in_the_window(tmp_path: Path) ->
 
 def test_what_is_known_of_found_depths_stays_in_the_window(tmp_path: Path) -> None:
     found = survey(ImportChoice(recorded(tmp_path / "s")), None, scan().camera)
-    (depths,) = {said_in_window(note) for note in found.notes if note.startswith("depths: those whose")}
-    assert "(all by ±" in depths and "--" not in depths
+    (depths,) = {said_in_window(note) for note in found.notes if note.startswith("depths: inferred")}
+    assert "for all" in depths and "--" not in depths
     found.close()
 
 
