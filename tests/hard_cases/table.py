@@ -11,11 +11,11 @@ __all__ = ["PAGE", "page", "row"]
 PAGE = Path(__file__).with_name("TABLE.md")
 HEAD = """# Hard cases
 
-Each line is a test in `tests/hard_cases/`. The test fails if the figure exceeds the bound.
-`python -m tests.hard_cases.table` measured the figures and wrote this page. `tests/hard_cases/mutants.py` has the
-simple code of each line, whose figure exceeds the bound.
+Each row is a test in `tests/hard_cases/`, which fails if the value exceeds the bound.
+`python -m tests.hard_cases.table` measured the values and wrote this page. `tests/hard_cases/mutants.py` contains a
+naive implementation for each row, whose value exceeds the bound.
 """
-COLUMNS = ("case", "what would go wrong", "what is measured", "figure", "bound")
+COLUMNS = ("case", "failure of simple code", "measured quantity", "value", "bound")
 
 
 def row(case: HardCase, figure: float) -> str:

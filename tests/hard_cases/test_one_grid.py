@@ -10,7 +10,7 @@ from lfcal.simulate.engines.reference import ReferencePlane
 from tests.hard_cases.record import hard_case, worst
 from tests.simulate.scenes import PIXEL, camera_scene, relative_error
 
-ERROR = "relative L1 error against the coherent reference"
+ERROR = "relative L1 deviation from the coherent reference"
 STEEP = camera_scene(0.0, cutout=(25, 25), period=(1, 1), exact_rays=True, exact_defocus=True, f_number=2.2)
 
 
@@ -26,7 +26,7 @@ def reference(scene):
 
 @hard_case(
     "Cutout smaller than the pattern",
-    wrong="light that leaves the grid on one side comes in on the other",
+    wrong="light that leaves the grid on one side re-enters on the other side",
     measure=ERROR,
     bound=0.01,
 )
@@ -37,8 +37,8 @@ def test_small_cutout():
 
 @hard_case(
     "Even and odd numbers of samples to a pixel",
-    wrong="the samples of a pixel lie half a sample beside it",
-    measure=ERROR + ", the worse of 6 and 7",
+    wrong="the samples of a pixel are displaced by half a sample",
+    measure=ERROR + ", the larger one of 6 and 7 samples",
     bound=0.005,
 )
 def test_even_samples():
@@ -49,8 +49,8 @@ def test_even_samples():
 
 @hard_case(
     "Few samples to a pixel",
-    wrong="samples that two pixels share count more or less than others: light is made",
-    measure="share of the light of a wide cutout made or lost between array and pixels",
+    wrong="samples shared by two pixels have a wrong weight, so light is created or lost",
+    measure="fraction of the light of a wide cutout that is created or lost between array and pixels",
     bound=2e-4,
 )
 def test_light_between_pixels():
@@ -63,7 +63,7 @@ def test_light_between_pixels():
 
 @hard_case(
     "Fast lens on the native plane, exact angles",
-    wrong="rays have no direction of their own there: angles stay paraxial, 2.6 % off",
+    wrong="rays have no defined direction there, so angles remain paraxial: an error of 2.6 %",
     measure=ERROR,
     bound=0.01,
 )

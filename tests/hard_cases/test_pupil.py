@@ -14,8 +14,8 @@ from tests.hard_cases.record import hard_case, worst
 
 @hard_case(
     "Polygon's transform at zero frequency",
-    wrong="the edge form cancels as 1/f^2: 6e-6 of the area",
-    measure="largest error over the area for f from 0 to 1e-9",
+    wrong="the edge formula loses digits as 1/f^2: an error of 6e-6 of the area",
+    measure="largest error divided by the area, for f from 0 to 1e-9",
     bound=1e-15,
 )
 def test_polygon_at_zero():
@@ -26,8 +26,8 @@ def test_polygon_at_zero():
 
 @hard_case(
     "Blades that are almost straight, almost round",
-    wrong="a blade radius of infinity, or a circle of zero sagitta",
-    measure="distance of the outline from its limit (pupil radii)",
+    wrong="the radius of a blade is infinite, or its sagitta is zero",
+    measure="distance of the outline from the limiting shape (pupil radii)",
     bound=2e-3,
 )
 def test_blades():

@@ -25,8 +25,8 @@ QUICK = Sampling(nodes_per_px=3, margin_px=4)
 
 @hard_case(
     "Window wider than lambda B / (2 dx)",
-    wrong="aliases are counted as light: energy 7.65 out of 1",
-    measure="energy out over energy in when the samples follow the window (else it is an error)",
+    wrong="aliases are counted as light: an energy of 7.65 instead of 1",
+    measure="output energy divided by input energy if the sampling follows the window (otherwise lfcal raises an error)",
     bound=1.02,
 )
 def test_wide_window():
@@ -42,8 +42,8 @@ def test_wide_window():
 
 @hard_case(
     "Hard-edged apertures",
-    wrong="the area of a hard mask on 2.75 µm samples is off by 4e-4",
-    measure="largest error of the low-passed mask's area, over places between two samples",
+    wrong="the area of a hard mask on samples of 2.75 µm has an error of 4e-4",
+    measure="largest error of the area of the low-pass filtered mask, over positions between two samples",
     bound=5e-5,
 )
 def test_aperture_area():
@@ -61,7 +61,7 @@ def test_aperture_area():
 @pytest.mark.long  # kernels in double precision take seconds to compile
 @hard_case(
     "Single precision in the far field",
-    wrong="phases of thousands of radians in single precision",
+    wrong="phases of thousands of radians lose digits in single precision",
     measure="relative L1 difference from double precision",
     bound=2e-6,
 )
@@ -74,7 +74,7 @@ def test_single_far():
 
 @hard_case(
     "Single precision far from the origin",
-    wrong="positions of a metre in single precision are 0.1 µm apart",
+    wrong="in single precision, neighbouring numbers near one metre differ by 0.1 µm",
     measure="relative L1 change of the response a million pixels away",
     bound=1e-5,
 )
@@ -88,8 +88,8 @@ def test_far_from_origin():
 
 @hard_case(
     "Denormal numbers in a matrix",
-    wrong="a hundred of them make a product three times slower",
-    measure="denormal entries in the microscope's matrices",
+    wrong="a hundred denormal numbers make a product three times slower",
+    measure="number of denormal entries in the matrices of the microscope",
     bound=0.0,
 )
 def test_no_denormals():
@@ -105,8 +105,8 @@ def test_no_denormals():
 
 @hard_case(
     "Matrix products within threads",
-    wrong="a BLAS library starts threads inside each thread: ten times slower",
-    measure="multiply-adds of one call over the number at which threads start, less 1; and its error",
+    wrong="a BLAS library starts threads inside each thread, which is ten times slower",
+    measure="multiply-adds of one call divided by the number at which threads start, minus 1; and the error of the product",
     bound=1e-5,
 )
 def test_small_products():
@@ -127,7 +127,7 @@ def test_small_products():
 @hard_case(
     "Cutout of one pixel",
     wrong="windows larger than the image are written outside it",
-    measure="change of the middle pixel from that of a large cutout, all levels",
+    measure="change of the central pixel relative to a large cutout, all levels",
     bound=5e-5,
 )
 def test_one_pixel():
@@ -142,8 +142,8 @@ def test_one_pixel():
 
 @hard_case(
     "Cutouts of extreme shape",
-    wrong="square arrays and rows mistaken for columns",
-    measure="change of the pixels shared with a square cutout, over the peak: light from beside a cutout is estimated",
+    wrong="code assumes square arrays, or confuses rows and columns",
+    measure="change of the pixels shared with a square cutout, divided by the peak (light from outside the cutout is estimated)",
     bound=1e-4,
 )
 def test_long_cutouts():
@@ -158,8 +158,8 @@ def test_long_cutouts():
 
 @hard_case(
     "Period of one position",
-    wrong="positions modulo 1, empty ranges of rows",
-    measure="change from the same position of a long period",
+    wrong="positions are taken modulo 1, and ranges of rows are empty",
+    measure="change relative to the same position of a long period",
     bound=0.0,
 )
 def test_period_of_one():
@@ -171,8 +171,8 @@ def test_period_of_one():
 
 @hard_case(
     "Threads",
-    wrong="two threads add to one array",
-    measure="largest difference between one thread and three",
+    wrong="two threads add to the same array",
+    measure="largest difference between one thread and three threads",
     bound=0.0,
 )
 def test_threads():
@@ -184,7 +184,7 @@ def test_threads():
 @hard_case(
     "Chief ray on the border of two pixels",
     wrong="the cutout jumps, or a row of light is lost",
-    measure="change of the light between the two cutouts that hold it, over the peak",
+    measure="change of the light between the two possible cutouts, divided by the peak",
     bound=1e-3,
 )
 def test_pixel_border():
@@ -195,8 +195,8 @@ def test_pixel_border():
 
 @hard_case(
     "Squares of faint responses",
-    wrong="unnormalised responses of 1e-21 have squares of zero",
-    measure="smallest normal number over the square of a ten thousandth of the peak, at v = 1e4",
+    wrong="the squares of unnormalised responses of 1e-21 are zero",
+    measure="smallest normal number divided by the square of 1e-4 of the peak, at v = 1e4",
     bound=1e-6,
 )
 def test_faint_squares():
@@ -206,8 +206,8 @@ def test_faint_squares():
 
 @hard_case(
     "Windows a pixel wider than the spots",
-    wrong="a lenslet's light falls off slowly: one of ten to thirty beyond its window is cut off",
-    measure="light of a wide cutout that narrow windows lack or have too much, beside windows thirty pixels wider",
+    wrong="the light of a lenslet falls off slowly, and the part outside the window is lost",
+    measure="missing or excess light of narrow windows in a wide cutout, compared with windows thirty pixels wider",
     bound=0.006,
 )
 def test_narrow_windows():

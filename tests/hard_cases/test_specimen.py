@@ -15,8 +15,8 @@ from tests.simulate.scenes import microscope_scene
 
 @hard_case(
     "Specimen's index below the NA",
-    wrong="total reflection begins inside the pupil: a branch point, and light beyond it that must fade",
-    measure="relative change of the fields when the nodes are doubled, indices 1.33 and within 1e-6 of the NA",
+    wrong="total reflection begins inside the pupil: a branch point, beyond which the light must decay",
+    measure="relative change of the fields when the number of nodes is doubled, for an index of 1.33 and indices within 1e-6 of the NA",
     bound=1e-9,
 )
 def test_total_reflection():
@@ -34,8 +34,8 @@ def test_total_reflection():
 
 @hard_case(
     "Phase of a specimen that nearly matches",
-    wrong="n2 cos t2 - n1 cos t cancels: ten digits are lost, near the axis all of them",
-    measure="relative error of the phase against 40 digits, indices 1e-9 apart",
+    wrong="n2 cos t2 - n1 cos t loses ten digits by cancellation, and all digits near the axis",
+    measure="relative error of the phase compared with 40 digits, for indices that differ by 1e-9",
     bound=1e-13,
 )
 def test_near_index():
@@ -52,8 +52,8 @@ def test_near_index():
 
 @hard_case(
     "Second Bessel function next to the axis",
-    wrong="2 J1(x)/x - J0(x) is +-1 for the smallest x and loses all digits below 1e-8",
-    measure="largest relative error against 30 digits, x from 1e-150 to 0.02",
+    wrong="2 J1(x)/x - J0(x) is +-1 for the smallest x, and loses all digits below 1e-8",
+    measure="largest relative error compared with 30 digits, for x from 1e-150 to 0.02",
     bound=1e-11,
 )
 def test_second_bessel():

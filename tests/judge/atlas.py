@@ -77,10 +77,10 @@ def chapter(fault: Fault, found: FoundFault) -> str:
 HEAD = """# Fault atlas
 
 These are the faults that `lfcal inspect` finds by comparison with the camera, in the order of its search. Each fault
-was put into a simulated recording of the preset `bench` (two planes, 3,000 counts at the peak, photon and read noise,
-0.5 % of lamp noise) and searched in 60 patterns. Pictures: a pattern without the fault, the same with it (both as the
-root of the light), and the measurement that shows the fault. `python -m tests.judge.atlas` makes this page.
-[Quality of H](quality.md) explains the numbers.
+was added to a simulated recording of the preset `bench` (two planes, 3,000 counts at the peak, photon and read noise,
+0.5 % of lamp noise), and searched for in 60 patterns. Each figure shows a pattern without the fault, the same pattern
+with it (both as the square root of the light), and the measurement that reveals the fault. [Quality of H](quality.md)
+explains the numbers. `python -m tests.judge.atlas` makes this page.
 """
 
 

@@ -146,33 +146,33 @@ def _type() -> Values:
 
 INJECTIONS: dict[str, Injection] = {
     "saturated": Injection(
-        "the sensor is full at half of the brightest light",
+        "the sensor saturates at half of the brightest light",
         "above a common value, samples have less light than the camera predicts",
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),
     "cut_off": Injection(
         "values below zero, which are half of the noise of dark samples, are set to zero",
-        "number of dark samples that are exactly zero, and the mean of all dark samples",
+        "the number of dark samples that are exactly zero, and the mean of all dark samples",
         lambda: np.maximum(clean(), np.float32(0)),
     ),
     "background": Injection(
         "2 % of the peak is added to every sample",
-        "values of samples where the camera predicts no light",
+        "samples at which the camera predicts no light are not zero",
         lambda: added(clean(), sensor(0.02 * PEAK)),
     ),
     "order": Injection(
         "the columns of both planes are stored in reverse",
-        "all patterns fit the camera at other positions, by one rule",
+        "all patterns fit the camera at other positions, which follow one rule",
         lambda: mirrored(1)(recording(), 2),
     ),
     "pupil": Injection(
         "a blade of the iris covers everything beyond 0.7 of its radius on one side",
-        "light is missing at the same side of every pattern",
+        "light is missing on the same side of every pattern",
         lambda: shadow(straight=True)(recording(), 0.3),
     ),
     "type_focus": Injection(
         "the focal length of one lens type is 15 % too long",
-        "residuals behind the lenslets of one type, as from a change of focus",
+        "residuals behind the lenslets of one type have the form of a defocus",
         lambda: blurred_type(recording(), 0.15),
     ),
     "compression": Injection(
@@ -181,28 +181,28 @@ INJECTIONS: dict[str, Injection] = {
         lambda: compressed(clean(), 75),
     ),
     "dead_line": Injection(
-        "column 30 of the scanned part sees no light",
+        "column 30 of the scanned region receives no light",
         "a row or column has less light than its neighbours",
         lambda: noisy(scaled(light(), _line(0.0, 30))),
     ),
     "hot_line": Injection(
-        "column 25 of the scanned part adds 60 counts",
+        "column 25 of the scanned region adds 60 counts",
         "a row or column has more counts than its neighbours",
         lambda: added(clean(), _line(60.0, 25)),
     ),
     "line_offsets": Injection(
-        "every row has a different offset, 6 counts rms",
-        "mean residuals of rows or columns scatter more than noise",
+        "the rows have random offsets of 6 counts rms",
+        "the mean residuals of rows or columns scatter more than the noise explains",
         _offsets,
     ),
     "not_linear": Injection(
-        "values are the power 1.1 of the light",
-        "a fitted exponent, or the light that the brightest samples lack, with its standard deviation",
+        "values are proportional to the light to the power of 1.1",
+        "the fitted exponent differs from 1, or the brightest samples have too little light",
         _bent,
     ),
     "mosaic": Injection(
-        "the four pixels of each 2 x 2 block see 60, 100, 100 and 50 % of the light",
-        "the light of the four pixels of each 2 x 2 block",
+        "the four pixels of each 2 x 2 block receive 60, 100, 100 and 50 % of the light",
+        "the four pixels of each 2 x 2 block receive different amounts of light",
         _mosaic,
     ),
     "bad_pixels": Injection(
@@ -212,67 +212,67 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "strangers": Injection(
         "two neighbouring columns of the scan are swapped",
-        "sources far from their places, or patterns unlike the expected ones; a neighbouring true position is found",
+        "a source is far from its position, or a pattern fits a neighbouring position better than its own",
         _swapped,
     ),
     "frame_shift": Injection(
-        "the frames of the second plane lie one pixel to the side",
-        "a step in the displacement of the cutouts, and the frame at which it begins",
+        "the frames of the second plane are displaced by one pixel along the rows",
+        "the displacement of the cutouts changes at one frame",
         _region,
     ),
     "stage_axes": Injection(
-        "the stage's steps are 2 % too long, and its axes are turned by 1 degree",
-        "displacements of sources grow with row and column",
+        "the steps of the stage are 2 % too long, and its axes are rotated by 1 degree",
+        "the displacement of the sources grows with row and column",
         _stage,
     ),
     "backlash": Injection(
         "rows are scanned in alternating directions with a backlash of 0.3 pixels",
-        "sources in rows of one direction are displaced relative to the other",
+        "sources in rows of one scan direction are displaced relative to the others",
         _play,
     ),
     "jitter": Injection(
         "the source is displaced at random by 0.1 pixels rms",
-        "displacements of sources scatter more than their errors",
+        "the displacements of the sources scatter more than their errors explain",
         _jitter,
     ),
     "auto_exposure": Injection(
-        "each frame is exposed by its peak: its light is proportional to the peak to the power of -0.6",
-        "the light of patterns follows a power of their peaks",
+        "the exposure of each frame depends on its peak: the light is proportional to the peak to the power of -0.6",
+        "the light of the patterns is proportional to a power of their peaks",
         lambda: noisy((light() * equalised(recording(), 0.6)).astype(np.float32)),
     ),
     "exposure": Injection(
         "one frame has three times the light",
-        "the light of a pattern differs from that of all others",
+        "the light of one pattern differs from that of all others",
         _exposure,
     ),
     "lamp": Injection(
         "the lamp fades by 8 % over the scan of each plane",
-        "the light of patterns changes over the scan",
+        "the light of the patterns changes over the scan",
         _course,
     ),
     "flicker": Injection(
         "the light differs by 5 % rms from frame to frame",
-        "the light of patterns scatters more than its errors",
+        "the light of the patterns scatters more than its errors explain",
         _flicker,
     ),
     "depth_label": Injection(
         "the depths of two planes are exchanged",
-        "the patterns of a plane fit at another depth",
+        "the patterns of a plane fit the camera at another depth",
         lambda: clean()[::-1].copy(),
     ),
     "focus_drift": Injection(
-        "the first plane's depth changes by 3 % of its virtual depth while it is scanned",
+        "the virtual depth of the first plane changes by 3 % during its scan",
         "the fitted depth of patterns changes over the scan of a plane",
         _focus,
     ),
     "ghost": Injection(
-        "2 % of the light make a second pattern, mirrored up and down, 7 pixels below and 5 to the left",
-        "the residual looks like the pattern, displaced, turned or mirrored",
+        "2 % of the light forms a second pattern, mirrored top to bottom, 7 pixels below and 5 to the left",
+        "the residual resembles the pattern, displaced, rotated or mirrored",
         _ghost,
     ),
     "type_light": Injection(
-        "lenslets of type 1 pass 80 % of the light",
-        "the light through the lenslets of each type",
+        "lenslets of type 1 transmit 80 % of the light",
+        "the lenslets of one type transmit less light than the others",
         _type,
     ),
 }

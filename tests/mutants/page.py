@@ -1,4 +1,4 @@
-"""The table of what became of the mutants, for the site."""
+"""The table of mutants and their outcomes, for the site."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ def page(verdicts: Sequence[tuple[Mutant, Verdict]], seed: int, judged: Mapping[
     )
     return f"""# Mutants
 
-Do the tests detect a mistake? One small mistake at a time is put into a copy of the sources. Then the tests of
-that file run (`tests/psf/test_cutout.py` for `lfcal/psf/cutout.py`), and the long ones if the quick ones pass. A
-mutant that survives shows a missing test. Of 60 new mutants, 41, 42 and 43 were killed at first (seeds 2, 1 and 3).
-After the missing tests were written, 56, 58 and 56 were killed.
+Do the tests detect mistakes? `tests.mutants` makes one small mistake at a time in a copy of the sources. It then runs
+the tests of that file (`tests/psf/test_cutout.py` for `lfcal/psf/cutout.py`), and the long ones if the quick ones pass.
+A mutant that survives reveals a missing test. Of 60 new mutants each, 41, 42 and 43 were killed at first (seeds 2, 1
+and 3). After the missing tests were written, 56, 58 and 56 were killed.
 
 ```sh
 python -m tests.mutants                      # {len(verdicts)} mutants of seed {seed}; resumes where it stopped
-python -m tests.mutants --seed 2 --list      # others
+python -m tests.mutants --seed 2 --list      # lists other mutants
 ```
 
 **{killed} of {len(verdicts)} are killed ({100 * killed / max(1, len(verdicts)):.0f} %)**, {counted["hangs"]} of them
-because the test hangs. {counted["survived"]} survive. No test can detect {equal} of these, for the reason given.
+because the test hangs. {counted["survived"]} survive. No test can detect {equal} of these, for the reason in the table.
 
-| place | kind | mistake | what became of it |
+| line | kind | mistake | outcome |
 | --- | --- | --- | --- |
 {rows}
 """

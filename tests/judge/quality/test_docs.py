@@ -82,7 +82,7 @@ def test_the_documented_metric_is_shown(
     run = lfcal("inspect", tmp_path / "H.h5", "--report", tmp_path / "out")
     assert run.code == 0, run.err
     assert "Row offsets" in run.out and "should not be used as it is: row offsets" in run.out
-    assert "Scatter of the sensor rows" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "Scatter of the dark level" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
 
 
 def test_others_cannot_hide_or_break_what_is_there(
