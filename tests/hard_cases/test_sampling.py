@@ -26,7 +26,7 @@ QUICK = Sampling(nodes_per_px=3, margin_px=4)
 @hard_case(
     "Window wider than lambda B / (2 dx)",
     wrong="aliases are counted as light: an energy of 7.65 instead of 1",
-    measure="output energy divided by input energy if the sampling follows the window (otherwise lfcal raises an error)",
+    measure="output energy divided by input energy, if the sampling follows the window (otherwise an error is raised)",
     bound=1.02,
 )
 def test_wide_window():
@@ -106,7 +106,7 @@ def test_no_denormals():
 @hard_case(
     "Matrix products within threads",
     wrong="a BLAS library starts threads inside each thread, which is ten times slower",
-    measure="multiply-adds of one call divided by the number at which threads start, minus 1; and the error of the product",
+    measure="multiply-adds of one call divided by the number at which threads start, minus 1; error of the product",
     bound=1e-5,
 )
 def test_small_products():
@@ -143,7 +143,7 @@ def test_one_pixel():
 @hard_case(
     "Cutouts of extreme shape",
     wrong="code assumes square arrays, or confuses rows and columns",
-    measure="change of the pixels shared with a square cutout, divided by the peak (light from outside the cutout is estimated)",
+    measure="change of the pixels shared with a square cutout, divided by the peak (light from outside is estimated)",
     bound=1e-4,
 )
 def test_long_cutouts():

@@ -16,7 +16,7 @@ from tests.simulate.scenes import microscope_scene
 @hard_case(
     "Specimen's index below the NA",
     wrong="total reflection begins inside the pupil: a branch point, beyond which the light must decay",
-    measure="relative change of the fields when the number of nodes is doubled, for an index of 1.33 and indices within 1e-6 of the NA",
+    measure="relative change of the fields with twice the number of nodes, for index 1.33 and within 1e-6 of the NA",
     bound=1e-9,
 )
 def test_total_reflection():
