@@ -1,4 +1,4 @@
-"""Rungs of accuracy with their costs, and the curve of all rungs of a place."""
+"""Points of error and cost, and the curve of all points for one part of the processing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHOWN = {"seconds": ("s", 1.0), "bytes": ("MB", 1e6), "frames": ("", 1.0)}
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """One setting with its error and cost.
+    """One point of a curve: a setting with its error and cost.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Rung:
     note
         Remark, or empty.
     efficient
-        Whether no other rung of the curve is both cheaper and more accurate.
+        Whether no other point of the curve is both cheaper and more accurate.
 
     Raises
     ------
@@ -75,7 +75,7 @@ class Curve:
     Attributes
     ----------
     place, title
-        Name of the place, and its display name.
+        Name of the part of the processing, and its display name.
     error, cost
         Meaning of error and cost, with units.
     unit
@@ -83,11 +83,11 @@ class Curve:
     truth
         Reference of the errors.
     rungs
-        As measured, cheapest first, with the Pareto front marked.
+        Measured points, cheapest first; those on the Pareto front are marked.
     notes
         Conditions of the measurement, one line each.
     stopped
-        Why there are no further rungs; empty if all were measured.
+        Reason why there are no further points; empty if all were measured.
 
     Examples
     --------
@@ -112,27 +112,27 @@ class Curve:
     stopped: str = ""
 
     def with_rung(self, rung: Rung) -> Curve:
-        """Return the curve with one more rung."""
+        """Return the curve with one more point."""
         return replace(self, rungs=marked((*self.rungs, rung)))
 
     @property
     def front(self) -> tuple[Rung, ...]:
-        """The efficient rungs, cheapest first: each costs more than the one before it, and has a smaller error."""
+        """The efficient points, cheapest first; each costs more than the previous one and has a smaller error."""
         return tuple(rung for rung in self.rungs if rung.efficient)
 
     @property
     def best(self) -> Rung | None:
-        """The most accurate rung (the cheapest, if several are equal); None without rungs."""
+        """The most accurate point, the cheapest if several are equal; None without points."""
         return min(self.rungs, key=lambda rung: (rung.error, rung.cost), default=None)
 
     def cheapest(self, error: float) -> Rung | None:
-        """Return the cheapest rung with an error of at most ``error`` (a share); None if there is none."""
+        """Return the cheapest point with an error of at most ``error`` (relative); None if there is none."""
         check_number("requested error (a share)", error, above=0, remedy="0.01 is 1 %")
         good = (rung for rung in self.rungs if rung.error <= error)
         return min(good, key=lambda rung: (rung.cost, rung.error), default=None)
 
     def answer(self, error: float) -> str:
-        """Return a sentence on the cost of an error."""
+        """Return a sentence on the cost of the relative error ``error``."""
         found, best, asked = self.cheapest(error), self.best, format_share(error)
         if found is not None:
             return f"{asked} costs {format_cost(found.cost, self.unit)}: {found.label} ({format_share(found.error)})"
@@ -145,7 +145,7 @@ class Curve:
 
 
 def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
-    """Return the rungs, cheapest first, and mark those as efficient that no other beats in both cost and error.
+    """Return the points, cheapest first, marked as efficient if no other has both a lower cost and a smaller error.
 
     Examples
     --------

@@ -25,23 +25,23 @@ FLOOR = 1e-9
 def draw_curves(
     curves: Sequence[Curve], path: str | os.PathLike[str], title: str = "", *, error: float | None = None
 ) -> None:
-    """Write the curves that have rungs to one page: a logarithmic panel for each, with the Pareto front as a line.
+    """Write all curves that have points to one page: a logarithmic panel for each, with the Pareto front as a line.
 
     Parameters
     ----------
     curves
         The curves.
     path
-        PNG to write, or another format by its suffix.
+        File to write; its suffix determines the format, such as PNG.
     title
         Title of the page.
     error
-        Requested error (a share): a line in each panel, and a star at the cheapest rung.
+        Requested relative error, shown as a line in each panel and a star at the cheapest point.
 
     Raises
     ------
     InputError
-        If none of the curves has a rung.
+        If none of the curves has a point.
     StorageError
         If the file cannot be written.
 

@@ -1,4 +1,4 @@
-"""Measure the curves of places, rung by rung, within a time limit; results are kept if the work is stopped."""
+"""Measurement of curves, point by point, within a time limit; results are kept if the work is stopped."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lfcal.base import LfcalError, Progress, Work, check_number, drained, format
 __all__ = ["SECONDS", "CurveProgress", "iter_measure_curve", "measure_curve"]
 
 SECONDS = 10.0
-"""Default time limit for a place (s)."""
+"""Default time limit for a curve (s)."""
 
 FOR_RUNGS = 0.4
-"""Fraction of the time limit that is reserved for the rungs, however long the reference took."""
+"""Fraction of the time limit that is reserved for the points, however long the reference took."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class CurveProgress(Progress):
     Attributes
     ----------
     curve
-        Curve of the current place, with the rungs measured so far.
+        The current curve, with the points measured so far.
 
     Examples
     --------
@@ -63,7 +63,7 @@ class _Run:
         return CurveProgress(self.number, self.total, "what accuracy costs", self.elapsed, note, curve=self.curve)
 
     def take(self, found: Truth | AccuracyStep | Rung | Progress) -> str:
-        """Process one result of a place; return a remark on it."""
+        """Process one result of the measurement; return a remark on it."""
         if isinstance(found, Truth):
             self.curve = replace(self.curve, truth=found.label, notes=found.notes)
             self.rung_at = self.elapsed
@@ -78,7 +78,7 @@ class _Run:
         return f"{self.curve.title}: {inner}"
 
     def over(self, found: Truth | AccuracyStep | Rung | Progress) -> bool:
-        """Return whether the time limit is reached; at least one rung is always measured."""
+        """Return whether the time limit is reached; at least one point is always measured."""
         if not self.curve.rungs or isinstance(found, Truth):
             return False
         ahead = 0.0
@@ -91,25 +91,25 @@ class _Run:
 def iter_measure_curve(
     place: Place, subject: Subject, seconds: float = SECONDS, *, number: int = 0, total: int = 1
 ) -> Work[Curve]:
-    """Measure the curve of one place.
+    """Return the measured curve of one part of the processing.
 
-    If the place has no curve for this subject, or ends early, ``stopped`` of the curve says why.
+    If there is no curve for this subject, or the measurement ends early, `Curve.stopped` states why.
 
     Parameters
     ----------
     place
-        The place.
+        Part of the processing to measure.
     subject
         The measured plan or H.
     seconds
-        Approximate time limit (s): no rung is begun that would end later.
+        Approximate time limit (s): no point is begun that would end later.
     number, total
-        Number of the place, and total number of places, for the records.
+        Number of this curve, and total number of curves, for progress records.
 
     Yields
     ------
     CurveProgress
-        Progress with the curve so far, which remains valid if you stop.
+        Progress with the curve so far, which remains valid if the measurement is stopped.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Parts of the processing whose accuracy can be chosen ("places"): their definition, and all of them by name."""
+"""Parts of the processing whose accuracy can be chosen: their definition (`Place`), and all of them by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["PLACES", "AccuracyStep", "Measuring", "Place", "Truth", "find_places
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Reference and conditions of the errors of a curve; yielded once, before the first rung."""
+    """Reference and conditions of the errors of a curve; yielded once, before the first point."""
 
     label: str
     notes: tuple[str, ...] = ()
@@ -45,7 +45,7 @@ class Place:
     unit
         Unit of the cost, one of `lfcal.accuracy.curves.UNITS`.
     measure
-        Function that, given the subject and a time limit (s), yields the reference, steps, rungs and progress. Raises
+        Function of the subject and a time limit (s) that yields the reference, steps, points and progress. It raises
         `LfcalError` with the reason if this subject has no such curve.
     rank
         Order in lists.
@@ -72,7 +72,7 @@ class Place:
 
 
 GROUP = "lfcal.accuracy"
-"""Entry point group of places of other distributions."""
+"""Entry point group for parts of the processing in other distributions."""
 
 
 def _check(part: Place) -> None:
@@ -81,7 +81,7 @@ def _check(part: Place) -> None:
 
 
 def find_places() -> Registry[Place]:
-    """Return a registry of all places, in the order of the work."""
+    """Return a registry of all parts of the processing whose accuracy can be chosen, in the order of processing."""
     return Registry(
         "place of accuracy",
         "lfcal.accuracy.places",
@@ -93,4 +93,4 @@ def find_places() -> Registry[Place]:
 
 
 PLACES = find_places()
-"""All places, in the order of the work."""
+"""All parts of the processing whose accuracy can be chosen, in the order of processing."""

@@ -32,7 +32,7 @@ LONGEST_WAVES = 6.0
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A part of H over whole periods: some planes, the middle of the cutout.
+    """A part of H over whole periods: the middle of the cutout in some planes.
 
     Attributes
     ----------
@@ -51,12 +51,12 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Patterns:
-    """Some patterns of one plane with their whole cutout.
+    """Some patterns of one plane, with their complete cutouts.
 
     Attributes
     ----------
     values
-        ``(rows, columns, nt, ns)``.
+        Patterns ``(rows, columns, nt, ns)`` at a grid of positions.
     scale
         Ratio of the number of patterns of the whole H to that of the sample.
     notes
@@ -81,7 +81,7 @@ class Subject:
     matrix
         H, if there is one; otherwise samples are simulated.
     no_plan
-        Why there is no plan; empty if there is one.
+        Reason why there is no plan; empty if there is one.
     workers
         Number of threads; None: all processors.
 
@@ -110,7 +110,7 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return H (also from an HT file) as a subject, with the plan from its provenance or its camera."""
+        """Return H, or the H of an HT file, as a subject, with the plan from its provenance or its camera."""
         H = matrix.T if matrix.is_transposed else matrix
         plan, reason = _plan_of(H)
         return cls(name, plan, H, reason, workers)

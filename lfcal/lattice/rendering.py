@@ -50,8 +50,9 @@ class RenderedPlanes:
     slopes
         Slopes of the planes (`sensor_slope`).
     grid
-        Grid of the views' samples, each of which is divided into samples of the images. samples Number of image
-        samples along each side of a view's sample.
+        Grid of the views' samples, each of which is divided into samples of the images.
+    samples
+        Number of image samples along each side of a view's sample.
     """
 
     images: Image = field(repr=False)
@@ -106,7 +107,9 @@ def render(
         Function that returns the lens types of lenslets q, r, and the weight of each type for each plane:
         `sharpness_shares`, or 1 for one type and 0 for the others. By default all weights are equal.
     samples
-        Number of image samples along each side of a view's sample. workers Number of threads; None: all processors.
+        Number of image samples along each side of a view's sample.
+    workers
+        Number of threads; None: all processors.
 
     Raises
     ------

@@ -125,9 +125,10 @@ def display_frames(
     Parameters
     ----------
     code
-        Brightness of each point in each frame, ``(frames, points)``, between 0 and 1. places Positions (y, x) of the
-        points ``(points, 2)``, in steps of one sensor pixel in the image. The block of points is centred on the
-        display.
+        Brightness of each point in each frame, ``(frames, points)``, between 0 and 1.
+    places
+        Positions (y, x) of the points ``(points, 2)``, in steps of one sensor pixel in the image. The block of points
+        is centred on the display.
     fit
         Fit of the display (`display_fit`); each point is one display pixel.
     shape

@@ -295,7 +295,9 @@ def lattice_channels_weighted(
     ----------
     weights
         Inverse variances of the pixels ``(rows, columns)``; 0 where nothing was measured, and where the frame may have
-        any value. frame, lattice, size, spacing_px, axes As in `lattice_channels`.
+        any value.
+    frame, lattice, size, spacing_px, axes
+        As in `lattice_channels`.
 
     Returns
     -------
@@ -484,7 +486,9 @@ def demultiplex_lattice_weighted(
     ----------
     weights
         Inverse variances of the pixels ``(rows, columns)``; 0 where nothing was measured, and where the frame may have
-        any value. frame, lattice, modulator, axes, rcond As in `demultiplex_lattice`.
+        any value.
+    frame, lattice, modulator, axes, rcond
+        As in `demultiplex_lattice`.
 
     Raises
     ------

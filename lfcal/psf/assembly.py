@@ -66,7 +66,7 @@ class AssemblyProgress(Progress):
     Attributes
     ----------
     plane
-        Number of the present plane.
+        Number of the current plane.
     energy
         ``(nz, ny, nx)`` sum of each pattern (counts); NaN if there is none yet.
     """
@@ -87,8 +87,8 @@ class Assembly:
     cutout
         The shifting cutout.
     drift
-        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses the drift stated
-        by the source, which may come from its manifest.
+        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
+        stated by the source, which may come from its manifest.
     strict
         Treat missing and repeated positions as errors.
     noise
@@ -131,7 +131,7 @@ class Assembly:
 
     @property
     def frames(self) -> int:
-        """Number of frames that are read."""
+        """Number of frames to read."""
         return len(self._order)
 
     def frames_of(self, z: int) -> int:
@@ -315,7 +315,7 @@ class _Gathered:
         return int(row[-1] - row[0])
 
     def facts(self) -> Facts:
-        """Return the known facts of the positions; unknown facts are left out."""
+        """Return the known facts about the positions; unknown facts are left out."""
         valid = None
         if self.invalid:
             masks = np.full((*self.recorded.shape, len(pack_valid(np.ones(self.cutout, bool)))), 255, np.uint8)
@@ -421,8 +421,8 @@ def iter_assemble(
     depths, camera, provenance
         Stored with H.
     drift
-        ``(len(source), 2)`` displacement of each image from its place (rows, columns; px); None uses the drift stated
-        by the source, which may come from its manifest.
+        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
+        stated by the source, which may come from its manifest.
     strict
         Treat missing and repeated positions as errors, instead of recording them in the file.
     fill
@@ -499,7 +499,7 @@ def iter_assemble_plan(
     out
         H file to write; None keeps H in memory as float32.
     settings
-        Settings; None: the defaults.
+        Settings of the assembly; None: the defaults.
     provenance
         Stored with H, in addition to plan, corrections and settings.
     fill, run, reopening, workers
@@ -635,7 +635,7 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
 
 
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return what H stores about the scan that it is assembled from."""
+    """Return the facts about the scan that are stored with H."""
     told = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside", "earlier_tasks")
     return {**source.metadata.stated(told), "plan": plan.to_dict(), **(provenance or {})}
 

@@ -29,9 +29,9 @@ class AssemblyReport:
     missing, repeated
         Positions without a frame, and positions with several, which are averaged.
     saturated
-        Positions with saturated pixels in their pattern; None: unknown for all.
+        Number of positions with saturated pixels in their pattern; None: unknown for all.
     unknown_saturation
-        Positions whose saturation is unknown.
+        Number of positions whose saturation is unknown.
     padded
         Positions whose cutout leaves the sensor and was padded with zeros.
     residual_px
@@ -70,7 +70,7 @@ class AssemblyReport:
 
     @property
     def known(self) -> str:
-        """Numbers of frames and positions of H in words, for a verdict."""
+        """Text that states the numbers of frames and positions of H, for a verdict."""
         positions = math.prod(self.matrix.shape[:3])
         there = f"{positions - len(self.missing)} of {format_count(positions, 'position', 'positions')}"
         return f"made of {format_count(self.frames, 'frame', 'frames')}, which show {there}"
@@ -112,7 +112,7 @@ class AssemblyReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How frames were turned and averaged, one line each."""
+        """Notes on how frames were turned and averaged, one line each."""
         notes = []
         if self.orientation != AS_IS:
             notes.append(f"the frames are {ORIENTATIONS[self.orientation].words}: turned upright ({self.orientation})")

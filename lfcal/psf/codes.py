@@ -1,4 +1,4 @@
-"""The deconvolution codes that H is exported for, the layout of each, and the H that it cannot use.
+"""The deconvolution codes for which H is exported, the layout of each, and the reasons why it cannot use an H.
 
 The layouts follow the public sources of these codes (`Code.source`).
 """
@@ -41,8 +41,8 @@ class Code:
     source
         Address of its published source code.
     one_lens
-        Whether it repeats one lens of a square grid, whose period has an odd number of pixels. Otherwise it needs one
-        pattern for each plane.
+        Whether the code repeats one lens of a square grid whose period has an odd number of pixels. Otherwise it needs
+        one pattern for each plane.
     """
 
     name: str
@@ -101,7 +101,7 @@ CODES = {
 
 
 def code_of(name: str) -> Code:
-    """Return a code; raises `InputError` for an unknown one."""
+    """Return the code called ``name``; raises `InputError` for an unknown name."""
     if name not in CODES:
         raise InputError.expected("code", " or ".join(CODES), repr(name), "choose one")
     return CODES[name]

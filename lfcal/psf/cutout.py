@@ -31,7 +31,7 @@ PROBE, WIDE_PROBE = (21, 21), (201, 201)
 
 
 class Window(NamedTuple):
-    """Where a cutout lies on the sensor: first row and column, and the sub-pixel residual in (-0.5, 0.5]."""
+    """Position of a cutout on the sensor: first row and column, and the sub-pixel residual in (-0.5, 0.5]."""
 
     row: int
     column: int
@@ -118,7 +118,7 @@ class Cutout:
 
     @property
     def reach(self) -> tuple[int, int]:
-        """Sensor pixels ``(rows, columns)``, both odd, that the cutout covers."""
+        """Numbers of sensor rows and columns that the cutout covers, both odd."""
         if not self.resamples:
             return self.shape
         # the cutout's edge may lie between sensor pixels, so the reach is rounded up
@@ -188,12 +188,12 @@ def find_cutout(
     lost: float = 0.005,
     background: float | None = None,
 ) -> tuple[int, int]:
-    """Return the smallest odd ``(nt, ns)`` that loses at most the share ``lost`` of every image's energy.
+    """Return the smallest odd ``(nt, ns)`` that loses at most the fraction ``lost`` of every image's energy.
 
     Parameters
     ----------
     images
-        Frames ``(rows, columns)`` of single positions, or depth-plane sums; corrected.
+        Corrected frames ``(rows, columns)`` of single positions, or depth-plane sums.
     centres
         The paraxial image of the point in each image, (row, column) in pixels.
     lost
@@ -273,7 +273,7 @@ class Gatherer:
     cutout
         The shifting cutout.
     drift
-        ``(len(source), 2)`` displacement of each image from its place (px), or None to use that of the frames.
+        ``(len(source), 2)`` displacement of each image from its planned position (px); None: that stated by the frames.
     noise
         Noise of samples, if the frames do not state it.
     """
@@ -449,7 +449,7 @@ def _noise_of_mean(
 def by_position(
     infos: tuple[FrameInfo, ...], shape: tuple[int, int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return frame numbers sorted by position ``(n,)``, and where each position begins in them ``(positions + 1,)``.
+    """Return frame numbers ``(n,)`` sorted by position, and the index ``(positions + 1,)`` of each position's first.
 
     Raises
     ------

@@ -16,7 +16,7 @@ __all__ = ["Facts", "Origin", "fitting", "pack_valid", "packed_bytes", "stacked"
 
 
 class Origin(IntEnum):
-    """Where the pattern of a position comes from."""
+    """Origin of the pattern of a position."""
 
     MEASURED = 0
     """Only recorded frames; zeros if there are none."""
@@ -50,8 +50,8 @@ class Facts:
     origin
         Origin of each pattern, as numbers of `Origin`; None: all are measured.
     bound
-        ``(…, 3)``, the same for all positions of a plane: the largest share (L1) that a pattern lost because H was
-        stored within a tolerance, by cutting, by rounding and by both (see `lfcal.psf._steps`); NaN: nothing was
+        ``(…, 3)``, the same for all positions of a plane: the largest fraction (L1) that a pattern lost because H was
+        stored within a tolerance: by cutting, by rounding, and in total (see `lfcal.psf._steps`); NaN: nothing was
         lost.
 
     Examples
@@ -115,7 +115,7 @@ def fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLik
 
 
 def packed_bytes(cutout: tuple[int, int]) -> int:
-    """Return how many bytes hold one bit per pixel of a cutout ``(nt, ns)``."""
+    """Return the number of bytes for one bit per pixel of a cutout ``(nt, ns)``."""
     return -(-cutout[0] * cutout[1] // 8)
 
 

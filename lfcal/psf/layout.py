@@ -75,7 +75,7 @@ class Stored:
     Raises
     ------
     InputError
-        If there is no such type or compression, or the tolerance is not a share.
+        If there is no such type or compression, or the tolerance is not a fraction.
     """
 
     dtype: str = "float32"
@@ -116,7 +116,7 @@ class Plane:
     uncertainty
         Standard deviation of every entry, 0 if none is stated besides the noise; None: none is stated.
     simulated
-        How the plane was simulated, as plain JSON types; None if it was not.
+        Description of the simulation, as plain JSON types; None if the plane was not simulated.
     """
 
     values: NDArray[Any]
@@ -144,7 +144,7 @@ class StoredPlane:
     step
         Step ``(ny, nx)``: the values of each pattern are multiples of it; None if they are not rounded.
     simulated
-        How it was simulated, as plain JSON types; None if it was not.
+        Description of the simulation, as plain JSON types; None if the plane was not simulated.
     """
 
     data: H5Data

@@ -1,4 +1,4 @@
-"""Find the centre of a micro-image among the positions of H, and move it to where other codes expect it.
+"""Find the centre of a micro-image among the positions of H, and roll H so that it is where other codes expect it.
 
 The codes based on Prevedel et al. 2014 (LFDM, oLaF and their descendants) rectify an image so that the centre of a
 micro-image is on pixel ceil(Nnum/2) of each period, counted from 1. They use position (aa, bb) of H for pixel (aa, bb)
@@ -36,8 +36,8 @@ class LensCentre:
     Attributes
     ----------
     position
-        Place of the centre ``(row, column)``, counted from 0 and usually fractional: a point imaged there has the
-        pattern of the position with that number.
+        Position of the centre ``(row, column)``, from 0 and usually fractional: a point imaged there has the pattern
+        of the position with that number.
     period
         Number of positions ``(ny, nx)`` in a period.
     """
@@ -47,7 +47,7 @@ class LensCentre:
 
     @property
     def expected(self) -> tuple[int, int]:
-        """Position at which other codes expect it: ceil(n/2) of each period, here counted from 0."""
+        """Position at which other codes expect the centre: ceil(n/2) of each period, here as an index from 0."""
         return (self.period[0] + 1) // 2 - 1, (self.period[1] + 1) // 2 - 1
 
     @property
@@ -58,7 +58,7 @@ class LensCentre:
 
     @property
     def rest(self) -> Pair:
-        """Distance that remains after `shift`, in (-0.5, 0.5] pixels; positive: the centre lies below, to the right."""
+        """Distance that remains after `shift`, in (-0.5, 0.5] pixels; positive: the centre is below or to the right."""
         rows, columns = (off - math.ceil(off - 0.5) for off in self._off())
         return rows, columns
 
@@ -83,7 +83,7 @@ class LensCentre:
 
 
 def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
-    """Return where the centre of a type-0 micro-image lies in ``matrix``; None if this is unknown.
+    """Return the position of a type-0 micro-image centre in ``matrix``; None if it is unknown.
 
     It is computed from camera and anchor. For an H from another code's file, that file or the convention of its code
     determines it (provenance ``lens_centre``). The pixels of H are those of the sensor, counted from the whole pixel

@@ -32,7 +32,7 @@ def empty_positions(matrix: PSFMatrix) -> NDArray[np.intp]:
 
 
 def empty_words(matrix: PSFMatrix) -> str:
-    """Return in words how many positions of H are empty, and the first of them; an empty text if there are none."""
+    """Return a text with the number of empty positions of H and the first of them; empty if there are none."""
     empty = empty_positions(matrix)
     if not len(empty):
         return ""

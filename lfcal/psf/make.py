@@ -49,7 +49,7 @@ Zeros = Callable[[], NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Reopening:
-    """How another process opens the source of a plane again.
+    """Description of how another process opens the source of a plane again.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Reopening:
     values
         Everything that determines the plane besides its number, as plain JSON types.
     inputs
-        Input files.
+        Paths of the input files.
     held
         Whether a process keeps the source for other planes of the run, because opening it is expensive.
     concurrent_bytes
@@ -94,15 +94,12 @@ class PlaneSource:
         workers
             Number of threads; None: all processors.
         alone
-            Report the progress of this plane alone, for a unit of a run; otherwise that of all planes.
+            Whether to report the progress of this plane alone, as for a unit of a run; otherwise that of all planes.
         """
         raise NotImplementedError
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
-        """Return how another process opens the source of plane ``z``.
-
-        None: the plane is made by this process when planes are joined.
-        """
+        """Return how another process opens the source of plane ``z``; None: this process makes the plane at the end."""
         raise NotImplementedError
 
     def named(self, out: Path) -> str:

@@ -1,8 +1,8 @@
 """Import H from MATLAB v7.3 files: those of lfcal, and those of the codes based on Prevedel et al. 2014.
 
 The images of those codes have rows first, as in MATLAB, and so has their ``H(t, s, y, x, z)``. They use only the
-window ``CAindex`` of each plane. Files of fast-light-field hold a quarter of the positions (``ReducedMatrix``). If a
-file does not state the order of its axes, columns first is assumed, ``H(s, t, x, y, z)``. The order used is always
+window ``CAindex`` of each plane. Files of fast-light-field contain a quarter of the positions (``ReducedMatrix``). If
+a file does not state the order of its axes, columns first is assumed, ``H(s, t, x, y, z)``. The order used is always
 noted.
 """
 
@@ -44,7 +44,7 @@ def check_mat_order(mat_order: str) -> str:
 
 
 def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
-    """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` gives its depths.
+    """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` contains its depths.
 
     A 4-D H is a single plane, because MATLAB drops trailing axes of length one. A 3-D ``H`` or ``PSF`` (rows, columns,
     planes) is one pattern for each plane, as of a Fourier light-field microscope: its period is 1 x 1. The provenance
@@ -61,9 +61,9 @@ def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
     Raises
     ------
     FileFormatError
-        If it is of version 5 to 7, or has no H that can be read; the message says why.
+        If the file is of version 5 to 7, or has no H that can be read; the message states the reason.
     InputError
-        For an unknown ``mat_order``, or one that the file contradicts.
+        If ``mat_order`` is unknown, or contradicts the file.
     """
     check_mat_order(mat_order)
     _check_version(path)

@@ -36,7 +36,7 @@ class PSFMatrix:
     depths
         Object-space depth of each plane (µm); by default the plane numbers.
     camera
-        The camera H belongs to.
+        The camera to which H belongs.
     anchor
         Sensor position ``(row, column)`` of the image of source position (0, 0) (pixels).
     scale, offset
@@ -218,7 +218,7 @@ class PSFMatrix:
         Raises
         ------
         InputError
-            For ``H.T``.
+            If this is the view ``H.T``.
         """
         if self._is_transposed:
             raise InputError.expected(
@@ -398,7 +398,7 @@ class PSFMatrix:
         return out
 
     def close(self) -> None:
-        """Close the file of H, if there is one; values can no longer be read then."""
+        """Close the file of H, if there is one; values can then no longer be read."""
         stored = self._stored()
         if isinstance(stored, DatasetPlanes):
             stored.close()

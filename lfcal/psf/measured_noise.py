@@ -89,12 +89,12 @@ class _Samples(NamedTuple):
 
 
 def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> FrameNoise | None:
-    """Return the noise of the frames of a scan, None if too few of them are similar.
+    """Return the noise of the frames of a scan; None if too few of them are similar.
 
     Parameters
     ----------
     gatherer
-        The frames, corrected.
+        The corrected frames.
     order
         Frame numbers, sorted by position.
     counts
@@ -126,7 +126,7 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
 
 
 def scan_noise(source: FrameSource, plan: ScanPlan) -> FrameNoise | None:
-    """Return the noise of the corrected frames of a scan, None if too few of them are similar."""
+    """Return the noise of the corrected frames of a scan; None if too few of them are similar."""
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
     gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))

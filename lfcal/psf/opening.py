@@ -68,7 +68,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     path
         The file.
     region
-        Region of the field, in a file with several; empty: the default one of the file.
+        Region of the field, in a file with several regions; empty: the default region of the file.
     check
         Read every plane and compare it with its checksum (files of lfcal since version 2).
     mat_order
@@ -80,9 +80,9 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     StorageError
         If the file does not exist or cannot be read.
     FileFormatError, UnsafeFileError
-        If it is damaged, has another format, or is unsafe.
+        If the file is damaged or unsafe, or has another format.
     InputError
-        If it has no such region, or ``region``, ``check`` or ``mat_order`` do not apply to its format.
+        If the file has no such region, or ``region``, ``check`` or ``mat_order`` do not apply to its format.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix
 
 
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return notes on how another code's file was read, one line each: what the file left open and lfcal assumed.
+    """Return notes on how another code's file was read: one line for each assumption that lfcal made.
 
     An H file made from such a file has none; its provenance keeps the notes.
     """
@@ -298,7 +298,7 @@ def head_of(file: H5File) -> MatrixHead:
     Raises
     ------
     FileFormatError
-        If it is not an H file, of a newer version, or damaged.
+        If the file is not an H file, is damaged, or has a newer version.
     """
     _check_format(file)
     shape = check_psf_shape(file.dataset_shape("H"))
@@ -362,7 +362,7 @@ def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float3
     Raises
     ------
     FileFormatError
-        If they are missing in a file that needs them, or give values that are not finite.
+        If they are missing in a file that needs them, or lead to values that are not finite.
     """
     shape = data.shape
     if _check_format(file) != STEPPED_VERSION:

@@ -68,8 +68,9 @@ class FoundOrientation:
     name
         Orientation of the frames, one of `lfcal.frames.orientation.ORIENTATIONS`; empty if undetermined.
     cause
-        ``"frames"``: they are flipped or turned; ``"scan"``: its axes differ from those of the plan, in upright
-        frames; ``"either"``: both would look the same. Empty if the frames are upright or nothing can be determined.
+        ``"frames"``: the frames are flipped or turned; ``"scan"``: the frames are upright, and the axes of the scan
+        differ from those of the plan; ``"either"``: both would look the same. Empty if the frames are upright or
+        nothing can be determined.
     margin
         Ratio of the misfit of the second best orientation to that of the best, 1 to 10.
     residual_px
@@ -80,7 +81,7 @@ class FoundOrientation:
     frames
         Number of frames in which the pattern was found.
     reason
-        Why it is undetermined, or empty.
+        Reason why the orientation is undetermined; otherwise empty.
     """
 
     name: str = ""
@@ -98,7 +99,7 @@ class FoundOrientation:
 
     @property
     def words(self) -> str:
-        """What was found, in words."""
+        """The result as text."""
         if not self.name:
             return f"the orientation of the frames cannot be determined: {self.reason}"
         if not self.wrong or self.cause == "frames":
@@ -107,7 +108,7 @@ class FoundOrientation:
 
 
 def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrientation]:
-    """Return the orientation of the frames.
+    """Return the orientation of the frames of a scan, from the path of the pattern.
 
     About 20 frames are read. The pattern's path is compared with the planned one in all eight orientations.
 
@@ -116,7 +117,7 @@ def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrie
     source
         Frames as delivered, preferably corrected; whole frames, or cutouts with a known position on the sensor.
     plan
-        Where the image should be at each position.
+        Plan with the expected position of the image at each position of the scan.
     """
     path = yield from iter_spot_path(source, plan.shape[:3], plan.cutout)
     whole = all(source.info(int(k)).origin == (0, 0) for k in path.indices)
@@ -135,8 +136,8 @@ def orientation_of_path(
     """Return the orientation of frames of shape ``frame`` that showed the pattern along ``path``.
 
     The direction of the motion is compared with that of the plan separately in each plane; step and offset are free.
-    Orientations with the same motion are distinguished by the place of the path, as are turned frames and a scan along
-    other axes in upright frames.
+    Orientations with the same motion are distinguished by the position of the path, as are turned frames and a scan
+    along other axes in upright frames.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def orientation_of_path(
     frame
         Rows and columns of the sensor as delivered.
     plan
-        Sensor shape and cutout of the plan.
+        Scan plan with the shape of the sensor and the cutout.
     """
     if len(path.indices) < 3:
         reason = f"light in {len(path.indices)} of {path.looked} frames"

@@ -32,14 +32,14 @@ OF_FRAMES = ("frames", "noise", "optics")
 
 
 class Codec(NamedTuple):
-    """How the files of the frames store samples.
+    """Compression of the samples in the files of the frames.
 
     Attributes
     ----------
     name
         The codec, such as ``lzw``; ``recording`` for a session of lfcal.
     lossless
-        Whether samples come back as the camera delivered them; None: unknown.
+        Whether samples are read exactly as the camera delivered them; None: unknown.
     """
 
     name: str
@@ -58,7 +58,7 @@ class FrameNoise(NamedTuple):
     black
         Value without light (counts).
     source
-        Source of the values, in words.
+        Description of the source of the values.
     stated
         Whether the frames state it for each sample; H stores only the words of ``source``.
     """
@@ -82,7 +82,7 @@ class FrameNoise(NamedTuple):
 
 
 def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
-    """Return how the frames were stored, None if unknown.
+    """Return how the frames were stored; None if unknown.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
-    """Return the noise of the frames, None if it was not measured.
+    """Return the noise of the frames; None if it was not measured.
 
     If the value without light is not stated, as in files of lfcal 0.1, it is 0.
 

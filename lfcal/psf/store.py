@@ -94,7 +94,7 @@ class MatrixGroup:
 
     @property
     def lacking(self) -> list[int]:
-        """Planes that have not been written yet."""
+        """Numbers of the planes that have not been written yet."""
         return np.flatnonzero(~self._written).tolist()
 
     def _create_dataset(self, name: str, dtype: np.dtype[Any]) -> Any:
@@ -320,8 +320,8 @@ class PSFWriter:
     workers
         Number of compressing threads; None: all processors.
     store_tolerance
-        Used instead of ``dtype``: the largest share (L1) that a pattern may lose; see `lfcal.psf._steps`. The largest
-        loss in each plane is stored as its ``bound``.
+        Used instead of ``dtype``: the largest fraction (L1) that a pattern may lose; see `lfcal.psf._steps`. The
+        largest loss in each plane is stored as its ``bound``.
 
     Raises
     ------

@@ -22,7 +22,7 @@ def pixel_um(matrix: PSFMatrix) -> Pair | None:
 def voxel_um(matrix: PSFMatrix, depth_um: float | None = None) -> Pair | None:
     """Return the height and width of a voxel in object space (µm): the step of the source for one pixel.
 
-    None if H has no camera. Behind a main lens, steps grow with distance; by default the median depth is used.
+    It is None if H has no camera. Behind a main lens, steps grow with distance; by default, the median depth is used.
     """
     if matrix.camera is None:
         return None

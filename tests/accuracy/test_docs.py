@@ -10,7 +10,7 @@ from tests.distribution import names_of
 
 
 def test_the_place_of_the_documentation_measures() -> None:
-    names = names_of("extending.md", "A place of accuracy")
+    names = names_of("extending.md", "An accuracy curve")
     H = PSFMatrix(np.random.default_rng(0).random((1, 6, 6, 3, 3)).astype(np.float32))
     curve = measure_curve(names["MEAN_LIGHT"], Subject.of_matrix(H, "H"), 10)
     assert curve.stopped == "" and len(curve.rungs) == 5

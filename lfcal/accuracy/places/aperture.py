@@ -24,13 +24,16 @@ FULL = 0.8
 """Fraction of the full well that the brightest pixel reaches."""
 
 ROUNDS = 3
-"""Number of fits at each rung, with different noise."""
+"""Number of fits at each point of the curve, with different noise."""
 
 TOLERANCE = 0.05
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Fit the iris to sums over increasingly fine grids of positions, simulated by rays with the sensor's noise."""
+    """Yield the error of the iris fitted to sums over increasingly fine grids of positions, with the sensor's noise.
+
+    The sums are simulated with rays.
+    """
     plan, z = subject.planned, subject.middle
     camera = plan.camera
     diameter = iris_diameter_px(camera, plan.depths_um[z])
@@ -73,7 +76,7 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
     Raises
     ------
     InputError
-        If the camera has no main lens, or light from that depth is in focus.
+        If the camera has no main lens, or the plane at that depth is in focus.
     """
     optics = camera.optics
     if not isinstance(optics, MainLens):
@@ -92,7 +95,7 @@ def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.r
     Parameters
     ----------
     total
-        Sum of the patterns in units of the brightest pixel of a frame, which reaches `FULL` of the full well.
+        Sum of the patterns, in units of the brightest pixel of a frame, whose level is `FULL` of the full well.
     frames
         Number of frames in the sum.
     sensor, rng

@@ -31,11 +31,11 @@ EFFECTS: tuple[FrameEffect, ...] = (ShotNoise(), Saturation(), ReadNoise(), Quan
 PATTERNS = 4
 DARK_PIXELS = 200_000
 PIXELS = 40_000_000
-"""Largest number of pixels exposed for one rung; 64 frames of large cutouts would take minutes."""
+"""Largest number of pixels exposed for one point; 64 frames of large cutouts would take minutes."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Average increasing numbers of simulated frames, and compare the mean with the true light."""
+    """Yield the error of the mean of increasing numbers of simulated frames, relative to the true light."""
     plan = subject.planned
     patterns = yield from subject.iter_patterns()
     flat = np.maximum(patterns.values.reshape(-1, *plan.cutout), 0)
@@ -65,7 +65,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def dark_level(camera: Camera) -> float:
-    """Return the mean sample value without light, as dark frames show it.
+    """Return the mean sample value of dark frames.
 
     If the black level is within the noise, values below zero are clipped, and the mean is above the black level.
     """

@@ -23,11 +23,11 @@ PRIMES = (3, 5, 7, 11, 13)
 """Sides of super-pixels for which every mask exists."""
 
 PIXELS = 400_000
-"""Number of pixels exposed for each rung."""
+"""Number of pixels exposed for each point."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Expose every light-field modulator to uniform light, and recover its samples with the pseudo-inverse."""
+    """Yield the noise of samples recovered by the pseudo-inverse, for every light-field modulator in uniform light."""
     plan = subject.planned
     sensor, exposure = plan.camera.sensor, max(plan.exposures)
     side = min(PRIMES, key=lambda p: abs(p - plan.camera.pitch_px))

@@ -22,7 +22,7 @@ FULL = 0.8
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Demultiplex a known scene with every route and filter."""
+    """Yield the error and time of demultiplexing a known scene, for every route and filter."""
     sensor = _sensor(subject)
     pattern = sensor.cfa or "Bayer"
     modulator = cfa(pattern)

@@ -32,11 +32,11 @@ FILL, SOFT_PX = 0.95, 0.4
 """Largest diameter of a micro-image over the pitch, and the width of its edge (pixels)."""
 
 GROWTH = 2.6
-"""Expected ratio of the time of a rung to that of the previous one, which is the ratio of the frames' areas."""
+"""Expected ratio of the time of a point to that of the previous one, which is the ratio of the frames' areas."""
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Fit the lattice to increasingly large parts of a synthetic white image of the camera."""
+    """Yield the error of lattices fitted to increasingly large parts of a synthetic white image of the camera."""
     camera, exposure = subject.planned.camera, max(subject.planned.exposures)
     sensor = camera.sensor
     yield Truth(

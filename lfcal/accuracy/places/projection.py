@@ -46,16 +46,16 @@ ABOUT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class PointByPoint:
-    """Both projections at some points as explicit sums (float64): ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
+    """Both projections of some points as explicit sums in float64: ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
 
     Attributes
     ----------
     H
         ``(nz, ny, nx, nt, ns)``.
     anchor
-        Pixel of position (0, 0).
+        Pixel (row, column) on which position (0, 0) is imaged.
     shape
-        Image ``(rows, columns)``.
+        Rows and columns of the image.
     """
 
     H: PSFMatrix
@@ -99,7 +99,7 @@ class _Test:
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Project with every setting, compare with explicit sums, and time a forward and an adjoint projection."""
+    """Yield the error of every setting compared with explicit sums, and the time of a forward and a back projection."""
     sample = yield from subject.iter_sample(1)
     H = sample.matrix
     shape = _image_shape(H.shape)
@@ -143,7 +143,7 @@ def _test(H: PSFMatrix, shape: tuple[int, int]) -> _Test:
 def _tried(
     H: PSFMatrix, shape: tuple[int, int], test: _Test, setting: tuple[str, bool, float], workers: int | None
 ) -> tuple[tuple[str, bool, float], Rung]:
-    """Return the setting with the method that was taken, and its rung."""
+    """Return the setting with the method that was used, and its point."""
     method, double, threshold = setting
     start = time.perf_counter()
     P = Projector(

@@ -27,7 +27,7 @@ SHARE = 0.2
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Reconstruct the noisy image of a known volume with each solver."""
+    """Yield the error and time of reconstructing a known volume from its noisy image, with each solver."""
     sample = yield from subject.iter_sample(PLANES)
     H = sample.matrix
     yield AccuracyStep("projector")
@@ -57,7 +57,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup: float, seconds: float) -> Measuring:
-    """Yield a rung at every iteration of `SHOWN` that one solver reaches in its time."""
+    """Yield a point at every iteration of `SHOWN` that one solver reaches in its time."""
     work = iter_reconstruct(P, image, SolverChoice(name, SHOWN[-1]))
     start = time.perf_counter()
     try:

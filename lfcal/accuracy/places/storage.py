@@ -26,7 +26,7 @@ HALF = "H files never use float16; for comparison only"
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Write patterns of H with every type and compression, and read them again."""
+    """Yield the error and size of patterns of H written with every type and compression and read again."""
     patterns = yield from subject.iter_patterns()
     values = patterns.values
     kind = "the values of H as read from the file" if subject.matrix is not None else "the simulated values"
@@ -80,7 +80,7 @@ def _half(patterns: Patterns) -> Rung:
 
 
 def relative_error(found: NDArray[Any], true: NDArray[Any]) -> float:
-    """Return the sum of absolute differences divided by the sum of absolute true values; 0 if both vanish."""
+    """Return the sum of absolute differences divided by that of absolute true values; 0 if both are zero."""
     total = float(np.abs(true).sum(dtype=np.float64))
     off = float(np.abs(np.asarray(found, np.float64) - true).sum())
     return off / total if total > 0 else 0.0

@@ -14,7 +14,7 @@ __all__ = ["expected_aperture", "footprint_px"]
 def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)) -> float:
     """Return the width over which one lenslet spreads the light of a defocused point (pixels); 0 without a camera.
 
-    A ray through point e of a lenslet meets the sensor at a distance ``e B/f`` from its place without lenslets. The
+    A ray through point e of a lenslet meets the sensor at a distance ``e B/f`` from its position without lenslets. The
     strongest lens type is used.
 
     Examples
@@ -43,7 +43,7 @@ def expected_aperture(
     Parameters
     ----------
     camera
-        The camera.
+        Camera description.
     depth_um
         Depth of the plane (µm).
     cutout

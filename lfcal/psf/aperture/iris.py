@@ -68,7 +68,7 @@ class Iris:
 
     @property
     def confident(self) -> bool:
-        """Whether count and curvature may be relied on."""
+        """Whether the number of blades and the curvature are reliable."""
         return self.margin >= CERTAIN and self.worst <= AGREE
 
     def describe(self) -> str:
@@ -84,9 +84,9 @@ class Iris:
 
 
 def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -> Iris | None:
-    """Return the iris that planes show together, or None if they show none.
+    """Return the iris that all planes together show; None if they show none.
 
-    All planes share one blade count, rotation and curvature. The chi-square of a count is the sum over the planes,
+    All planes have the same blade count, rotation and curvature. The chi-square of a count is the sum over the planes,
     plus that of their curvatures and rotations about the weighted means. Planes with a faulty outline are left out. No
     iris is returned unless at least one plane shows a clear shape.
 

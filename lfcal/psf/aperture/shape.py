@@ -56,7 +56,7 @@ def blade_radius(
 
     A blade is an arc of radius ``apothem / curvature`` whose middle is ``apothem`` from the centre. With m = 1 -
     curvature and d the angle from the middle of the blade, the edge is at ``r = apothem (2 - curvature) / (sqrt(1 - m²
-    sin² d) + m cos d)``. A curvature of 0 gives straight blades, 1 a circle.
+    sin² d) + m cos d)``. Blades with a curvature of 0 are straight; a curvature of 1 is a circle.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class StuckBlade:
     Attributes
     ----------
     blade
-        Number of the blade, from 0, counted from the first vertex.
+        Number of the blade, from 0 at the first vertex.
     direction_rad
         Direction of its middle from the centre (rad).
     out_px, sigma_px
@@ -137,7 +137,7 @@ class Obstruction:
     Attributes
     ----------
     centre
-        Its centre (row, column) (pixels).
+        Centre (row, column) of the dark object (pixels).
     share
         Its area as a fraction of the aperture's area.
     """
@@ -146,7 +146,7 @@ class Obstruction:
     share: float
 
     def is_central(self, centre: tuple[float, float], radius_px: float) -> bool:
-        """Return whether it lies in the middle of an aperture, like the central mirror of a mirror lens."""
+        """Return whether it is in the middle of an aperture, like the central mirror of a mirror lens."""
         return math.dist(self.centre, centre) < CENTRAL * radius_px
 
 
@@ -280,7 +280,7 @@ class Aperture:
 
     @property
     def seen(self) -> bool:
-        """Whether an outline was found; without one, neither place nor size is known."""
+        """Whether an outline was found; without one, neither position nor size is known."""
         return self.refusal not in ("too dim", "too small")
 
     @property
@@ -370,7 +370,7 @@ class Aperture:
 
     @property
     def fault(self) -> str:
-        """Return what is wrong with the aperture, in words; empty if nothing is."""
+        """Return a description of what is wrong with the aperture; empty if nothing is."""
         if self.stuck is not None:
             way, far = "out" if self.stuck.out_px > 0 else "in", abs(self.stuck.out_px)
             at = math.degrees(self.stuck.direction_rad)

@@ -58,7 +58,7 @@ class LadderRung:
     whole_seconds
         Predicted CPU-seconds of the whole H: all planes, positions, source points and wavelengths.
     efficient
-        Whether no other rung is both faster and more accurate.
+        Whether no other sampling is both faster and more accurate.
     """
 
     level: str
@@ -73,14 +73,14 @@ class LadderRung:
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """All rungs, their reference, and the rung that a tolerance selects.
+    """All measured samplings, their reference, and the one that a tolerance selects.
 
     Attributes
     ----------
     rungs
-        Rungs whose energy balanced, fastest first.
+        Samplings whose energy balanced, fastest first.
     refused
-        Labels of rungs whose energy did not balance, because their sampling is too coarse for this scene.
+        Labels of samplings whose energy did not balance, because they are too coarse for this scene.
     tolerance
         Requested relative L1 error.
     reference
@@ -103,7 +103,7 @@ class Ladder:
 
     @property
     def chosen(self) -> LadderRung | None:
-        """The fastest rung within the tolerance; the most accurate one if none is; None without rungs."""
+        """The fastest sampling within the tolerance; the most accurate one if none is; None without samplings."""
         good = [rung for rung in self.rungs if rung.error <= self.tolerance]
         if good:
             return min(good, key=lambda rung: rung.whole_seconds)
@@ -112,7 +112,7 @@ class Ladder:
 
 @dataclass(frozen=True, slots=True)
 class LadderProgress(Progress):
-    """Progress of the measurement, with the rungs so far, which remain available if it is stopped."""
+    """Progress of the measurement, with the samplings so far, which remain available if it is stopped."""
 
     ladder: Ladder = field(kw_only=True)
 
@@ -134,9 +134,9 @@ def iter_ladder(
     plan
         The simulated plan.
     tolerance
-        Relative L1 error for which a rung is selected, as in `simulate_psf`.
+        Relative L1 error for which a sampling is selected, as in `simulate_psf`.
     effects
-        As in `simulate_psf`; every rung computes the same scene.
+        As in `simulate_psf`; every sampling is applied to the same scene.
     z
         Number of the plane; by default the middle one.
     positions
@@ -149,7 +149,7 @@ def iter_ladder(
     Yields
     ------
     Progress
-        In rungs; a `LadderProgress` after the first one.
+        Counted in samplings; a `LadderProgress` after the first one.
 
     Raises
     ------
@@ -300,7 +300,7 @@ def _measure(
 
 
 def _marked(rungs: Sequence[LadderRung]) -> tuple[LadderRung, ...]:
-    """Return the rungs by time, those that no other beats in both marked as efficient."""
+    """Return the samplings by time, marked as efficient if no other is both faster and more accurate."""
     best = math.inf
     out = []
     for rung in sorted(rungs, key=lambda r: (r.whole_seconds, r.error)):
