@@ -323,7 +323,7 @@ def _lattice_of(white: Path | None, lattice: Path | None, camera: str | None, da
     if lattice is not None:
         return load_lattice(lattice)
     if camera is not None:
-        return lattice_of(load_camera(camera))
+        return lattice_of(load_camera(camera, light=False))
     seen = read_average(Path(str(white)))
     return fit_lattice(seen if dark is None else _without_dark(seen, dark))
 

@@ -57,7 +57,7 @@ def command(
         refuse(context, "-o to write the camera", "none", "anyway")
     else:
         check_output(out, camera, white, dark, force=force)
-    described = load_camera(camera)
+    described = load_camera(camera, light=False)
     place, turn, cfa = parse_origin(origin), named_orientation(orientation), described.sensor.cfa
     if turn.name != AS_IS and (cfa or place is not None):
         # both refer to the sensor as delivered, but the camera is described upright

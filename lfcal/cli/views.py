@@ -199,7 +199,7 @@ def command(
         refuse(context, "a --white whose lattice is measured", "none", "kind", "pitch")
     if depths:
         refuse(context, "planes given once", "--depths", "slopes")
-    described = load_camera(camera) if camera else None
+    described = load_camera(camera, light=False) if camera else None
     if types != "none" and lattice is not None and white is None:
         raise InputError("--types: needs --white in addition to --lattice; or give the camera.json of lfcal white")
     if types != "none" and (described is None or len(described.lattice.types) != 3):

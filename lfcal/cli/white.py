@@ -54,7 +54,7 @@ def command(
         vignetting_map,
     )
 
-    described = load_camera(camera) if camera else None
+    described = load_camera(camera, light=False) if camera else None
     if out is not None:
         made = [*lattice_files(out), *([] if described is None else [out / "camera.json"])]
         check_outputs(made, image, dark, camera, force=force)

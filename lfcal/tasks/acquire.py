@@ -349,7 +349,7 @@ class _Acquire(Task):
         plan, begun = self._plan(), self._begun(run)
         scan: ScanPlan = plan.scan
         devices = self._devices(plan)
-        tell_assumed(scan.camera, "plan")
+        tell_assumed(scan.camera, "plan", light=False)
         options = self.options(begun)
         assumed = tuple(scan.camera.marks.paths("assumed"))
         with open_rig(scan, self.backend, devices, stage=self.stage) as rig:

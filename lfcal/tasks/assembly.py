@@ -316,7 +316,7 @@ class Assemble(AssembleRegions):
         with ExitStack() as stack:
             frames, scan = open_colour(source.open, self.channel)
             stack.enter_context(frames)
-            tell_assumed(scan.camera, "plan")
+            tell_assumed(scan.camera, "plan", light=False)
             # a session states which part of the sensor it recorded; for other frames the user must state it
             placed = frames.metadata.plan is not None or bool(self.origin)
             if not (placed or is_part_of_sensor(frames.shape, scan.camera)):

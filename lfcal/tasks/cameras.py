@@ -27,14 +27,17 @@ def is_camera_file(name: str) -> bool:
     return name not in PRESETS
 
 
-def load_camera(name: str) -> Camera:
-    """Return the camera of a preset, or of a file in any known format; report assumed and implausible values."""
+def load_camera(name: str, *, light: bool = True) -> Camera:
+    """Return the camera of a preset, or of a file in any known format; report assumed and implausible values.
+
+    With ``light=False``, assumed values of light and noise are not reported: the result does not depend on them.
+    """
     from lfcal.camera import PRESETS, preset
 
     if name in PRESETS:
         return preset(name)
     camera, notes = load_file(name)
-    tell(camera, Path(name), notes)
+    tell(camera, Path(name), notes, light=light)
     return camera
 
 
@@ -52,22 +55,22 @@ def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, 
     return found.camera, found.notes
 
 
-def tell(camera: Camera, path: Path, notes: tuple[str, ...] = ()) -> None:
+def tell(camera: Camera, path: Path, notes: tuple[str, ...] = (), *, light: bool = True) -> None:
     """Report the assumed values of ``camera``, remarks of its reader, and implausible values."""
     from lfcal.camera import doubts
 
-    if camera.marks.paths("assumed"):
-        note(f"{path.name}: assumed: {assumed_in_words(camera)}; {_remedy(camera, path)}")
+    if words := assumed_in_words(camera, light=light):
+        note(f"{path.name}: assumed: {words}; {_remedy(camera, path)}")
     for one in notes:
         note(f"{path.name}: {one}")
     for doubt in doubts(camera):
         warn(f"{path.name}: {doubt}")
 
 
-def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False) -> None:
+def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False, light: bool = True) -> None:
     """Report the assumed values of the camera in ``where``, the name of a plan or an H."""
-    if camera is not None and not quiet and camera.marks.paths("assumed"):
-        note(f"{where}: assumed of the camera: {assumed_in_words(camera)}")
+    if camera is not None and not quiet and (words := assumed_in_words(camera, light=light)):
+        note(f"{where}: assumed of the camera: {words}")
 
 
 def _assumed(camera: Camera) -> list[Quantity]:
@@ -91,13 +94,13 @@ def _remedy(camera: Camera, path: Path) -> str:
     return ", ".join(remedies)
 
 
-def assumed_in_words(camera: Camera) -> str:
-    """Return the assumed values of ``camera`` as one line, counting those of light and noise; or an empty text."""
+def assumed_in_words(camera: Camera, *, light: bool = True) -> str:
+    """Return the assumed values of ``camera`` as one line, or an empty text; those of ``light`` are only counted."""
     from lfcal.camera import value_at
 
     found = _assumed(camera)
     parts = [f"{q.label} {q.text(value_at(camera, q.path))}" for q in found if not q.light]
-    light = sum(quantity.light for quantity in found)
-    if light:
-        parts.append(f"{light} value{'s' * (light > 1)} of light and noise (lfcal camera show)")
+    count = sum(quantity.light for quantity in found) if light else 0
+    if count:
+        parts.append(f"{count} value{'s' * (count > 1)} of light and noise (lfcal camera show)")
     return "; ".join(parts)

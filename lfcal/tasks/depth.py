@@ -154,7 +154,7 @@ class Depth(Task):
         from lfcal.lattice import iter_depth_map, save_depth, save_points
 
         start, workers = time.perf_counter(), run.workers if run else None
-        camera = load_camera(self.camera) if self.camera else None
+        camera = load_camera(self.camera, light=False) if self.camera else None
         measured: Sequence[tuple[float, float]] = ()
         if self.psf is not None:
             with open_matrix(self.psf) as matrix:

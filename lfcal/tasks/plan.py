@@ -194,7 +194,7 @@ class PlanRegions(_PlanOfCamera):
         from lfcal.camera import RegionPlan, parse_regions
 
         yield from ()
-        scan = self.scan(load_camera(self.camera))
+        scan = self.scan(load_camera(self.camera, light=False))
         one, plan = self.forecast(scan), RegionPlan.spread(scan, parse_regions(self.regions))
         write_plan(plan, self.out)
         facts = {
@@ -247,7 +247,7 @@ class PlanRecorded(_Plan):
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
         yield from ()
-        camera, settings = load_camera(self.camera), self.settings()
+        camera, settings = load_camera(self.camera, light=False), self.settings()
         place, turn = parse_origin(self.origin), named_orientation(self.orientation)
         listing, root = any_listing(self.positions, self.columns), self.frames or self.positions.parent
         read = None
@@ -347,7 +347,7 @@ class PlanScan(_PlanOfCamera):
         from lfcal.camera import half_cell
 
         yield from ()
-        plan = self.scan(load_camera(self.camera))
+        plan = self.scan(load_camera(self.camera, light=False))
         half = half_cell(plan).half(plan) if self.half_cell else None
         planned = self._planned(plan, half)
         if half is not None and self.list_file is not None:
