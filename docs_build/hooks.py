@@ -20,24 +20,32 @@ from docs_build.links import broken_links  # noqa: E402
 from docs_build.reference import packages, page_of  # noqa: E402
 from docs_build.running import TutorialError, run_page, runs  # noqa: E402
 from docs_build.screens import take_screens  # noqa: E402
-from docs_build.tables import TABLES, options_page  # noqa: E402
+from docs_build.tables import TABLES  # noqa: E402
 
 BESIDE = {
     "CHANGELOG.md": "changelog.md",
     "LICENSE": "licence.md",
     "sample_data/README.md": "sample_data.md",
-    "tests/hard_cases/TABLE.md": "hard_cases.md",
-    "tests/mutants/TABLE.md": "mutants.md",
+    "tests/hard_cases/TABLE.md": "tests.md#hard-cases",
+    "tests/mutants/TABLE.md": "tests.md#mutants",
     "lfcal/psf/schema/lfcal-psf-2.schema.json": "lfcal-psf-2.schema.json",
     "lfcal/psf/schema/lfcal-psf-4.schema.json": "lfcal-psf-4.schema.json",
 }
-"""Files of the repository that pages link to, and where they lie in the site."""
+"""Files of the repository that pages link to, and their page in the site; those with an anchor are sections of it."""
 
 SHIM = "assets/iframe-worker.js"
 """What the search needs where the site is opened from a folder."""
 
 TABLE = re.compile(r"<!-- table: (\w+) -->\n\*The site shows a table here[^\n]*")
 """Where a page has a table, and what readers of the page itself see there."""
+
+TESTS = """# Hard cases and mutants
+
+Two tables show how well the tests detect mistakes: cases in which simple numerical code fails, and mistakes that were
+made on purpose.
+
+"""
+"""Start of the page that holds the tables of the tests."""
 
 ABOUT = """Every public name, by package. Names that you import from a package (`from lfcal.psf import ...`) have an
 example. The tests run each example, in a folder that holds the sample session
@@ -69,16 +77,21 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def _beside() -> dict[str, str]:
-    texts = {place: (ROOT / name).read_text(encoding="utf-8") for name, place in BESIDE.items()}
-    return {place: f"# Licence\n\n{text}" if place == "licence.md" else text for place, text in texts.items()}
+    pages = {"licence.md": "# Licence\n\n", "tests.md": TESTS}
+    for name, place in BESIDE.items():
+        page, _, section = place.partition("#")
+        text = (ROOT / name).read_text(encoding="utf-8")
+        if section:
+            text = re.sub(r"^#", "##", text, flags=re.MULTILINE) + "\n"
+        pages[page] = pages.get(page, "") + text
+    return pages
 
 
 def _reference() -> dict[str, str]:
     found = packages(ROOT)
     rows = "\n".join(f"| [`{one.name}`]({one.name}.md) | {one.summary} |" for one in found)
     index = f"# Python packages\n\n{ABOUT}\n\n| package | content |\n| --- | --- |\n{rows}\n"
-    made = {"reference/index.md": index, "reference/options.md": options_page()}
-    return made | {one.page: page_of(one) for one in found}
+    return {"reference/index.md": index} | {one.page: page_of(one) for one in found}
 
 
 def _run(file: File, files: Files, config: Any) -> None:
@@ -104,7 +117,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     up = "../" * page.file.src_uri.count("/")
     for name, place in BESIDE.items():
         text = re.sub(
-            rf"\]\((?:\.\./)*{re.escape(name)}(#[^)]*)?\)", lambda m, p=place: f"]({up}{p}{m[1] or ''})", text
+            rf"\]\((?:\.\./)*{re.escape(name)}(#[^)]*)?\)",
+            lambda m, p=place: f"]({up}{p.partition('#')[0]}{m[1]})" if m[1] else f"]({up}{p})",
+            text,
         )
     text = re.sub(r"<!-- keys: (\w+) -->", lambda m: _keys(m[1]), text)
     text = TABLE.sub(lambda m: TABLES[m[1]](), text)

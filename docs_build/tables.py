@@ -1,6 +1,6 @@
 """Tables of the site that are made from registries, records and commands: ``<!-- table: NAME -->`` in a page.
 
-`TABLES` lists them. `options_page` is the page of every option of every command.
+`TABLES` lists them. `options_table` is the one of every option of every command.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-__all__ = ["TABLES", "commands", "options_page", "table"]
+__all__ = ["TABLES", "commands", "options_table", "table"]
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
@@ -101,7 +101,7 @@ def _places() -> str:
 
 
 def _commands() -> str:
-    rows = [(f"[`{name}`](reference/options.md#{_anchor(name)})", _summary(command)) for name, command in commands()]
+    rows = [(f"[`{name}`](#{_anchor(name)})", _summary(command)) for name, command in commands()]
     return table(("command", "use"), rows)
 
 
@@ -114,6 +114,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "devices": _devices,
     "places": _places,
     "commands": _commands,
+    "options": lambda: options_table(),
 }
 """Tables by the names that pages use."""
 
@@ -148,14 +149,14 @@ def _summary(command: Any) -> str:
     return (command.help or "").split("\n\n")[0]
 
 
-def options_page() -> str:
-    """Return the page of every option of every command."""
-    parts = ["# Options of all commands\n\nThe same as `lfcal COMMAND --help`."]
+def options_table() -> str:
+    """Return a section for each command with its help and a table of its options."""
+    parts = []
     for name, command in commands():
         rows = [_option(one) for one in command.params if not one.hidden]
         head = ("option", "value", "meaning")
-        parts.append(f"## {name} {{ #{_anchor(name)} }}\n\n{command.help}\n\n{table(head, rows) if rows else ''}")
-    return "\n\n".join(parts) + "\n"
+        parts.append(f"### {name} {{ #{_anchor(name)} }}\n\n{command.help}\n\n{table(head, rows) if rows else ''}")
+    return "\n\n".join(parts)
 
 
 def _option(option: Any) -> tuple[str, str, str]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import pytest
 import yaml
 
 import lfcal
@@ -16,7 +18,7 @@ from tests.distribution import code_of
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-MADE = {"changelog.md", "licence.md", "sample_data.md", "hard_cases.md", "mutants.md", "reference/options.md"}
+MADE = {"changelog.md", "licence.md", "sample_data.md", "tests.md"}
 """Pages that are made of other files while the site is built."""
 
 
@@ -108,7 +110,7 @@ def anchors_of(page: Path) -> set[str]:
 
 def test_links_between_pages_lead_somewhere() -> None:
     """As they are in the repository and in the window; the site checks its own."""
-    made = {DOCS / name for name in ("changelog.md", "licence.md", "reference/options.md", "reference/index.md")}
+    made = {DOCS / name for name in ("changelog.md", "licence.md", "reference/index.md")}
     broken = []
     for page in [ROOT / "README.md", *DOCS.rglob("*.md")]:
         text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
@@ -120,3 +122,16 @@ def test_links_between_pages_lead_somewhere() -> None:
             if not target.is_file() or (anchor and anchor not in anchors_of(target)):
                 broken.append(f"{page.name}: {link}")
     assert not broken
+
+
+def test_tables_of_the_tests_are_sections_of_one_page() -> None:
+    pytest.importorskip("mkdocs", reason="the group of packages that build the documentation is not installed")
+    from docs_build.hooks import _beside, on_page_markdown
+
+    made = _beside()
+    assert {"tests.md", "licence.md", "lfcal-psf-4.schema.json"} <= set(made)
+    headings = re.findall(r"^#{1,2} .*$", made["tests.md"], re.MULTILINE)
+    assert headings == ["# Hard cases and mutants", "## Hard cases", "## Mutants"]
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="tutorials/a.md"))
+    shown = on_page_markdown("[a](../../tests/mutants/TABLE.md) [b](../../CHANGELOG.md#new)", page)
+    assert shown == "[a](../tests.md#mutants) [b](../changelog.md#new)"

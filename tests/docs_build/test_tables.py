@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from docs_build.tables import TABLES, commands, options_page, table
+from docs_build.tables import TABLES, commands, options_table, table
 from lfcal.accuracy import PLACES
 from lfcal.devices.registry import BACKENDS
 from lfcal.fit import GROUPS
@@ -50,10 +50,10 @@ def test_metrics_are_listed_with_limits_and_cost() -> None:
 def test_every_command_is_listed_with_its_options() -> None:
     names = [name for name, _ in commands()]
     assert {"lfcal plan fit", "lfcal fit check", "lfcal multiplex views", "lfcal assemble"} <= set(names)
-    page = options_page()
+    page = options_table()
     for name, command in commands():
-        assert f"## {name} {{ #{name.replace(' ', '-')} }}" in page
-        section = page.partition(f"## {name} {{")[2].partition("\n## ")[0]
+        assert f"### {name} {{ #{name.replace(' ', '-')} }}" in page
+        section = page.partition(f"### {name} {{")[2].partition("\n### ")[0]
         for option in command.params:
             assert f"`{option.opts[0]}`" in section or f"`{option.name.upper()}`" in section, (name, option.name)
 
