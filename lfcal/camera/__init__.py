@@ -9,7 +9,7 @@
 - ``presets``: built-in cameras
 - ``quantities``: names, units and usual limits of the values
 - ``draft``: an incomplete camera, each value with its source
-- ``_doubts``: implausible values: wrong units, parts that do not match
+- ``_doubts``: checks for implausible values: wrong units, and parts that do not match
 - ``derived``: quantities derived from a camera, and the assumed values they depend on
 - ``importers/``: readers for camera descriptions of other programs, one module per format
 - ``shadow``: size of the image of a point

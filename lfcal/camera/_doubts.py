@@ -1,4 +1,4 @@
-"""Implausible values of a camera: wrong units, parts that do not match."""
+"""Checks for implausible values of a camera: wrong units, and parts that do not match."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
     Raises
     ------
     InputError
-        If its values are so extreme that nothing can be calculated.
+        If the values of the camera are so extreme that nothing can be calculated.
 
     Examples
     --------

@@ -41,7 +41,7 @@ MARKS = ("stated", "measured", "derived", "assumed")
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Marks (one of `MARKS`) of camera values by path, such as ``"sensor.pixel_um"``.
+    """Marks of camera values, each one of `MARKS`, by path such as ``"sensor.pixel_um"``.
 
     Values without a mark were stated by the author of the description.
 
@@ -102,8 +102,8 @@ class Camera:
     optics
         `MainLens` or `Microscope`.
     lattice
-        Lenslet array: a periodic `LensletLattice`, or the `PupilLenslets` of a Fourier light-field microscope. What
-        only a periodic array has raises `NoLatticeError` for the latter; see `has_lattice`.
+        Lenslet array: a periodic `LensletLattice`, or the `PupilLenslets` of a Fourier light-field microscope. For the
+        latter, properties that only a periodic array has raise `NoLatticeError`; see `has_lattice`.
     sensor
         Image sensor.
     wavelength_um
@@ -164,7 +164,7 @@ class Camera:
 
     @property
     def pitch_px(self) -> float:
-        """Micro-image pitch along a row (sensor pixels)."""
+        """Pitch of the micro-images along a row (sensor pixels)."""
         return self.lattice.pitch_um / self.sensor.pixel_um
 
     @property
@@ -345,7 +345,7 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
     Raises
     ------
     FileFormatError
-        If entries are unknown, missing, or of another type; ``what`` names the place.
+        If entries are unknown, missing, or of another type; the message calls the data ``what``.
     InputError
         If ``kind`` refuses a value.
     """
@@ -403,7 +403,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
 def nearest_lens(camera: Camera, pixel: tuple[float, float]) -> tuple[float, float]:
     """Return the sensor position ``(row, column)`` of the type-0 micro-image centre nearest to ``pixel`` (pixels).
 
-    Without a lattice, it is the place where the optical axis meets the sensor.
+    Without a lattice, it is the point where the optical axis meets the sensor.
     """
     lattice = camera.lattice
     if isinstance(lattice, PupilLenslets):

@@ -228,7 +228,7 @@ class LatticeDistortion:
         return result
 
     def apply(self, points: ArrayLike) -> Array:
-        """Return the distorted places of points ``(..., 2)`` (x, y) of the ideal lattice."""
+        """Return the distorted positions of points ``(..., 2)`` (x, y) of the ideal lattice."""
         seen: Array = np.asarray(points, float) + self.displacement(points)
         return seen
 
@@ -238,7 +238,7 @@ class LatticeDistortion:
         Raises
         ------
         InputError
-            If a point is not finite, or too far out to be invertible.
+            If a point is not finite, or is too far from the centre for the distortion to be inverted.
         """
         target = np.asarray(seen, float)
         points = target.copy()

@@ -52,7 +52,7 @@ class Draft:
     Raises
     ------
     InputError
-        If such a camera has no value at a path.
+        If a camera of this kind has no value at one of the paths.
 
     Examples
     --------
@@ -77,8 +77,8 @@ class Draft:
     def of(cls, camera: Camera, given: Mapping[str, Any]) -> Draft:
         """Return a draft of an existing camera with ``given`` replacing its values.
 
-        Lattices are measured in pixels: with another pixel pitch, their derived or measured lengths are scaled.
-        Assumed gaps and focal lengths are assumed again.
+        Lattices are measured in pixels, so their derived or measured lengths are scaled if the pixel pitch changes.
+        Gaps and focal lengths that were assumed are assumed again.
         """
         draft = cls(type(camera.optics).__name__ if camera.has_lattice else "FourierMicroscope", given)
         draft.distortion = camera.distortion
@@ -127,7 +127,7 @@ class Draft:
         return part != "optics" or name in {f.name for f in fields(self._kind)}
 
     def state(self, path: str, value: Any) -> None:
-        """Set ``value`` as stated, replacing the present one."""
+        """Set ``value`` as stated, replacing the current value."""
         self.withdraw(path)
         self.put(path, value)
         if path == FOCUS:
@@ -138,7 +138,7 @@ class Draft:
         self._values.pop(path, None)
 
     def get(self, path: str) -> Any:
-        """Return the value at ``path``, or its present assumption."""
+        """Return the value at ``path``, or the value that is assumed."""
         if path in self._values:
             return self._values[path][0]
         part, _, name = path.rpartition(".")

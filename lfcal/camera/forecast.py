@@ -41,7 +41,7 @@ class Forecast:
     exposure_hours, settle_hours, move_hours
         Time in hours spent exposing, settling and moving.
     readout_hours
-        Time in hours spent reading frames out; None if the camera's rate is unknown; it is then not counted.
+        Time in hours spent reading frames out; None, and not counted, if the camera's rate is unknown.
     frame_bytes, cutout_bytes
         Size of all frames as delivered by the camera, and of only their cutouts as uint16.
     h_float32_bytes, h_rounded_bytes

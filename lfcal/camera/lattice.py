@@ -92,17 +92,17 @@ class LensletLattice:
     gap_um
         Distance from lenslets to sensor, B (µm).
     types
-        One or three lens types. On a hexagonal array with three types, neighbours differ; a lenslet of type 0 sits at
+        One or three lens types. On a hexagonal array with three types, neighbours differ; a lenslet of type 0 is at
         the offset.
     rotation_rad
         Angle from the sensor's +x axis to a row, positive from +x towards +y (downwards) (rad).
     offset_um
         Centre (x, y) of a type-0 micro-image from the sensor's centre, x to the right, y downwards (µm).
     clear_um
-        Clear diameter of a lenslet on the sensor's scale, like the pitch; multiply a manufacturer's value by
-        `Camera.lattice_scale` (µm). Lenslets with a stated diameter are round, and end at their cells. At the cell's
-        diameter (square: sqrt(2) pitch; hexagonal: 2/sqrt(3) pitch) the array has no gaps. None: squares without gaps,
-        or, if hexagonal, discs with the pitch as diameter.
+        Clear diameter of a lenslet on the sensor's scale, like the pitch (µm); a manufacturer's value must be
+        multiplied by `Camera.lattice_scale`. Lenslets with a stated diameter are round, and end at their cells. At the
+        cell's diameter (square: sqrt(2) pitch; hexagonal: 2/sqrt(3) pitch) the array has no gaps. None: squares
+        without gaps, or, if hexagonal, discs with the pitch as diameter.
     row_pitch_um
         Distance of neighbouring rows if it differs from the ideal one (square: pitch; hexagonal: pitch * sqrt(3)/2),
         as measured from a white image (µm).
@@ -115,7 +115,7 @@ class LensletLattice:
     distortion
         Distortion of the lattice as seen on the sensor (µm from the sensor's centre); None: straight rows.
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
-        straight lattice; `local` gives those at a place.
+        straight lattice; `local` returns those at a point.
 
     Examples
     --------
@@ -209,9 +209,9 @@ class LensletLattice:
 
     @property
     def period_um(self) -> tuple[float, float]:
-        """Rectangular period ``(y, x)`` of the array, types included (µm).
+        """Rectangular period ``(y, x)`` of the array, including lens types (µm).
 
-        Rows that are closer to the direction of the sensor's columns swap y and x.
+        If the rows are closer to the direction of the sensor's columns, y and x are exchanged.
         """
         across, along = self.row_step_um, self.pitch_um
         # odd rows are shifted by half a pitch, so a rectangular cell takes two rows; three types repeat every third
@@ -259,7 +259,7 @@ class LensletLattice:
         return index
 
     def in_cell(self, x_um: ArrayLike, y_um: ArrayLike) -> NDArray[np.bool_]:
-        """Return which points, relative to a lenslet's centre (µm), are nearer to it than to any other lenslet."""
+        """Return a mask of the points, relative to a lenslet's centre (µm), to which this lenslet is the nearest."""
         points = np.stack(np.broadcast_arrays(np.asarray(x_um, float), np.asarray(y_um, float)), -1)
         others = cell_neighbours(self.basis_um())
         inside: NDArray[np.bool_] = (np.abs(points @ others.T) <= (others**2).sum(-1) / 2).all(-1)
@@ -407,7 +407,7 @@ def cell_corners(basis: ArrayLike) -> Array:
 def cell_size(a: Vector, b: Vector) -> tuple[tuple[float, ...], float]:
     """Return the distances of opposite sides of the cell of two vectors, and its diameter from corner to corner.
 
-    Cached, because simulations need them at every lenslet.
+    The result is cached, because simulations need it at every lenslet.
     """
     sides = np.hypot(*cell_neighbours((a, b)).T)
     return tuple(sides.tolist()), 2 * float(np.hypot(*cell_corners((a, b))[0]))

@@ -1,4 +1,4 @@
-"""The scan plan: the source positions to record, their places, and their order."""
+"""The scan plan: the source positions to record, their coordinates, and their order."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ MAX_WAIT_S = 86_400.0
 
 
 def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
-    """Return object-space depths (µm), given as such or as virtual depths."""
+    """Return object-space depths (µm) from depths or from virtual depths."""
     if (depths is None) == (virtual is None):
         raise InputError.expected("depth planes", "depths in µm or virtual depths", "both or neither", "give one")
     values: Sequence[float] = tuple(depths if depths is not None else () if virtual is None else virtual)
@@ -121,11 +121,11 @@ class ScanPlan:
     camera
         The camera to calibrate.
     period
-        Number of positions ``(ny, nx)``, which cover the representative cell of the lenslet array.
+        Number of positions ``(ny, nx)`` in a plane, which cover the representative cell of the lenslet array.
     cutout
         Number of pixels ``(nt, ns)`` kept around the image, odd.
     depths_um
-        Object-space depth of each plane, z > 0 away from the camera, rising or falling throughout (µm).
+        Object-space depth of each plane (µm), z > 0 away from the camera, in ascending or descending order.
     anchor
         Sensor position ``(row, column)`` of the image at y = x = 0; whole numbers are pixel centres.
     stage
@@ -133,11 +133,11 @@ class ScanPlan:
     order
         ``"serpentine"`` (without long return moves) or ``"raster"`` (every row from the same side).
     exposure_s
-        Exposure of each plane, or one for all (s).
+        Exposure of each plane, or a single one for all planes (s).
     settle_s
         Waiting time after each move (s).
     frames_averaged
-        Frames recorded at each position.
+        Number of frames recorded and averaged at each position.
     resample
         Whether frames are scaled by `resample_factors` to a period of whole pixels; steps and cutout are then in
         resampled pixels. The anchor stays in sensor pixels.
@@ -214,10 +214,10 @@ class ScanPlan:
         camera
             The camera under calibration.
         depths_um, virtual_depths
-            The planes, as object-space depths (µm) or as virtual depths; give one of them.
+            The planes, as object-space depths (µm) or as virtual depths; exactly one of the two must be given.
         cutout
             Pixels kept, one number or ``(nt, ns)``; by default enough for the geometric pattern at every depth with a
-            margin for the lenslets' diffraction. Without a lattice, no more than the sensor holds.
+            margin for the lenslets' diffraction. Without a lattice, it is at most the size of the sensor.
         anchor
             As in `ScanPlan`; by default, the cell is at the sensor's centre, on whole pixels. Without a lattice, the
             single position is at the optical axis.
@@ -227,7 +227,7 @@ class ScanPlan:
         Raises
         ------
         InputError
-            If no plan can be made from these values.
+            If no plan is possible with these values.
         """
         depths = depths_of(camera, depths_um, virtual_depths)
         if anchor is not None:
@@ -304,7 +304,7 @@ class ScanPlan:
 
     @property
     def drift_px(self) -> float:
-        """Drift of the array against the period over the sensor, along the worse axis (pixels)."""
+        """Drift of the array relative to the period over the sensor, along the worse axis (pixels)."""
         sides = zip(self.period_residual_px, self.camera.sensor.shape, self.period, strict=True)
         return max(abs(residual) * side / period for residual, side, period in sides)
 
@@ -475,14 +475,14 @@ def moved_onto_sensor(
     Parameters
     ----------
     plan
-        A plan.
+        The plan to move.
     cutout, anchor
         Pixels ``(nt, ns)``, and sensor position ``(row, column)``; None: those of the plan.
 
     Raises
     ------
     InputError
-        If the cutouts of all positions together are larger than the sensor, or no cutout.
+        If the cutouts of all positions together are larger than the sensor, or ``cutout`` is not a valid size.
 
     Examples
     --------
@@ -565,13 +565,13 @@ class HalfCell:
 
 
 def half_cell(plan: ScanPlan) -> HalfCell:
-    """Return how the half periods of a plan's array fit the pixels.
+    """Return the symmetry of a plan's half cell, if patterns half a period away are equal.
 
     Raises
     ------
     InputError
-        With the reason, if patterns half a period away differ: the period is odd, the array has no lenslet there or
-        one of another type, or it deviates from whole pixels by more than 0.05 px.
+        If patterns half a period away differ: the period is odd, the array has no lenslet there or one of another
+        type, or it deviates from whole pixels by more than 0.05 px. The message states the reason.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"

@@ -81,7 +81,7 @@ def lfm_60x12() -> Camera:
 def flfm_20x05() -> Camera:
     """Return a 20x/0.5 Fourier light-field microscope: 7 hexagonally placed lenslets across a pupil of 7.5 mm.
 
-    A design by the rules of Guo et al. 2019: lateral resolution λ/(2 NA) of a lenslet, 1.6 µm, is two pixels.
+    It is designed by the rules of Guo et al. 2019: the lateral resolution λ/(2 NA) of a lenslet, 1.6 µm, is two pixels.
     """
     pitch = 2500.0
     ring = tuple((pitch * math.cos(k * math.pi / 3), pitch * math.sin(k * math.pi / 3)) for k in range(6))

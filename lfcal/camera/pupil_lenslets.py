@@ -19,7 +19,7 @@ MOST_LENSLETS = 1000
 
 
 class NoLatticeError(InputError, AttributeError):
-    """Something that only a periodic lenslet array has was asked of a camera without one."""
+    """Error for a property that only a periodic lenslet array has, of a camera without one."""
 
     @classmethod
     def of(cls, name: str) -> NoLatticeError:
@@ -33,8 +33,8 @@ class PupilLenslets:
     """Single lenslets in a pupil plane, as in a Fourier light-field microscope (FLFM, XLFM, FiMic).
 
     A Fourier lens behind the native image plane images the objective's pupil onto the lenslets. Each lenslet sees the
-    whole field from its part of the pupil and forms an elemental image. A point is imaged alike from every place of
-    the field, so the period is one pixel and each depth plane has a single pattern [1]_ [2]_ [3]_.
+    whole field from its part of the pupil and forms an elemental image. Points anywhere in the field have the same
+    pattern, so the period is one pixel and each depth plane has a single pattern [1]_ [2]_ [3]_.
 
     A property that only a periodic array has (pitch, period, types, ...) raises `NoLatticeError`.
 
@@ -53,7 +53,7 @@ class PupilLenslets:
     aperture
         ``"round"`` or ``"square"``, the sides along the sensor's rows and columns.
     offset_um
-        Where the optical axis meets the sensor, (x, y) from its centre (µm).
+        Point (x, y) where the optical axis meets the sensor, from its centre (µm).
 
     References
     ----------
@@ -128,7 +128,7 @@ class PupilLenslets:
 
     @property
     def tilt_rad(self) -> float:
-        """Angle of rows to the sensor: 0, for there are none."""
+        """Angle of rows to the sensor: 0, because there are no rows."""
         return 0.0
 
     @property
@@ -145,7 +145,7 @@ class PupilLenslets:
         return 2 * optics.numerical_aperture * self.fourier_um / optics.magnification
 
     def spread(self, optics: Microscope, z_um: float) -> float:
-        """Return by how much the elemental spots of a point at ``z_um`` lie farther apart than the lenslets.
+        """Return the distance of the elemental spots of a point at ``z_um`` relative to that of the lenslets, minus 1.
 
         The lenslet at c images the point at c (1 + spread) from the axis: a point beyond the focal plane sends a
         converging wave through the pupil. Paraxial: -z gap M² / (n f²).
@@ -161,6 +161,6 @@ class PupilLenslets:
         return centres[inside], np.zeros(int(inside.sum()), np.intp)
 
     def local(self, about_um: tuple[float, float]) -> PupilLenslets:
-        """Return the lenslets themselves: they are the same from every place of the field."""
+        """Return these lenslets, which are the same for every point of the field."""
         del about_um
         return self

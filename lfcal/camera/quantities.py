@@ -33,7 +33,7 @@ class Quantity:
     option
         Option on the command line, if there is one besides ``--set``.
     light
-        Whether it concerns only light and noise, not the geometry of images.
+        Whether the value affects only light and noise, not the geometry of images.
     empty, meaning
         Text displayed if there is no value, and text displayed after a value.
 

@@ -89,13 +89,13 @@ class RegionPlan:
         """Return regions that divide the field into ``shape`` rows and columns, the middle one first.
 
         The outermost ones are as far out as their cutouts allow. Anchors are whole pixels, chosen within a few periods
-        of their place so that a position has the same phase in every region; `residual_px` is the remaining
-        difference.
+        of their ideal position so that a position of the scan has the same phase in every region; `residual_px` is the
+        remaining difference.
 
         Raises
         ------
         InputError
-            If the sensor has no room for this number of regions.
+            If the sensor is too small for this number of regions.
         """
         rows, columns = _checked(*check_tuple("regions (rows, columns)", shape, 2, integer=True, at_least=1))
         low, high = _room(scan)

@@ -32,7 +32,7 @@ class Sensor:
     black_level
         Sample value without light.
     prnu
-        Pixel response non-uniformity, rms (relative).
+        Relative rms of the pixel response non-uniformity (PRNU).
     quantum_efficiency
         Detected fraction of photons.
     fill_factor
@@ -40,9 +40,9 @@ class Sensor:
     cfa
         Colour filter pattern by rows, e.g. ``"GRBG"`` for 2 x 2; empty for a monochrome sensor.
     saturation
-        Sample value at which samples are saturated; None: only at the highest value.
+        Sample value at which samples are saturated; None: the highest sample value.
     dsnu_e
-        Offsets of the pixels in the dark, rms (electrons); None: not known.
+        Rms of the pixels' offsets in the dark (DSNU, electrons); None: unknown.
     linearity
         Largest deviation of the signal from a straight line over exposure (relative); None: unknown.
 

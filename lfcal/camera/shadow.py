@@ -54,9 +54,9 @@ def half_extent_px(camera: Camera, z_um: float) -> float:
     """Return the half width of the pattern of a point at depth ``z_um`` about its chief ray (sensor pixels).
 
     A ray through pupil point p meets the array p·a/(b+a) from the chief ray with slope -p/(b+a). Its lenslet deflects
-    it by -e/f, where e is the distance from the lenslet's centre. On the sensor, B behind, this gives ``p (a - B)/(b +
-    a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge. Without a lattice, the pattern
-    is the spots behind all lenslets.
+    it by -e/f, where e is the distance from the lenslet's centre. On the sensor, at distance B, this is ``p (a - B)/(b
+    + a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge. Without a lattice, the
+    pattern is the spots behind all lenslets.
     """
     if isinstance(camera.lattice, PupilLenslets):
         spots, blur = _elemental(camera, camera.lattice, z_um)
@@ -74,7 +74,7 @@ def half_extent_px(camera: Camera, z_um: float) -> float:
 def rms_radius_px(camera: Camera, z_um: float) -> float:
     """Return the RMS distance of the light of a point at depth ``z_um`` from its chief ray (sensor pixels).
 
-    Uses the rays of `half_extent_px` from an evenly lit pupil (for a microscope, by the sine condition), with the
+    It uses the rays of `half_extent_px` from an evenly lit pupil (for a microscope, by the sine condition), with the
     deflection and diffraction by the lenslets. It is valid for a pattern of several lenslets.
     """
     if isinstance(camera.lattice, PupilLenslets):

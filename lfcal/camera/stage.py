@@ -23,8 +23,8 @@ class StageAxes:
     ----------
     right, down, away
         Stage axis with its sign, ``"+x"`` to ``"-z"``. Moving in this direction moves the image towards +column
-        (right) or +row (down) of the sensor, or the source away from the camera. Note that a lens inverts the image:
-        the directions are those seen on the sensor.
+        (right) or +row (down) of the sensor, or the source away from the camera. A lens inverts the image; the
+        directions are those seen on the sensor.
     origin_um
         Stage coordinates (x, y, z) at which the source's image is at the sensor's centre, and the source in the
         working plane (µm).

@@ -79,7 +79,7 @@ def _number(text: str, what: str) -> tuple[float, str]:
 
 
 def read_length(text: str, usual: str, what: str) -> float:
-    """Return a length in µm; a bare number is in ``usual``."""
+    """Return a length in µm; a number without a unit is in the unit ``usual``."""
     value, unit = _number(text, what)
     if (unit or usual) not in LENGTHS:
         raise InputError.expected(what, f"a length in {usual}, or with nm, um, mm, m", repr(text), "correct the unit")
@@ -108,7 +108,7 @@ def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape
 
 
 def read_pitch(text: str, pixel_um: float | None) -> float:
-    """Return a pitch in µm, given with a unit of length, bare in µm, or in pixels as ``31.7px``."""
+    """Return a pitch in µm from a text with a unit of length, without a unit (µm), or in pixels as ``31.7px``."""
     if not text.strip().endswith("px"):
         return read_length(text, "µm", "--pitch")
     if pixel_um is None:

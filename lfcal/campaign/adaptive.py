@@ -169,7 +169,7 @@ class AdaptiveStep:
         return {key: value for key, value in asdict(self).items() if key != "held_out_error"} | left
 
     def reaches(self, error: float) -> bool:
-        """Return whether the expected error of H is at most ``error``, and no held-out pattern contradicts."""
+        """Return whether the expected error of H is at most ``error``, and held-out patterns do not contradict this."""
         known = self.held_out_error.known and self.held_out_error.value - 2 * self.held_out_error.sigma > error
         return self.complete and self.expected_error <= error and not known
 
@@ -198,7 +198,7 @@ class Adapted:
 
     @property
     def words(self) -> str:
-        """Meaning of the end, as one line; empty if recording was stopped."""
+        """One line that explains why the session ended; empty if recording was stopped."""
         return ENDS.get(self.how, "")
 
     def to_dict(self) -> dict[str, Any]:
@@ -247,8 +247,8 @@ def iter_adaptive(
     Raises
     ------
     InputError
-        If the noise of frames will be unknown, or the session to continue is a whole scan; nothing was moved. Also if
-        the patterns do not fit such a camera.
+        If the noise of frames will be unknown, or the session to continue is a complete scan (nothing was moved), or
+        if the patterns do not fit such a camera.
     AcquisitionStopped
         If recording had to end early; it can be resumed.
 
@@ -315,7 +315,7 @@ class _Campaign:
 
     @property
     def ended(self) -> str:
-        """How the session ended, if recording was interrupted."""
+        """Reason for the end of the session, if recording was interrupted."""
         return "aborted" if self._control.aborting else "stopped"
 
     def begin(self, *, resume: bool) -> Work[Outcome | None]:

@@ -26,10 +26,10 @@ __all__ = ["PointFrames", "iter_assemble_points", "shown_positions", "target_fac
 def shown_positions(
     points: Points, tolerance_px: float | None = None, *, resampled: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the positions ``(n, 3)`` that points show, -1 for none, and their deviations ``(n, 2)`` (pixels).
+    """Return the positions ``(n, 3)`` that points show (-1 for none), and their deviations ``(n, 2)`` (pixels).
 
     A point shows a position if its phase matches, and if its chief ray is as near to a pixel centre as that of the
-    position. The array's period is not a whole number of pixels, and the same light displaced by half a pixel gives a
+    position. The array's period is not a whole number of pixels, and the same light displaced by half a pixel has a
     different pattern. Resampling cannot restore an undersampled pattern; such points are used in a fit.
 
     Parameters
@@ -62,8 +62,9 @@ def shown_positions(
 class PointFrames(SourceView):
     """A source of frames with one point each, made from whole frames with many points.
 
-    A point's frame is the whole frame moved by whole pixels so that the point is at the place of its position in the
-    scan. Its brightness is that of the median hole, and pixels that neighbours reach are marked as not valid.
+    The frame of a point is the whole frame, moved by whole pixels so that the image of the point is where the scan has
+    it for its position. Its brightness is that of the median hole, and pixels that neighbours reach are marked as not
+    valid.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ class PointFrames(SourceView):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """float32: values are those of holes equally bright."""
+        """float32, because values are scaled to holes of equal brightness."""
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
@@ -173,10 +174,10 @@ MOST = 20
 def target_facts(points: Points) -> dict[str, Any]:
     """Return the results for a target as plain JSON types.
 
-    ``crosstalk`` is the largest light of neighbours in a cutout: that of the plan, for equally bright holes, times the
-    largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the deviation of frames from the
-    planned positions (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful`` the fraction of
-    uncertain labels.
+    ``crosstalk`` is the largest fraction of light from neighbours in a cutout: that of the plan, for equally bright
+    holes, times the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the deviation of
+    frames from the planned positions (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful``
+    the fraction of uncertain labels.
     """
     found = list(points.found.values())
     confidence = np.concatenate([one.confidence for one in found])

@@ -290,7 +290,7 @@ def without_hole(finished: Finished) -> Finished:
 
 
 def hole_words(fit: Fit, *, asked: bool = True) -> str:
-    """Return the result of a fit of points for the size of the holes, as one line; empty if there is none.
+    """Return one line on the size of the holes found by a fit of points; empty if there is none.
 
     Parameters
     ----------
@@ -505,7 +505,7 @@ def iter_write_points(
     Parameters
     ----------
     fit
-        One camera fitted to the points of the whole field.
+        Result of fitting one camera to the points of the whole field.
     scan
         The region of the field for H, or several, whose H are written to one file.
     folder

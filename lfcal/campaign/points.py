@@ -1,6 +1,6 @@
 """Find the points in frames of a target: their labels, positions on the sensor, and patterns for a fit.
 
-Repeats of a hole at the same place are averaged, which reduces their variance.
+Repeated measurements of a hole at the same position are averaged, which reduces their variance.
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int,
 def measured_points(
     source: FrameSource, points: Points, parts: tuple[int, int] = (3, 3), *, most: int | None = None
 ) -> Regional:
-    """Return the patterns of points, each at its place in a part of the field.
+    """Return the patterns of points, each at its position in a part of the field.
 
     Parameters
     ----------

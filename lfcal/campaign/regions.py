@@ -74,10 +74,7 @@ def read_regions(folder: Path) -> RegionPlan:
 
 
 def first_begun(folder: Path) -> Path | None:
-    """Return the folder of the first region that was started, which has the options of the session.
-
-    None if no region was started.
-    """
+    """Return the folder of the first started region, which contains the session's options; None if there is none."""
     return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
 
 
@@ -193,7 +190,7 @@ def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
 
 @contextmanager
 def temporary_parts(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]]:
-    """Provide a path for H of each region, in a folder next to ``out`` that is removed at the end."""
+    """Context that provides a path for H of each region, in a folder next to ``out`` that is removed at the end."""
     with storage_errors(out), TemporaryDirectory(prefix=f".{out.name}.regions-", dir=out.parent) as place:
         yield {name: Path(place) / f"{name}.h5" for name in names}
 

@@ -49,7 +49,7 @@ class TurnedFrames:
     turns
         Orientations of the frames; several if they explain the patterns equally well.
     residual, as_is
-        Unexplained fractions of the light (squared) in this orientation, and as delivered.
+        Unexplained fractions of the squared light in the best orientation, and as delivered.
     """
 
     turns: tuple[Orientation, ...]
@@ -58,14 +58,14 @@ class TurnedFrames:
 
     @property
     def words(self) -> str:
-        """Orientation of the frames, with the evidence."""
+        """Text that states the orientation of the frames, with the evidence."""
         ways = " or ".join(turn.words for turn in self.turns)
         left = f"{100 * self.residual:.0f} % of the light unexplained then, {100 * self.as_is:.0f} % as delivered"
         return f"{ways} relative to the camera ({left})"
 
     @property
     def options(self) -> str:
-        """The options of the command line that make them upright."""
+        """The command-line options that turn the frames upright."""
         return " or ".join(f"--orientation {turn.option}" for turn in self.turns)
 
 

@@ -16,7 +16,7 @@
   start
 - ``files``: files of camera, effects, numbers and H, and the folder with all of them; ``stored``: a stored fit that
   fills positions that were never recorded
-- ``drawing``, ``report``: pictures and page of a fit
+- ``drawing``, ``report``: plots and report page of a fit
 - ``_residual_field``: residuals beyond the model that are smooth over neighbours; ``hybrid``: model H plus this field,
   with the uncertainty of every entry
 - ``validate``: prediction of points that were not fitted

@@ -41,8 +41,8 @@ class Compared:
     found
         Position in H, position on the sensor, and correlation.
     displacement_px, displacement_sigma
-        Displacement of the source from that position (dy, dx), fitted with gain and background, and its standard
-        deviation.
+        Displacement (dy, dx) of the source from that position, fitted together with gain and background, and its
+        standard deviation (pixels).
     gain, background
         Gain and background of the frame relative to H.
     error
@@ -50,9 +50,9 @@ class Compared:
     chi_square
         Chi-square of the residuals.
     doubt
-        Uncertainty of H's prediction for a source between its positions (relative L2).
+        Uncertainty of the prediction by H for a source between its positions (relative L2).
     beside_px
-        Distance (dy, dx) of the source from its known position, if this is known.
+        Distance (dy, dx) of the source from its known position (pixels); None if the position is not known.
     values, light, noise, weight
         Samples minus background, prediction of H, variance, and 1/sigma (0: not measured), each ``(nt, ns)``.
     moved
@@ -77,12 +77,12 @@ class Compared:
 
     @property
     def strange(self) -> bool:
-        """Whether the frame has no similarity to H."""
+        """Whether the frame is not similar to any pattern of H."""
         return self.found.correlation < STRANGE
 
 
 class Says(Protocol):
-    """Predicts the pattern of a source at or near a position."""
+    """Protocol of a prediction of the pattern of a source at or near a position."""
 
     valid: NDArray[np.bool_]
     """Pixels ``(nt, ns)`` for which there is a prediction."""

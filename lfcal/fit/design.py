@@ -80,7 +80,7 @@ class Chosen:
         self.matrix = self._information.prior + _eliminated(self._sums).sum(0)
 
     def trials(self, rows: NDArray[np.intp]) -> F8:
-        """Return the expected squared error of H after adding each one of the patterns ``rows``."""
+        """Return the expected squared error of H after adding each of the patterns ``rows`` alone."""
         z = self._planes[rows]
         before = _eliminated(self._sums)[z]
         after = _eliminated(self._sums[z] + self._information.patterns[rows])
@@ -176,7 +176,7 @@ class CurvePoint:
     error
         Expected relative error (L2) of H from the positions chosen.
     spread_error
-        The same for an equal number of evenly spread positions.
+        Expected relative error (L2) of H from the same number of evenly spread positions.
     hours
         Recording time (h).
     """
@@ -202,7 +202,7 @@ class PositionDesign:
     pattern_error
         Relative error (L2) of an H with all positions recorded once, due to the noise of each pattern.
     start_error
-        Expected error before any of them is recorded; None without an earlier fit.
+        Expected error before any of these positions is recorded; None without an earlier fit.
     sigmas
         Expected standard deviation of each unknown by name, in its unit.
     candidates
@@ -219,7 +219,7 @@ class PositionDesign:
 
     @property
     def positions(self) -> NDArray[np.intp]:
-        """All positions to record ``(n + m, 3)``."""
+        """All positions to record ``(n + m, 3)`` as (z, y, x)."""
         return np.concatenate([self.fitted, self.held_out])
 
     def enough_for(self, error: float) -> CurvePoint | None:
@@ -249,7 +249,7 @@ def iter_next_positions(
     Parameters
     ----------
     plan
-        The scan.
+        The plan of the scan.
     count
         Number of positions; a fifth of them is evenly spread and held out.
     setup
@@ -373,7 +373,7 @@ def draw_design(design: PositionDesign, path: str | os.PathLike[str], positions:
     design
         The chosen positions.
     path
-        Picture file to write.
+        Image file to write; its suffix determines the format.
     positions, hours
         Number of positions and recording time of the whole scan, in which each pattern keeps its noise.
     """

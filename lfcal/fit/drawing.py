@@ -1,4 +1,4 @@
-"""Draw pictures of a fit: patterns next to their model, residuals by position and lens type, parameters."""
+"""Plots of a fit: patterns next to their model, residuals by position and lens type, parameters."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class FitResiduals:
     chi2
         Mean square of the residuals of each pattern ``(n,)``, weighted by the light.
     by_plane
-        The same for each plane ``(nz,)``, NaN without a measurement.
+        Mean square of the residuals of each plane ``(nz,)``; NaN without a measurement.
     by_type
-        The same for the pixels behind each lens type.
+        Mean square of the residuals of the pixels behind each lens type.
     maps
         Mean square of the residuals of each plane's patterns ``(nz, nt, ns)``, NaN without a measurement.
     """
@@ -91,7 +91,7 @@ def _ratio(above: NDArray[np.float64], below: NDArray[np.float64]) -> NDArray[np
 def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.intp]:
     """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of a source position.
 
-    ``camera`` is the fitted one, ``plan`` the scan with the described camera.
+    ``camera`` is the fitted camera, ``plan`` the scan with the described camera.
     """
     nt, ns = plan.cutout
     rows = round(plan.anchor[0] + y) + np.arange(nt) - (nt - 1) // 2

@@ -34,7 +34,7 @@ class Earlier:
     Attributes
     ----------
     setup, groups
-        Fitted camera, effects, depths and stage; the groups of fitted unknowns.
+        Fitted camera, effects, depths and stage, and the groups of fitted unknowns.
     names, sigmas, correlations
         Names of the parameters, their standard deviations, and correlations ``(k, k)``.
     values
@@ -44,7 +44,7 @@ class Earlier:
     positions
         Used positions ``(n, 3)`` as (z, y, x), including held-out ones.
     depths_um
-        Planes of its scan, as planned.
+        Planned depths of the planes in its scan (µm).
     complete
         Whether the model is complete; otherwise more patterns do not help.
     """

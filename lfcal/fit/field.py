@@ -44,7 +44,7 @@ class FieldRegion:
     name
         Name of the region.
     period, anchor
-        Positions of its scan, and the place of the first image on the sensor, as in `ScanPlan`.
+        Number of positions of its scan, and sensor position of the first image, as in `ScanPlan`.
     """
 
     name: str
@@ -54,12 +54,12 @@ class FieldRegion:
 
 @dataclass(frozen=True, eq=False)
 class Regional(Measured):
-    """Patterns of several regions. All else is as for one region; ``plan`` is that of the first.
+    """Measured patterns of several regions; ``plan`` is that of the first region.
 
     Attributes
     ----------
     regions
-        The regions, in order.
+        The regions, in the order of their indices.
     region
         Index of the region of each pattern ``(n,)``.
     """
@@ -82,7 +82,7 @@ class Regional(Measured):
 
     @property
     def levels(self) -> int:
-        """Number of these indices."""
+        """Number of separate values of light and background."""
         return len(self.regions) * self.plan.shape[0]
 
     @property
@@ -206,17 +206,17 @@ class FieldFit:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The fitted effects; in a simulation with them, every place of the field has its own wavefront."""
+        """The fitted effects; in a simulation with them, the wavefront differs between positions in the field."""
         return self.first.effects
 
     def setup_at(self, plan: ScanPlan) -> Setup:
-        """Return the setup for a scan anywhere: sources at their planned positions, planes as in the first region."""
+        """Return the setup for a scan elsewhere in the field: sources as planned, planes as in the first region."""
         first = self.first.setup
         depths = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, first.depth_errors_um))
         return replace(first, depth_errors_um=tuple(map(float, depths)), aside_px=(0.0, 0.0), stage_scale=0.0)
 
     def fit_at(self, plan: ScanPlan) -> Fit:
-        """Return the fit elsewhere in the field: `Fit.model` is H there, with the mean light of all regions.
+        """Return the fit for a scan elsewhere in the field: `Fit.model` is H there, with the mean light of all regions.
 
         The fitted camera is used, whatever the camera of the plan.
         """

@@ -51,12 +51,12 @@ F8 = NDArray[np.float64]
 
 
 def field_report_files(folder: Path) -> list[Path]:
-    """Return the files of the report of a fit of regions in ``folder``, the page last."""
+    """Return the paths of the report of a fit of regions in ``folder``, with the page last."""
     return [folder / PICTURE, folder / PAGE]
 
 
 def iter_field_report(fit: FieldFit, folder: Path, hybrids: Mapping[str, HybridSummary]) -> Work[Path]:
-    """Write the picture and the page of a fit of several regions into ``folder``; return the page.
+    """Write the plot and the page of a fit of several regions into ``folder``; return the path of the page.
 
     ``hybrids`` describes what the hybrid H of a region adds to the model. Each file is written atomically.
     """
@@ -76,7 +76,7 @@ def iter_field_report(fit: FieldFit, folder: Path, hybrids: Mapping[str, HybridS
 
 
 def wavefront_table(fit: FieldFit) -> tuple[list[str], list[list[str]]]:
-    """Return headers and rows of the wavefront in each region; no rows if the wavefront has no terms."""
+    """Return headers and rows of a table of the wavefront in each region; no rows if it has no terms."""
     places = {name: field_of(own.planned) for name, own in fit.fits.items()}
     fronts = {name: {(t.n, t.m): t for t in fit.wavefront_at(at)} for name, at in places.items()}
     terms = sorted({term for front in fronts.values() for term in front})
@@ -135,7 +135,7 @@ def _outliers(fit: FieldFit) -> str:
 
 
 def draw_field(fit: FieldFit, path: str | os.PathLike[str]) -> None:
-    """Draw the wavefront over the pupil at places of the sensor, and its rms over the sensor."""
+    """Draw the wavefront over the pupil at several positions on the sensor, and its rms over the sensor."""
     camera = fit.camera
     rows, columns = (n * camera.sensor.pixel_um / 1e3 for n in camera.sensor.shape)
     step = max(rows, columns) / ACROSS

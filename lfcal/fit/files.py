@@ -178,7 +178,7 @@ class Written(NamedTuple):
 
 
 def write_found(fit: Fit, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
-    """Write camera, effects and finally the numbers with the time, with names from ``name``; return the files.
+    """Write camera, effects, and finally the numbers with the time; return the paths, whose names derive from ``name``.
 
     Raises
     ------

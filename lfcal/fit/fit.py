@@ -80,7 +80,7 @@ class FitProgress(Progress):
 
 
 def rounds() -> Callable[[Problem, Point, str], FitProgress]:
-    """Return the function that makes the record of a round, in a stage of a fit."""
+    """Return a function that creates the progress record of a round in a stage of a fit."""
     start = time.perf_counter()
 
     def record(problem: Problem, point: Point, stage: str) -> FitProgress:
@@ -99,7 +99,7 @@ def rounds() -> Callable[[Problem, Point, str], FitProgress]:
 
 
 def outliers_of(problem: Problem, point: Point) -> tuple[NDArray[np.bool_], tuple[Outlier, ...]]:
-    """Return which patterns ``(n,)`` are outliers, and each outlier with its reason."""
+    """Return a mask ``(n,)`` of the patterns that are outliers, and each outlier with its reason."""
     pixels = np.maximum(1, (point.seen.inverse > 0).sum(1))
     # without the robust loss, which would hide outliers
     chi2 = np.square(point.seen.residual, dtype=np.float64).sum(1) / pixels
@@ -137,7 +137,7 @@ def iter_fit_camera(
     Parameters
     ----------
     source
-        H, whose recorded positions are used, or patterns.
+        H, of which the recorded positions are used, or measured patterns.
     camera
         The described camera, from which the fit starts; None: the camera of the source.
     unknowns
@@ -250,7 +250,7 @@ def iter_retrieved(
     start
         Vector to start from; None: start from the description.
     local
-        Unknowns of single patterns from the start; None: none, until the patterns show that they are needed.
+        Unknowns of single patterns at the start; None: there are none until the patterns show that they are needed.
 
     Raises
     ------

@@ -38,9 +38,9 @@ class NewFrame:
     noise
         Constant and slope of a sample's variance; None: unknown.
     origin
-        Sensor (row, column) of its first pixel.
+        Row and column on the sensor of the frame's first pixel.
     place
-        Sensor (row, column) of the source's image, if known.
+        Row and column on the sensor of the source's image, if known.
     plane
         Depth plane of H, if known.
     label
@@ -66,7 +66,7 @@ class NewFrame:
 
 @dataclass(frozen=True, slots=True)
 class LocatedPattern:
-    """A position of H, the place of its cutout, and the similarity of the patterns.
+    """A position of H, the position of its cutout on the frame, and the similarity of the patterns.
 
     Attributes
     ----------
@@ -107,14 +107,14 @@ def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -
 def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     """Return the position of H that best fits a frame's light.
 
-    The array must not have moved, because H has one pattern for each pixel, by its place in the period. If the
-    source's place in the frame is known, only the surrounding pixels are tried; otherwise, one period around the
-    middle of the light. Likewise for planes.
+    The array must not have moved, because H has one pattern for each pixel of the period. If the position of the
+    source in the frame is known, only the surrounding pixels are tried; otherwise, one period around the middle of the
+    light. Similarly, only the known plane is tried.
 
     Raises
     ------
     InputError
-        If the source is outside the frame, or H has no pattern for this place.
+        If the source is outside the frame, or H has no pattern for its position.
     """
     base = np.floor(np.array(matrix.anchor) + 0.5).astype(int)
     if frame.place is None:

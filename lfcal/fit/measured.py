@@ -51,8 +51,8 @@ class Measured:
         It stays constant while the unknowns change, because computing it for every derivative would take too long.
         None: no additional light.
     blur
-        Light ``(n, nt, ns)`` at unit gain that each pattern gains per µm² of the squared diameter of a target's holes
-        (`lfcal.fit.setup.Setup.hole_um`). None: the size is not fitted.
+        Additional light ``(n, nt, ns)`` of each pattern at unit gain, per µm² of the squared diameter of a target's
+        holes (`lfcal.fit.setup.Setup.hole_um`). None: the size is not fitted.
     blurred_um
         Diameter of the holes included in ``extra_light`` (µm).
 
@@ -121,7 +121,7 @@ class Measured:
 
     @property
     def levels(self) -> int:
-        """Number of these indices."""
+        """Number of separate values of light and background."""
         return self.plan.shape[0]
 
     @property

@@ -37,7 +37,7 @@ REACH_PX = 1.0
 
 
 class Fineness:
-    """Samplings used at the stages of a fit, as samples per pixel of the grid.
+    """Samplings used in the stages of a fit (samples of the grid per pixel).
 
     For the bench camera, 4 samples differ from the coherent reference by 0.4 % (relative L2), 6 by 0.1 %, 8 by 0.06 %.
     """
@@ -128,7 +128,7 @@ def predict(
     offsets_px: NDArray[np.float64],
     sampling: Sampling,
 ) -> NDArray[np.float32]:
-    """Return the patterns ``(n, nt, ns)`` of positions ``(n, 3)`` as (z, y, x), sources displaced by ``(n, 2)`` pixels.
+    """Return the patterns ``(n, nt, ns)`` of positions ``(n, 3)`` (z, y, x) with displaced sources ``(n, 2)`` (pixels).
 
     Values are fractions of the light that passes the iris, as everywhere in the simulator.
     """
@@ -154,7 +154,7 @@ class ModelPlanes(PlaneSource):
     Raises
     ------
     InputError
-        In units, if an effect of the setup cannot be found by its name.
+        If H is computed in units, and an effect of the setup cannot be found by its name.
     """
 
     def __init__(self, header: Header, setup: Setup, planned: ScanPlan, gains: Sequence[float]) -> None:

@@ -37,7 +37,7 @@ class ChiSquare:
     all_pixels
         Value over all valid pixels, diluted by the dark majority.
     lit
-        Value weighted by the light's share of each pixel's variance.
+        Value weighted by the fraction of each pixel's variance that is due to light.
     sigma
         Standard deviation of ``lit`` for a true model.
     """
@@ -90,7 +90,7 @@ class ModelError:
 
     @property
     def known(self) -> bool:
-        """Whether the error is a value and not only a limit: noise alone would exceed `SHOWN` too rarely."""
+        """Whether the error is a value and not only a limit, because noise alone would rarely exceed `SHOWN`."""
         # the quantile of Cornish and Fisher
         rare = SHOWN + self.skew / 6 * (SHOWN**2 - 1)
         return self.squared > rare * self.squared_sigma
@@ -175,11 +175,11 @@ def held_out_error(
 ) -> ModelError:
     """Return the error of the model from held-out patterns; ``spread`` is the covariance of shared unknowns.
 
-    ``among`` selects patterns, by default all. If none of them was held out, all count. They also count if the model
-    is not ``complete``. The residuals of fitted patterns are then not noise, are hardly smaller than those of others,
-    and are four times as many. Squared residuals contain the variance of the noise in addition to the error: E[(d -
-    m)² - v] = error². Effects on single patterns, such as lamp and displaced source, are not errors of the model. If
-    they are less than half of the residual, however, they may be part of the error, and count.
+    ``among`` selects patterns; None: all. All patterns are used if none of them was held out, or if the model is not
+    ``complete``: the residuals of fitted patterns are then not noise, are hardly smaller than those of others, and are
+    four times as many. Squared residuals contain the variance of the noise in addition to the error: E[(d - m)² - v] =
+    error². Effects on single patterns, such as those of the lamp and of displaced sources, are not errors of the
+    model. If they are less than half of the residual, however, they may be part of the error and are included.
     """
     measured = problem.measured
     some = np.ones(len(measured), np.bool_) if among is None else among

@@ -40,7 +40,7 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """Unknowns of single patterns: present values and priors.
+    """Unknowns of single patterns: current values and priors.
 
     Attributes
     ----------

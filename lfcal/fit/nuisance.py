@@ -30,7 +30,7 @@ SIGNIFICANCE = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Rms of the nuisance parameters of single patterns; 0 if only noise is seen.
+    """Rms of the nuisance parameters of single patterns; 0 if only noise was found.
 
     Attributes
     ----------

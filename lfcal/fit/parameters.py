@@ -93,7 +93,7 @@ class Unknown:
     squared
         Whether its square is fitted, because patterns depend on the square, as for widths that add in quadrature.
     gauge
-        What must be fixed for this unknown to be defined, in words; may be empty.
+        Description of what must be fixed for this unknown to be defined; may be empty.
 
     Examples
     --------
@@ -154,7 +154,7 @@ class Unknown:
 
 
 class Group(ABC):
-    """Unknowns that belong together, and what they change.
+    """Protocol of a group of unknowns that belong together, and of their effect on a setup.
 
     Examples
     --------
@@ -224,7 +224,7 @@ class Vector:
     Raises
     ------
     InputError
-        For an unknown group.
+        If a group does not exist.
     """
 
     def __init__(self, setup: Setup, frame: ScanScales, groups: Sequence[str]) -> None:
@@ -283,7 +283,7 @@ class Vector:
 
 
 def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
-    """Return the groups without unknowns by name, and what camera or scan would need for them, in words.
+    """Return the groups without unknowns by name, each with a text on what camera or scan would need.
 
     ``frame`` is that of several regions; None: that of the plan.
     """

@@ -35,7 +35,7 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A vector of unknowns with all results computed there.
+    """A vector of unknowns, with all results computed for it.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Problem:
         self.fitted = ~measured.held_out
 
     def with_measured(self, measured: Measured) -> Problem:
-        """Return the same problem with other patterns."""
+        """Return this problem with other patterns."""
         return Problem(measured, self.vector, self.workers)
 
     # -- predictions -------------------------------------------------------------------------------------

@@ -66,7 +66,7 @@ class Answer:
     change
         Function that returns the patterns and their plan according to this answer.
     remedy
-        What to do if this answer is right.
+        Remedy if this answer is correct.
     """
 
     question: str
@@ -160,12 +160,12 @@ def as_described(
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
-    """Check whether the description is wrong in other ways, by fits of a few patterns; yields progress in derivatives.
+    """Check by fits of a few patterns whether the description is wrong; yields progress in derivatives.
 
     Raises
     ------
     InputError
-        With the answer and what to do, if one answer explains the patterns much better than the description.
+        If one answer explains the patterns much better than the description; the message states it and its remedy.
     """
     few = _few(problem)
     plain = yield from _tried(few, core, "as described", most=3)
@@ -187,7 +187,7 @@ def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
 def order_of_types(described: Camera, found: Camera) -> str:
     """Return the order of the described lens types that matches the fitted ones; empty if it is the described order.
 
-    Focal lengths are fitted: with a wrong order they are found too, but belong to other types.
+    It compares the fitted focal lengths: with a wrong order, the same values are found, but for other types.
     """
     was, now = (np.log([kind.focal_length_um for kind in c.lattice.types]) for c in (described, found))
     far = {order: float(np.abs(now - was[list(order)]).sum()) for order in itertools.permutations(range(len(was)))}

@@ -37,14 +37,14 @@ CAPTIONS = (
 
 
 def report_files(folder: Path) -> list[Path]:
-    """Return the files of a report in ``folder``, the page last."""
+    """Return the paths of the files of a report in ``folder``, with the page last."""
     return [folder / name for name in (*PICTURES, PAGE)]
 
 
 def iter_fit_report(
     fit: Fit, measured: Measured, folder: Path, source: str = "", notes: Sequence[str] = ()
 ) -> Work[Path]:
-    """Write the pictures and the page of a fit of ``measured`` into ``folder``; return the page.
+    """Write the plots and the page of a fit of ``measured`` into ``folder``; return the path of the page.
 
     ``notes`` are lines below the verdict.
 
@@ -73,7 +73,7 @@ def iter_fit_report(
 
 
 def add_picture(folder: Path, title: str, words: str, picture: Path, caption: str) -> None:
-    """Append a section with a picture, and ``words`` above it, to the report in ``folder``."""
+    """Append a section with a picture, and the text ``words`` above it, to the report in ``folder``."""
     add_html_section(
         folder / PAGE, html_section(title, html_paragraphs([words]) + html_figure(picture.read_bytes(), caption))
     )

@@ -60,7 +60,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pattern that was excluded from the fit because it differs from the others; ``region`` is its number.
+    """A pattern excluded from the fit because it differs from the others; ``region`` is the index of its region.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class Fit:
     parameters
         Fitted parameters, by name.
     groups, unhelpful
-        Fitted groups; and groups that were tried but did not lower the error of held-out patterns.
+        Fitted groups, and groups that were tried but did not lower the error of held-out patterns.
     chi_square
         Chi-square of the fitted patterns.
     held_out_error
@@ -109,7 +109,7 @@ class Fit:
         Quantities that were fixed to define the parameters.
     unidentified
         Combinations of parameters that this scan does not determine, and degeneracies with parameters that were tried
-        and stay fixed: fitting them too would greatly increase the uncertainty.
+        but are kept fixed, because fitting them as well would greatly increase the uncertainty.
     outliers
         Patterns that were excluded, with the reason.
     answers
@@ -121,7 +121,7 @@ class Fit:
     levels
         Gain and background of each plane; for planes without a pattern, the gain is interpolated.
     here
-        For a fit of several regions of the field, the quality in this one.
+        For a fit of several regions of the field, the quality in this region; otherwise None.
     """
 
     setup: Setup
@@ -181,7 +181,7 @@ class Fit:
         Raises
         ------
         InputError
-            For a position that was not measured.
+            If the position was not measured.
         """
         if (z, y, x) not in self.residuals:
             where = Position(z, y, x)
@@ -217,7 +217,7 @@ class Fit:
 
     @property
     def unseen_words(self) -> str:
-        """How H was found in planes without patterns, as one line; empty if there are none."""
+        """One line on how H was determined in planes without patterns; empty if there are none."""
         if not self.unseen:
             return ""
         planes = ", ".join(map(str, self.unseen))
@@ -278,7 +278,7 @@ class Fit:
         Raises
         ------
         InputError
-            If they belong to another scan, or their noise is unknown.
+            If the patterns belong to another scan, or their noise is unknown.
         """
         return (yield from iter_make(HybridPlanes(self.header, self, source, noise), workers=workers))
 

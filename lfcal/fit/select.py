@@ -41,7 +41,7 @@ class GroupSelection:
         self.samples = float((point.seen.inverse[aside] > 0).sum())
 
     def left(self, groups: Sequence[str]) -> float:
-        """Return chi-square of the held-out patterns after the best step of the groups' unknowns."""
+        """Return the chi-square of the held-out patterns after the best step of the groups' unknowns."""
         used = shared_of(self.problem, self.problem.vector.of_groups(groups))
         step = solve(self._matrix[np.ix_(used, used)], self._gradient[used])
         return self._aside.chi2 - self._aside.change(step, used)
@@ -81,7 +81,7 @@ def choose(
     """Return ``chosen`` plus the ``candidates`` that help in addition, the most helpful first.
 
     Each is tried by a linear fit about ``point``, with the derivatives ``columns`` by all of them. It must remove at
-    least the share ``least`` of the residual, because every group helps a little far from the best point.
+    least the fraction ``least`` of the residual, because every group helps a little far from the best point.
     """
     selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]

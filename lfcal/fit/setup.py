@@ -107,7 +107,7 @@ class Setup:
         return replace(planned, camera=self.camera)
 
     def effect(self, kind: type[E]) -> E | None:
-        """Return the effect of a kind, or None."""
+        """Return the effect of a kind; None if the setup has none."""
         return next((effect for effect in self.effects if type(effect) is kind), None)
 
     def with_effect(self, effect: Effect) -> Setup:
@@ -143,7 +143,7 @@ def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Se
     Raises
     ------
     InputError
-        For an effect that does not act on the light of a response.
+        If an effect does not act on the light of a response.
     """
     found = {effect.name: effect for effect in effects}
     found |= {effect.name: effect for effect in given}

@@ -64,9 +64,9 @@ def with_prior(problem: Problem, normal: Normal, u: F8) -> tuple[F8, F8]:
 def stepped(
     problem: Problem, point: Point, columns: Columns, which: Sequence[int], damping: float
 ) -> tuple[Point, float, float]:
-    """Return the first point better than ``point``, the next damping, and the improvement.
+    """Return the first point that is better than ``point``, the next damping, and the improvement.
 
-    Returns the same point and 0 if none is found.
+    If none is found, ``point`` and an improvement of 0 are returned.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, gradient = with_prior(problem, normal, point.u)
@@ -119,10 +119,11 @@ def descend(
     columns: Columns | None = None,
     record_round: RoundRecorder | None = None,
 ) -> Work[tuple[Point, Columns]]:
-    """Descend until a step gains less than the share ``enough`` of the loss, in at most ``most`` rounds.
+    """Return the point reached by descending until a step gains less than the fraction ``enough`` of the loss.
 
-    Only the unknowns ``which`` change. ``columns`` are known derivatives for the first round. Returns the point and
-    the last derivatives. Yields progress in derivatives, and the result of ``record_round`` at the end of a round.
+    At most ``most`` rounds are made, and only the unknowns ``which`` change. ``columns`` are known derivatives for the
+    first round. The last derivatives are also returned. Yields progress in derivatives, and the result of
+    ``record_round`` at the end of a round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):

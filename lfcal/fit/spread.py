@@ -15,8 +15,8 @@ def held_out_rows(
 ) -> NDArray[np.intp]:
     """Return the ``count`` positions of a plan, among ``(n, 3)``, that represent all others, to be held out.
 
-    A few positions far apart in the period may be a whole number of lenslets apart. Their patterns are then equal,
-    and test a model at only one place behind a lenslet. The chosen positions are therefore also far apart relative to
+    A few positions far apart in the period may be a whole number of lenslets apart. Their patterns are then equal, and
+    test a model at only one position behind a lenslet. The chosen positions are therefore also far apart relative to
     the lenslets.
     """
     cell = plan.camera.lattice.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um
@@ -30,11 +30,11 @@ def spread_out(
     earlier: NDArray[np.intp] | None = None,
     cell: NDArray[np.float64] | None = None,
 ) -> NDArray[np.intp]:
-    """Return the ``count`` positions among ``(n, 3)`` (z, y, x) that are farthest from each other; planes in turn.
+    """Return the ``count`` positions among ``(n, 3)`` (z, y, x) that are farthest from each other.
 
-    Each next one is the farthest from all that were taken, across the period's edges; planes have equal shares.
-    Positions ``earlier`` ``(m, 3)`` count as taken but are not returned. With the vectors ``(2, 2)`` of the array's
-    ``cell``, as (rows, columns) in pixels, they are far apart both in the period and behind their lenslets.
+    Planes are filled in turn. Each next position is the farthest from all those taken, measured across the period's
+    edges. Positions ``earlier`` ``(m, 3)`` count as taken but are not returned. With the vectors ``(2, 2)`` of the
+    array's ``cell``, as (rows, columns) in pixels, they are far apart both in the period and behind their lenslets.
     """
     there = np.zeros((0, 3), np.intp) if earlier is None else earlier
     planes: dict[int, _Plane] = {}

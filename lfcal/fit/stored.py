@@ -61,8 +61,8 @@ class StoredFit:
     depths_um, period, anchor
         Depths, period and anchor of the fitted scan.
     gains
-        Light of each plane in the units of the data ``(nz,)``; for planes without a pattern, interpolated between their
-        neighbours.
+        Light of each plane ``(nz,)`` in the units of the data; interpolated between neighbours for planes without a
+        pattern.
     error
         Stated relative error (L2) of the model.
     positions
@@ -111,12 +111,12 @@ class StoredFit:
         return replace(self.setup, stage_scale=self.stage_scale)
 
     def is_of(self, plan: ScanPlan) -> bool:
-        """Return whether a plan has the positions of the scan that was fitted."""
+        """Return whether a plan has the same positions as the scan that was fitted."""
         own, theirs = (self.anchor, self.period, self.depths_um), (plan.anchor, plan.period, plan.depths_um)
         return own == theirs
 
     def check(self, plan: ScanPlan) -> None:
-        """Raise `InputError` if a plan is not of the scan that was fitted; its cutout may differ."""
+        """Raise `InputError` if a plan is not that of the fitted scan; its cutout may differ."""
         have: dict[str, tuple[Any, Any]] = {
             "period": (self.period, plan.period),
             "depths (µm)": (self.depths_um, plan.depths_um),
@@ -219,7 +219,7 @@ def _position(at: Any) -> tuple[int, int, int]:
 
 
 class Filler:
-    """Fills the missing positions of planes that are being assembled.
+    """Source of values for the missing positions of planes that are being assembled.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Predict recorded points that were not fitted: error of each, and whether it grows towards the field's edges."""
+"""Prediction of recorded points that were not fitted: the error of each, and its growth towards the field's edges."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ class PointError:
     z, y, x
         Position in the scan of the point.
     place_px
-        Sensor (row, column) of the source's image.
+        Row and column on the sensor of the source's image.
     field
         Distance from the sensor's middle: 0 there, 1 at the edge.
     model
-        Error of the fitted camera's prediction at this place.
+        Relative error (L2) of the fitted camera's prediction at this position.
     periodic
-        The same for the prediction of H, which assumes that all periods are equal. None: the point is in the region
-        of H.
+        Relative error (L2) of the prediction by H, which assumes that all periods are equal. None: the point is in the
+        region of H.
     """
 
     z: int
@@ -199,7 +199,7 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     fit
         The fitted camera, or the contents of its folder (`lfcal.fit.stored.read_fit`).
     withheld
-        Patterns of the same scan that were not fitted, or of another scan, at other places of the field.
+        Patterns of the same scan that were not fitted, or of another scan elsewhere in the field.
     another
         Whether they come from another recording, so that patterns at fitted positions were not fitted either.
 
@@ -264,7 +264,7 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     Parameters
     ----------
     light
-        Object projected through H ``(rows, columns)``, in any unit: gain and background are fitted.
+        Object projected through H, ``(rows, columns)``, in any unit, because gain and background are fitted.
     frame
         Recorded frame, with its dark level subtracted.
     noise
@@ -334,7 +334,7 @@ def validation_outputs(folder: Path) -> tuple[Path, Path]:
 def iter_write_validation(
     fit: StoredFit, withheld: Measured, folder: Path, source: str, *, another: bool = False
 ) -> Work[Validation]:
-    """Return the same as `iter_validate`, and write it into the folder of the fit.
+    """Return the result of `iter_validate`, and write it into the folder of the fit.
 
     Numbers and picture are separate files, and the report gets a section with the picture. ``source`` names the
     recording.

@@ -1,4 +1,4 @@
-"""Patterns that the camera should give, computed for the apparent sources, cutouts and planes."""
+"""Patterns expected from the camera, computed for the apparent sources, cutouts and planes."""
 
 from __future__ import annotations
 

@@ -68,9 +68,9 @@ class Check:
     limit
         Largest error for a valid H (relative L2).
     stated
-        Error that H states itself (relative L2).
+        Error stated in H (relative L2).
     doubt
-        Error of its prediction for sources between its positions.
+        Error of the prediction by H for sources between its positions (relative L2).
     suspects
         Possible changes, the best explanation first.
     model_misfit
@@ -112,12 +112,12 @@ class Check:
 
     @property
     def explanations(self) -> tuple[Suspect, ...]:
-        """Changes that explain the frames, the best first: significant ones that matter compared with the limit."""
+        """Changes that explain the frames, the best first: those that are significant and matter at this limit."""
         return tuple(one for one in self.suspects if one.shows and one.error > 0.5 * self.limit)
 
     @property
     def answer(self) -> str:
-        """Whether H is valid, in words."""
+        """Text on whether H is valid."""
         return {True: "holds", False: "does not hold", None: "undecided"}[self.holds]
 
     @property
@@ -136,7 +136,7 @@ class Check:
 
     @property
     def known(self) -> str:
-        """Result for a verdict, in words; empty if the frames are not sufficient to decide."""
+        """Text of the result for a verdict; empty if the frames are not sufficient to decide."""
         return f"as the frames show it: error {self.figures}" if self.holds else ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -195,8 +195,8 @@ def iter_check(
 ) -> Work[Check]:
     """Return whether H is still valid, from new frames of point sources.
 
-    The place of each source is known or searched for. Its displacement between H's positions, gain and background are
-    fitted.
+    The position of each source is known or searched for. Gain, background and the displacement of the source between
+    the positions of H are fitted.
 
     Parameters
     ----------
@@ -206,8 +206,8 @@ def iter_check(
         A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or frames with facts about
         them.
     noise
-        Constant and slope of a sample's variance; None: from the frames, else from H, else from the frame's dark
-        pixels.
+        Constant and slope of a sample's variance; None: as stated by the frames or by H, or else measured on the
+        frame's dark pixels.
     limit
         Largest error (relative L2) for a valid H.
     suspects

@@ -141,7 +141,7 @@ class Comparison:
 
     @property
     def rms_shift_px(self) -> float:
-        """Root mean square of the centroid shifts (pixels); NaN if nothing was compared."""
+        """Rms of the centroid shifts (pixels); NaN if nothing was compared."""
         shifts = self._shifts()
         return float(np.sqrt(np.mean(shifts**2))) if shifts.size else math.nan
 
@@ -162,7 +162,7 @@ class Comparison:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was left out, and what does not match."""
+        """Notes on what was left out, and on what does not match."""
         swapped = [
             f"plane {one.planes[0]} of the first matches plane {one.like} of the second better: are depths swapped?"
             for one in self.planes
@@ -175,7 +175,7 @@ class Comparison:
         return (*self.pair.notes, *swapped)
 
     def worst(self, count: int = 6) -> list[tuple[int, int, int]]:
-        """Return the positions (k, y, x) that differ most, the worst first; k counts the compared planes."""
+        """Return the positions (k, y, x) that differ most, the worst first; k is the index of the compared plane."""
         known = np.where(np.isfinite(self.error), self.error, -np.inf)
         order = np.argsort(known, axis=None, kind="stable")[::-1][:count]
         found = [tuple(int(v) for v in np.unravel_index(at, known.shape)) for at in order]
@@ -212,11 +212,11 @@ def iter_compare(
     by_index: bool = False,
     workers: int | None = None,
 ) -> Work[Comparison]:
-    """Compare two H; a few rows of positions of each are in memory at a time.
+    """Return the comparison of two H, of which only a few rows of positions are in memory at a time.
 
     The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them.
-    For this, b is shifted with its Fourier series, and the residual is fitted by least squares with its slopes and
-    the scale.
+    For the refinement, b is shifted with its Fourier series, and the residual is fitted by least squares with the
+    derivatives of b and the scale.
 
     Parameters
     ----------

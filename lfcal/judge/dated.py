@@ -73,7 +73,7 @@ class DatedFit:
 
     @property
     def verdict(self) -> str:
-        """Whether the model was complete, in words."""
+        """Text on whether the model was complete."""
         return "the model is complete" if self.complete else "the model is incomplete"
 
 
@@ -103,9 +103,9 @@ def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
     Raises
     ------
     FileFormatError
-        If its files are damaged, or not those of a fit.
+        If the files are damaged, or are not those of a fit.
     StorageError
-        If they cannot be read.
+        If the files cannot be read.
     """
     place = Path(folder)
     path = place / FIT
@@ -175,7 +175,7 @@ class MetricValue:
 
 @dataclass(frozen=True, slots=True)
 class MetricScale:
-    """Scale of a metric: title, unit, and where values are good and bad."""
+    """Scale of a metric: its title, its unit, and the limits of good and bad values."""
 
     title: str
     unit: str
@@ -218,7 +218,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
     Raises
     ------
     FileFormatError
-        If it is another file, or damaged.
+        If the file is not such a result, or is damaged.
     StorageError
         If it cannot be read.
     """
@@ -245,7 +245,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
 
 
 def inspection_of(report: QualityReport, label: str, when: datetime) -> DatedInspection:
-    """Return an inspection that was just made of a file with the time ``when``."""
+    """Return the entry of a series for a new inspection of a file with the time ``when``."""
     return _inspection(label, when, False, report.to_dict(), None)
 
 

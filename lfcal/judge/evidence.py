@@ -59,7 +59,7 @@ class Unlike:
     Attributes
     ----------
     reason
-        Reason in words.
+        Reason as text.
     stated
         Whether a camera is stated but does not explain the patterns.
     camera
@@ -154,8 +154,8 @@ class Evidence:
     def extent(self, which: NDArray[np.intp]) -> float:
         """Return the fraction of all positions that are like the patterns ``which`` (indices).
 
-        It is estimated from evenly spread patterns, if there are more among them than by chance; it is at least the
-        share that was found.
+        It is estimated from evenly spread patterns, if more of them are affected than by chance; it is at least the
+        fraction that was found.
         """
         even = np.flatnonzero(~self.asked)
         hits = int(np.isin(even, which).sum())
@@ -179,7 +179,7 @@ class Evidence:
 
     @cached_property
     def light(self) -> F4:
-        """Patterns that the camera should give, with the gain of each pattern ``(n, nt, ns)``."""
+        """Patterns expected from the camera, with the gain of each pattern ``(n, nt, ns)``."""
         return self.model * self.values[:, 0, None, None].astype(np.float32)
 
     @cached_property
@@ -215,7 +215,7 @@ class Evidence:
 
     @cached_property
     def alike(self) -> F8:
-        """Correlation of each pattern with the model at its place ``(n,)``."""
+        """Correlation ``(n,)`` of each pattern with the model at its position."""
         return correlation(np.where(self.valid, self.model, np.float32(0)), self.data)
 
     @cached_property
@@ -240,7 +240,7 @@ class Evidence:
         return found if found.mean() < SOME else np.zeros_like(found)
 
     def beyond(self, column: F4) -> tuple[F8, F8]:
-        """Return how much of one more column ``(n, nt, ns)`` each pattern contains, and its sigma ``(n,)``.
+        """Return the amount of one more column ``(n, nt, ns)`` in each pattern, and its standard deviation ``(n,)``.
 
         The part that the fitted columns explain is not included; sigma is infinite if nothing remains.
         """
@@ -281,7 +281,7 @@ class Evidence:
     def followed(self, values: F8 | None = None) -> Evidence:
         """Return the evidence with models computed at the apparent positions of the patterns, given by ``values``.
 
-        Returns itself if these are close to the positions at which models were computed.
+        If these are close to the positions at which models were computed, this evidence is returned.
         """
         planes = self.index[:, 0]
         moved = self.starts.nearer(self.values if values is None else values, planes)
@@ -403,7 +403,7 @@ def iter_evidence(
     suspected: NDArray[np.intp] | None = None,
     more_suspected: int = 0,
 ) -> Work[Evidence | Unlike]:
-    """Compare patterns of H with its camera; without one, or if it does not explain H, return the reason.
+    """Return a comparison of patterns of H with its camera, or the reason why they cannot be compared.
 
     The choice of patterns depends only on H, never on computing time.
 
@@ -412,7 +412,7 @@ def iter_evidence(
     matrix
         H.
     setup
-        The camera found by a fit; None: that of H.
+        Setup with the camera found by a fit; None: the camera of H.
     patterns
         Number of evenly spread patterns to compare; fewer if H has fewer, or if they are very large.
     suspected

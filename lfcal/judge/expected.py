@@ -1,4 +1,4 @@
-"""Predict the pattern of a source between positions of H, by the camera if it explains H, else by neighbours."""
+"""Prediction of the pattern of a source between positions of H: by the camera if it explains H, else by neighbours."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ EDGE = 2
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """The camera of an H.
+    """The camera of an H, with the fraction of H that it does not explain.
 
     Attributes
     ----------
     setup, plan
         Camera with effects and depths, and the positions of H.
     misfit
-        Fraction of the light of H that it leaves unexplained (relative L2).
+        Fraction of the light of H that the camera leaves unexplained (relative L2).
     """
 
     setup: Setup
@@ -48,7 +48,7 @@ class Behind:
 
     @property
     def explains(self) -> bool:
-        """Whether it can predict changes of H."""
+        """Whether the camera can predict changes of H."""
         return self.misfit < EXPLAINS
 
 

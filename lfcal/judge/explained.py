@@ -146,7 +146,7 @@ class Disagreement:
     Attributes
     ----------
     reason
-        Reason in words.
+        Reason as text.
     misfit, correlation
         Fraction of the light that the camera does not explain, and median correlation of the patterns with its
         predictions; None: not measured.
@@ -178,12 +178,12 @@ class Disagreement:
 
     @property
     def sentence(self) -> str:
-        """What disagrees, in words."""
+        """Sentence on what disagrees."""
         return f"{self.reason if self.explanation is None else self.explanation.sentence}."
 
     @property
     def advice(self) -> str:
-        """What to do about the disagreement."""
+        """Sentence on what to do about the disagreement."""
         if self.explanation is not None:
             return self.explanation.advice
         if self.misfit is None and self.correlation is None:  # nothing was computed
@@ -212,7 +212,7 @@ class _Few:
 
     @property
     def last(self) -> NDArray[np.bool_]:
-        """The patterns ``(n,)`` of the last plane, which are enough for a first choice; all are compared later."""
+        """Mask ``(n,)`` of the patterns of the last plane, which suffice for a first choice; all are compared later."""
         found: NDArray[np.bool_] = self.index[:, 0] == self.index[-1, 0]
         return found
 
@@ -241,12 +241,12 @@ def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_F
 
 # -- orientation -------------------------------------------------------------------------------------------
 def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = None) -> Work[Explanation | None]:
-    """Return the change that makes the patterns match their camera: orientation, displaced lines or place; or None.
+    """Return the change (orientation, displaced lines, or position) that makes patterns match their camera, or None.
 
     Parameters
     ----------
     matrix, known
-        H, and the camera behind it.
+        H, and its camera.
     misfit
         Fraction of the light of other patterns that the description leaves unexplained, if known.
     """

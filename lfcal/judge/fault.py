@@ -43,7 +43,7 @@ class FaultPicture:
     values, unit
         Values to draw, and their unit.
     title
-        Title in words.
+        Title of the plot or map.
     axes
         Names of the axes: rows and columns of a map, abscissa of a curve.
     across
@@ -79,7 +79,7 @@ class FoundFault:
     fault
         The kind of the fault.
     detail
-        Details, with numbers and units.
+        Details of the fault, with numbers and units.
     sigmas
         Significance relative to the rest of H, in standard deviations.
     share
@@ -89,7 +89,7 @@ class FoundFault:
     pixels
         Affected pixels of the sensor (row, column) ``(n, 2)``, relative to H's first cutout.
     picture
-        Picture of the evidence.
+        Evidence of the fault for drawing; None: there is none.
     repair
         Function that removes the fault from patterns; None: only a new recording helps.
     blinds
@@ -143,12 +143,12 @@ class FoundFault:
 
     @property
     def title(self) -> str:
-        """The fault in words."""
+        """Display name of the fault."""
         return self.fault.title
 
     @property
     def confidence(self) -> float:
-        """Probability (0 to 1) that it is not due to chance, for Gaussian noise and all places examined."""
+        """Probability (0 to 1) that the fault is not due to chance, for Gaussian noise and all positions examined."""
         return max(0.0, 1.0 - 1e4 * math.erfc(self.sigmas / math.sqrt(2)))
 
 
@@ -162,16 +162,16 @@ class Fault:
     subject
         Subject, one of `lfcal.base.SUBJECTS`.
     settles
-        Keys of model-free metrics that measure the same less reliably, and that this finding replaces.
+        Keys of model-free metrics that measure the same fault less reliably, and that this fault replaces.
     explains
-        Names of faults that are not searched for if this one is found, because its traces look like theirs.
+        Names of faults that are not searched for if this one is found, because its effects look like theirs.
     needs_camera
         Whether its detection needs a camera that explains the patterns.
     rank
-        Order of the search: a fault that is found is removed before the next.
+        Order of the search; a fault that is found is removed before the next one is searched for.
     strong_rank
-        Earlier place in that order at which it is also searched for, and counts if it explains most of the residual,
-        because other faults would be reported instead. None: no earlier place.
+        Earlier rank at which the fault is also searched for; it is reported if it explains most of the residual,
+        because other faults would otherwise be reported instead. None: it is searched for only once.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Inspect an H: comparison with the model of its camera, if there is one, and metrics that need no camera."""
+"""Inspection of an H: metrics that need no camera, and a comparison with the model of its camera, if it has one."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Inspection:
     clean
         Error of a reconstruction due to the noise of H alone (NRMSE); None: not measured.
     as_it_is
-        The same for the H itself, with its faults.
+        Error of a reconstruction due to noise and faults of the H (NRMSE); None: not measured.
     disagreement
         Disagreement of the stated camera with H, if any: such an H is never good.
     unfinished
@@ -114,7 +114,7 @@ class Inspection:
     unfinished: str = ""
 
     def settled(self, metric: Metric) -> FoundFault | None:
-        """Return the fault that explains and replaces a metric, or None."""
+        """Return the fault that explains and replaces a metric; None if there is none."""
         return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
@@ -124,12 +124,12 @@ class Inspection:
 
     @property
     def doubts(self) -> tuple[Metric, ...]:
-        """The metrics that are not good, that no fault explains, and that the comparison does not refute."""
+        """The metrics that are not good, are not explained by a fault, and are not refuted by the comparison."""
         return tuple(m for m in self.standing if m.merit in ("bad", "fair"))
 
     @property
     def standing(self) -> tuple[Metric, ...]:
-        """The metrics that count: those that no fault explains and that the comparison does not refute."""
+        """The metrics that count: those that are not explained by a fault and not refuted by the comparison."""
         return tuple(m for m in self.quality.metrics if self.settled(m) is None and not self.withdrawn(m))
 
     @property
@@ -154,12 +154,12 @@ class Inspection:
 
     @property
     def verdict(self) -> str:
-        """Faults of H with place, cost and remedy, and the remaining findings."""
+        """Verdict that states the faults of H with position, cost and remedy, and the remaining findings."""
         return self.judgement.verdict
 
     @property
     def known(self) -> str:
-        """Positive results about H in words; empty if there are none."""
+        """Text on positive results about H; empty if there are none."""
         good = sum(m.merit == "good" for m in self.quality.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}"
         if self.compared or self.faults:
@@ -234,12 +234,12 @@ class Inspection:
 
 
 def is_bad(finding: FoundFault) -> bool:
-    """Return whether a fault makes H unusable, by its cost, or else by its share of the light."""
+    """Return whether a fault makes H unusable, by its cost, or else by the fraction of light that it changes."""
     return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
 
 
 def is_fair(finding: FoundFault) -> bool:
-    """Return whether a fault deserves a look, by its cost, or else by its share of the light."""
+    """Return whether a fault is worth examining, by its cost, or else by the fraction of light that it changes."""
     return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
 
 
@@ -263,7 +263,7 @@ def iter_inspection(
     seconds: float = LIMIT_S,
     patterns: int = PATTERNS,
 ) -> Work[Inspection]:
-    """Compare H with its camera, and name the faults that explain the differences.
+    """Return the inspection of H: its metrics, and the faults that explain its differences from its camera.
 
     The work is determined by H and ``patterns``, so the verdict is the same on every machine.
 
@@ -276,7 +276,7 @@ def iter_inspection(
     setup
         The camera found by a fit; None: the camera described in H.
     seconds
-        Time limit of the comparison (s). If it is reached, the verdict is "not fully judged".
+        Time limit of the comparison (s). If it is reached, the verdict states that H was not fully examined.
     patterns
         Number of patterns that are compared, in addition to those that metrics find unusual.
 

@@ -19,7 +19,7 @@ __all__ = ["ObjectPlace", "nearest", "object_error"]
 
 @dataclass(frozen=True, eq=False)
 class ObjectPlace:
-    """Place where an H is valid.
+    """A region of the sensor where an H is valid.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class ObjectPlace:
 
     @classmethod
     def of(cls, fit: StoredFit) -> ObjectPlace:
-        """Return the place of the H in a fit's folder.
+        """Return the region of the H in a fit's folder.
 
         Raises
         ------
@@ -52,7 +52,7 @@ class ObjectPlace:
 
 
 def nearest(places: Sequence[ObjectPlace], shape: tuple[int, int], origin: tuple[float, float]) -> NDArray[np.intp]:
-    """Return for each pixel ``(rows, columns)`` of a frame the index of the nearest place.
+    """Return the index of the nearest region for each pixel of a frame, ``(rows, columns)``.
 
     ``origin`` is the frame's first pixel (row, column) on the sensor.
     """
@@ -69,7 +69,7 @@ def object_error(
     given: tuple[float, float] | None,
     workers: int | None,
 ) -> Compared:
-    """Compare a known object's frame with its prediction, in which each point of the object uses the nearest H.
+    """Return a comparison of the frame of a known object with its prediction by the H nearest to each point.
 
     Periods are assumed to be equal only between a point and the nearest region.
     """

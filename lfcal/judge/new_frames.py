@@ -1,4 +1,4 @@
-"""Open new frames of point sources, with the places of their sources if known, to check an old H."""
+"""New frames of point sources for checking an old H, with the positions of their sources if known."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ def new_frames(
     matrix
         The old H.
     view
-        Frames in whole pixels of the sensor, upright.
+        Upright frames in whole pixels of the sensor.
     source
         Name for messages.
     plan
-        Plan of their scan; None: each is a single file, whose name may state the place of its source.
+        Plan of their scan; None: each frame is a single file, whose name may state the position of its source.
     most
         Largest number of frames, spread evenly; 0: all.
 
     Raises
     ------
     InputError
-        If they belong to another sensor, or have depths that H does not have.
+        If the frames belong to another sensor, or have depths that H does not have.
     """
     _check_grid(matrix, view, plan or plan_of(matrix), source)
     if plan is None:
@@ -98,7 +98,7 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
 def new_frame(
     view: FrameSource, k: int, label: str, place: tuple[float, float] | None = None, plane: int | None = None
 ) -> NewFrame:
-    """Return frame ``k`` of a corrected view, with its noise if known, and with the place of its source."""
+    """Return frame ``k`` of a corrected view, with its noise if known, and with the position of its source."""
     samples = view.samples(k)
     noise = None
     if samples.noise is not None:

@@ -1,4 +1,4 @@
-"""Find the parts of two H that can be compared (planes, positions and pixels), and what is left out."""
+"""Parts of two H that can be compared (planes, positions and pixels), and notes on what is left out."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Pair:
     cutout
         Common pixels ``(nt, ns)`` about the source.
     notes
-        What is left out, and the reason.
+        Notes on what is left out, with the reason.
     """
 
     a: PSFMatrix
@@ -48,11 +48,11 @@ class Pair:
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """Number of compared planes, positions and pixels."""
+        """Shape ``(nz, ny, nx, nt, ns)`` of the compared parts."""
         return (len(self.planes), *self.a.period, *self.cutout)
 
     def there(self, k: int) -> NDArray[np.bool_]:
-        """Return which positions ``(ny, nx)`` of the pair of planes ``k`` exist in both."""
+        """Return a mask ``(ny, nx)`` of the positions in pair ``k`` of planes that exist in both H."""
         za, zb = self.planes[k]
         ours = np.asarray(self.a.recorded[za]) > 0
         theirs = np.asarray(self.b.recorded[zb]) > 0

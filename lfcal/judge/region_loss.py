@@ -52,7 +52,7 @@ class RegionLoss:
         return float(np.nanmax(self.losses))
 
     def to_dict(self) -> dict[str, object]:
-        """Return the numbers of each region."""
+        """Return the numbers of each region as plain JSON types."""
         rows = zip(self.names, self.anchors.tolist(), self.losses.tolist(), self.shift_px.tolist(), strict=True)
         regions = [{"region": n, "anchor": a, "loss": e, "shift_px": s} for n, a, e, s in rows]
         return {"worst": self.worst, "regions": regions}

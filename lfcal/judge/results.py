@@ -91,7 +91,7 @@ class StoredResult:
     verdict, merit
         Stated verdict and merit; empty and ``"unknown"`` if there are none.
     problem
-        Why it cannot be read; empty if it can.
+        Reason why it cannot be read; empty if it can.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class ResultList:
     results
         The results, newest first.
     notes
-        What could not be searched, one line each.
+        Notes on what could not be searched, one line each.
     """
 
     results: tuple[StoredResult, ...]

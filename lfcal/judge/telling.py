@@ -1,4 +1,4 @@
-"""Describe an inspection for users: costs and comparisons in words, and pictures of faults."""
+"""Descriptions of an inspection for users: costs and comparisons as text, and plots of faults."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["compared_words", "cost_words", "draw_picture", "drawn"]
 
 
 def cost_words(inspection: Inspection, finding: FoundFault) -> str:
-    """Return the effect of a fault on the error of a reconstruction: from noise alone to noise with the fault."""
+    """Return a text with the reconstruction error due to noise alone, and to noise and a fault together."""
     if finding.cost is None or inspection.clean is None:
         return "not measured"
     return f"{inspection.clean:.3f} → {math.hypot(inspection.clean, finding.cost):.3f}"
 
 
 def scene_words(inspection: Inspection) -> str:
-    """Return the reconstruction errors with H as it is and without its faults, in words; empty if not measured."""
+    """Return a text with the reconstruction errors for H as it is and without its faults; empty if not measured."""
     if inspection.clean is None or inspection.as_it_is is None:
         return ""
     return (
@@ -36,7 +36,7 @@ def scene_words(inspection: Inspection) -> str:
 
 
 def compared_words(inspection: Inspection) -> str:
-    """Return in words how many patterns were compared with the camera, or why none were."""
+    """Return a text on the number of patterns compared with the camera, or the reason why none were."""
     if not inspection.compared:
         weaker = "the metrics below are less sensitive than a comparison"
         if inspection.faults:
@@ -52,7 +52,7 @@ def compared_words(inspection: Inspection) -> str:
 
 
 def draw_picture(axes: Axes, picture: FaultPicture) -> None:
-    """Draw a picture of a fault: a map or a curve."""
+    """Draw the evidence of a fault: a map or a curve."""
     values = np.asarray(picture.values, float)
     if values.ndim == 2:
         (rows, columns), (top, left) = picture.axes, picture.origin
@@ -68,7 +68,7 @@ def draw_picture(axes: Axes, picture: FaultPicture) -> None:
 
 
 def drawn(picture: FaultPicture) -> bytes:
-    """Return the picture of a fault as PNG."""
+    """Return the plot of a fault's evidence as PNG."""
     out = io.BytesIO()
     with figure(5.2, 3.4) as fig:
         draw_picture(fig.add_subplot(), picture)

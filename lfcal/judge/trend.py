@@ -51,7 +51,7 @@ class CoursePoint:
     value, sigma
         The value and its standard deviation (NaN: unknown).
     merit
-        Its merit for an H; unknown for parameters of a camera.
+        Merit of the value for an H; unknown for parameters of a camera.
     compared
         Whether it can be compared with the newest value.
     """
@@ -74,7 +74,7 @@ class Jump:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """One value over all sessions: a parameter of the camera, a metric of H, or a fault's share of the light.
+    """One value over all sessions: a parameter of the camera, a metric of H, or the light changed by a fault.
 
     Attributes
     ----------
@@ -89,8 +89,8 @@ class Course:
     span_s
         Time from the first compared value to the last (s); NaN for fewer than two.
     per_month, per_month_sigma
-        Slope of the line through these, and its standard deviation if known; NaN for fewer than two values, or within
-        `SHORTEST_S`.
+        Slope of the line through the compared values, and its standard deviation if known; NaN for fewer than two
+        values, or within `SHORTEST_S`.
     change, change_sigmas
         Change from the oldest to the newest value, absolute and in standard deviations of both; NaN if unknown.
     jumps
@@ -122,7 +122,7 @@ class Course:
 
     @property
     def notable(self) -> bool:
-        """Whether it is not good in any session."""
+        """Whether the value is not good in at least one session."""
         return any(one is not None and one.merit != "good" for one in self.points)
 
     def to_dict(self) -> dict[str, object]:
@@ -163,7 +163,7 @@ class Trend:
 
     @property
     def worse(self) -> tuple[Course, ...]:
-        """What has moved, or got worse with the newest session."""
+        """Parameters that have changed, or metrics and faults that got worse in the newest session."""
         return tuple(one for one in self.courses if one.worse)
 
     def to_dict(self) -> dict[str, object]:
@@ -219,7 +219,7 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
 
     Parameters of fits are compared only if they have the same meaning. They must be fitted with the same groups of
     unknowns as in the newest fit, and from the same planned depths if they are relative to these. Offsets are relative
-    to each fit's description, so the place of the array at the scanned region's middle is compared instead.
+    to each fit's description, so the position of the array at the middle of the scanned region is compared instead.
 
     Parameters
     ----------

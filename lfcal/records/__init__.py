@@ -1,11 +1,11 @@
 """Settings that users give. Each field is declared once with its help, unit, range and choices.
 
-- ``option``: declaring, reading, checking and storing a field
+- ``option``: declaration, reading, checks and storage of a field
 - ``reading``: parsing of values from text, the same for every command, form and job file
 - ``corrections``: the corrections applied to frames
-- ``assembly``: how frames become H, and how H is stored
+- ``assembly``: assembly of frames to H, and storage of H
 - ``solvers``: settings of each solver of volumes
-- ``light_fields``: how frames are resampled to H and projected, and how voxels are placed
+- ``light_fields``: resampling of frames to H, projection, and the grid of voxels
 """
 
 from typing import TYPE_CHECKING

@@ -73,13 +73,13 @@ class Opt:
     above, below, at_least, at_most
         Range of a number.
     flag, short
-        Option of the command line (by default ``--`` and the name), and its one-letter form.
+        Command-line option (by default ``--`` and the name), and its one-letter form.
     argument
         Whether the command takes it as a positional argument.
     more
-        Whether it is advanced: it comes last in ``--help`` and is folded in forms.
+        Whether the field is advanced: it is listed last in ``--help`` and collapsed in forms.
     empty
-        What applies if the field is not set, in words.
+        Text on what applies if the field is not set.
     read, show
         Functions for a value that is not of a plain type: ``read`` parses a text, and ``show`` returns a value as
         text. Without ``show``, the values of a tuple are given and parsed separately.
@@ -123,12 +123,12 @@ class Opt:
 
     @property
     def range_words(self) -> str:
-        """The range in words: ``> 0, < 1``; empty: none."""
+        """The range as text, such as ``> 0, < 1``; empty if there is none."""
         signs = {"above": ">", "at_least": "≥", "below": "<", "at_most": "≤"}
         return ", ".join(f"{signs[name]} {self.bounds[name]:g}" for name in signs if name in self.bounds)
 
     def described(self, default: str = "") -> str:
-        """Return the help with unit, range, choices and the default in words."""
+        """Return the help text with unit, range, choices and default."""
         choices = ", ".join(self.choices) if isinstance(self.choices, tuple) else ""
         notes = [part for part in (self.unit, self.range_words, choices, default and f"default: {default}") if part]
         return self.help + (f" ({'; '.join(notes)})" if notes else "")
@@ -162,8 +162,8 @@ class Variants:
     by
         The field that states the kind. Every kind has it; its default is the name of that kind.
     find
-        Function that returns the kind for a name, which may be none of ``kinds``; raises `InputError` for unknown
-        names.
+        Function that returns the kind for a name, which may be one that is not in ``kinds``; it raises `InputError`
+        for unknown names.
     names
         Function that returns the names of all kinds.
     """
@@ -220,7 +220,7 @@ class FieldRow:
     default
         Default; `dataclasses.MISSING` if there is none.
     opt
-        Its help, label, unit, range and choices.
+        Help, label, unit, range and choices of the field.
     panel
         Heading above it in forms; empty for the outermost record.
     variants, only
@@ -313,7 +313,7 @@ class FieldRow:
         Raises
         ------
         InputError
-            If it cannot be parsed or is not allowed.
+            If the text cannot be parsed, or its value is not allowed.
         """
         found = self._value(given, called)
         self.check(found, called)
@@ -425,7 +425,7 @@ def described_by(kind: type) -> Callable[[F], F]:
 
 
 def rows_of(whole: Any) -> tuple[FieldRow, ...]:
-    """Return the fields of a record; for a nested record of several kinds, those of its present kind."""
+    """Return the fields of a record; for a nested record of several kinds, those of its current kind."""
     return tuple(row for row in rows(type(whole)) if row.variants is None or _has(whole, row))
 
 
@@ -473,8 +473,8 @@ def check_record(whole: Any) -> None:
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
     """Raise `InputError` for the first value that has no effect because another field is not set.
 
-    ``values`` are by field name. A value equal to its default counts as not given, unless its kind of record does not
-    have the field.
+    ``values`` maps field names to values. A value equal to its default counts as not given, unless its kind of record
+    does not have the field.
     """
     paths = {row.path: row for row in known}
     for row in known:
@@ -534,7 +534,7 @@ def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
     Raises
     ------
     InputError
-        For an unknown entry, or a value that is not allowed.
+        If an entry is unknown, or a value is not allowed.
     """
     return from_flat(kind, flat(rows(kind), data, what or kind.__name__))
 

@@ -94,7 +94,7 @@ def show_pair(value: Any) -> str:
 
 
 def read_share(text: str) -> float:
-    """Return the share, at most 1, in ``"0.03"`` or ``"3%"``."""
+    """Return the fraction, at most 1, in ``"0.03"`` or ``"3%"``."""
     found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
     if found is None:
         raise InputError.expected("share", "a number, or percent", repr(text), "for example 0.03 or 3%")
@@ -102,7 +102,7 @@ def read_share(text: str) -> float:
 
 
 def show_share(value: float) -> str:
-    """Return a share in per cent, as a text that `read_share` parses to exactly the same number."""
+    """Return a fraction as text in per cent, which `read_share` parses to exactly the same number."""
     percent = f"{show_planes((_times_ten(repr(float(value)), 2),))} %"
     return percent if read_share(percent) == value else repr(value)
 
@@ -114,7 +114,7 @@ def _times_ten(number: str, power: int) -> float:
 
 
 def read_length_um(text: str) -> float:
-    """Return a length in µm from a text with a unit, or with a bare number of µm."""
+    """Return a length in µm from a text with a unit, or from a number of µm without a unit."""
     found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
     if found is None:
         raise InputError.expected("length", "a number with nm, um or mm", repr(text), "for example 250 um or 1.5 mm")

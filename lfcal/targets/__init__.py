@@ -11,10 +11,10 @@ lenslet array. The steps of using a target, and their modules:
    phases), ``expected`` (error due to noise), ``plan`` (`TargetPlan`, a separate file that contains the scan),
    ``facts`` (contents and cost of its frames).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
-      For a target with switched points: ``display`` (plans for its pixels), ``subsets`` (frames that may be shown
-      together), ``coded`` (the image of each frame alone, decoded from frames that show several).
-   5. Find its holes in a frame: ``_spots`` (points of light), ``finding`` (places on a lattice, and the label of each
-      hole), ``_pose_fit`` (pose, pitch, distortion), ``_mistakes`` (deviations from the description).
+5. Switch its points, if it is a display: ``display`` (plans for its pixels), ``subsets`` (frames that may be shown
+   together), ``coded`` (the image of each frame alone, decoded from frames that show several).
+6. Find its holes in a frame: ``_spots`` (points of light), ``finding`` (positions on a lattice, and the label of each
+   hole), ``_pose_fit`` (pose, pitch, distortion), ``_mistakes`` (deviations from the description).
 
 A `TargetPlan` contains a scan plan, and shows its positions with a target. See docs/targets.md.
 """

@@ -1,4 +1,4 @@
-"""Supervise, stop and finish a recording of any kind of plan."""
+"""Supervision, stop and completion of a recording of any kind of plan."""
 
 from __future__ import annotations
 

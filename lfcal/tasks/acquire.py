@@ -70,7 +70,7 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
 class PlannedSession(TaskResult):
     """Forecast cost of a recording into the folder ``out``, by a dry run that moves and writes nothing.
 
-    ``assumed`` lists the assumed values of the camera. ``optics`` says how the simulator computes frames.
+    ``assumed`` lists the assumed values of the camera. ``optics`` states how the simulator computes frames.
     """
 
     out: Path
@@ -89,7 +89,7 @@ class PlannedSession(TaskResult):
 class RecordedSession(TaskResult):
     """A recorded session, complete or stopped by the signal ``ended_by``.
 
-    ``facts`` contains observations and products by name. ``adapted`` says why a session ended that records until H
+    ``facts`` contains observations and products by name. ``adapted`` states why a session ended that records until H
     reaches a target error. ``error`` is an error that occurred after the last frame, when the recording was complete.
     """
 

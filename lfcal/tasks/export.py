@@ -250,7 +250,7 @@ class ExportTiff(_ExportView):
     allow_missing: bool = _missing()
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; the size of H decides how many are written."""
+        """Return the files of the task, whose number depends on the size of H."""
         if way != "out":
             return super().files(way)
         from lfcal.psf import export_files

@@ -137,7 +137,7 @@ class _Fit(Task):
 
     @property
     def told(self) -> dict[str, Any]:
-        """The entries about this task in the provenance of all that it writes."""
+        """The entries on this task in the provenance of every file that it writes."""
         return {"task": self.to_dict(absolute=True, outputs=False)}
 
     def starting(self, plan: ScanPlan) -> tuple[Effect, ...] | None:
@@ -233,7 +233,7 @@ class FitMatrix(_Fit):
         return tuple(fit_outputs(self.out) if len(self.sources) == 1 else field_outputs(self.out, self._names))
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return each H that is computed in units; if some of several were begun, only those."""
+        """Return each H that is computed in units; if only some of several were begun, these."""
         from lfcal.work import parts_folder
 
         if self.hybrid or not self.write_h:
@@ -302,7 +302,7 @@ class FitMatrix(_Fit):
     def iter_write(
         self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Write the result of `iter_fit` into its folder; ``choice`` says whether H is computed in units, and how."""
+        """Write the result of `iter_fit` into its folder; ``choice`` states whether H is computed in units, and how."""
         from lfcal.fit import iter_write_fit
 
         self._check_folder()

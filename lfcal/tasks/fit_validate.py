@@ -28,7 +28,7 @@ __all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated"]
 
 @dataclass(frozen=True, kw_only=True)
 class Validated(TaskResult):
-    """How well a fit predicts points that were not fitted.
+    """Errors of a fit's predictions for points that were not fitted.
 
     ``name`` is the name of the region, or of the other recording; it is empty for a fit of one region.
     """

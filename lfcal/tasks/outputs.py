@@ -18,16 +18,16 @@ __all__ = ["check_output", "check_outputs"]
 
 
 def check_output(out: Path | None, *inputs: Path | str | None, force: bool) -> None:
-    """Raise unless ``out`` can be written, is none of ``inputs``, and does not exist (or ``force`` is set).
+    """Raise an error unless ``out`` can be written, is not one of ``inputs``, and does not exist (or ``force`` is set).
 
     ``inputs`` are files, folders of frames, sessions, or names that are not paths (presets). None means no output.
 
     Raises
     ------
     InputError
-        If it is an input, or exists without ``force``.
+        If ``out`` is an input, or exists and ``force`` is not set.
     StorageError
-        If it cannot be written.
+        If ``out`` cannot be written.
     """
     check_outputs([out], *inputs, force=force)
 

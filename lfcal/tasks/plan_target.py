@@ -36,7 +36,8 @@ def _is_file(source: str) -> bool:
 class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
-    ``verdict`` says whether showing several frames together, in a code, reduces noise; None: there are too few frames.
+    ``verdict`` states whether showing several frames together, in a code, reduces noise; None: there are too few
+    frames.
     """
 
     plan: TargetPlan
@@ -123,7 +124,7 @@ class _PlanTarget(PlanTask):
         Raises
         ------
         InputError
-            If they do not fit on the sensor.
+            If the regions do not fit on the sensor.
         """
         from lfcal.camera import RegionPlan, parse_regions
 

@@ -107,7 +107,7 @@ class SimulatedH(SimulationForecast):
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """Accuracy of the planes in words. Effects that are omitted are estimated, the computation is checked."""
+        """Text on the accuracy of the planes. Omitted effects are estimated, and the computation is checked."""
         lowest, highest = 100 * min(self.errors), 100 * max(self.errors)
         error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
         what = "with that of storage" if self.stored is not None else "of omitted effects and of the computation"

@@ -55,7 +55,7 @@ def opened_target(
 
 
 def left_words(left: int, count: int, plan: TargetPlan) -> str:
-    """Return a message with the number of points that show no position, and why they are not resampled to one."""
+    """Return a message with the number of points that show no position, and the reason why they are not resampled."""
     from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"

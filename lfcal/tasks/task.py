@@ -99,7 +99,7 @@ class TaskResult:
 
     @property
     def failed(self) -> bool:
-        """Whether the task answers a question with no; its command then ends with exit code 1."""
+        """Whether the answer of the task is negative; its command then ends with exit code 1."""
         return False
 
     def exit_code(self) -> int:
@@ -217,7 +217,7 @@ class TaskSet:
         Raises
         ------
         InputError
-            For a field that this kind of task does not have, or a required field without a value.
+            If this kind of task does not have a field, or a required field has no value.
         """
         for row in rows(self.kinds[0]):
             # the choice of the kind may depend on these
@@ -231,7 +231,7 @@ class TaskSet:
         return from_flat(kind, given)
 
     def refuse(self, kind: type[Task], given: Iterable[str], called: Callable[[str], str] = str) -> None:
-        """Raise `InputError` for the first name that is no field of ``kind``."""
+        """Raise `InputError` for the first name that is not a field of ``kind``."""
         known = {row.name for row in rows(kind)}
         for name in given:
             if name not in known:

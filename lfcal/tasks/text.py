@@ -147,7 +147,7 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
     Raises
     ------
     InputError, FileFormatError
-        If it names no task, or has entries or values that the task does not allow.
+        If the job names no task, or has entries or values that the task does not allow.
     """
     given = dict(data)
     if not isinstance(given.get("task"), str):

@@ -1,7 +1,7 @@
 """System configuration (.cfg) and metadata (metadata.txt) of Micro-Manager: pixel size, magnification, sensor.
 
-Its pixel size refers to the specimen. Together with the magnification, which at best appears in the objective's label,
-it gives that of the sensor. Micro-Manager has no information on lenslets.
+Its pixel size refers to the specimen. The pixel size of the sensor is derived from it and the magnification, which may
+appear in the objective's label. Micro-Manager has no information on lenslets.
 """
 
 from __future__ import annotations

@@ -204,7 +204,7 @@ FLIP_Y = np.array([1.0, -1.0])
 
 
 def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree.Element:
-    """Return the only entry ``tag`` of ``parent``."""
+    """Return the entry ``tag`` of ``parent``, which must occur only once."""
     found = parent.findall(tag)
     if len(found) != 1:
         raise FileFormatError.expected(

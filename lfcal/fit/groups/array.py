@@ -25,8 +25,8 @@ STEP_GAP = 0.002
 def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:
     """Return the lattice rotated and scaled about a point (x, y), so that a lenslet there does not move.
 
-    Otherwise, an error of rotation or pitch would also be an error of the offset, times the distance from the
-    sensor's centre.
+    Otherwise, an error of rotation or pitch would also cause an error of the offset, in proportion to the distance
+    from the sensor's centre.
     """
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     away = np.array(lattice.offset_um) - point_um
@@ -87,7 +87,7 @@ class Pitch(Group):
         return (Unknown("pitch_um", self.name, "µm", pitch, scale, None, 0.8 * pitch, 1.25 * pitch),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the array scaled about the region's middle; the lenslets' clear share is unchanged."""
+        """Return the setup with the array scaled about the region's middle; the lenslets' fill factor is unchanged."""
 
         def grown(camera: Camera) -> Camera:
             grow = values["pitch_um"] / camera.lattice.pitch_um - 1.0
@@ -97,7 +97,7 @@ class Pitch(Group):
 
 
 class ArrayTiltGroup(Group):
-    """Tilt of the array against the sensor."""
+    """Tilt of the array relative to the sensor."""
 
     name = "array_tilt"
     title = "tilt of the array against the sensor"

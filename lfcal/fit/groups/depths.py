@@ -1,4 +1,4 @@
-"""Depths of the planes: of all together, and of each."""
+"""Depths of the planes: a common displacement, and one for each plane."""
 
 from __future__ import annotations
 

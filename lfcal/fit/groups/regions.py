@@ -136,7 +136,7 @@ class RegionDepthsGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return a displacement of all depths for every region but the first, for a stage that is not square."""
+        """Return a displacement of all depths for every region but the first, due to a stage that is not orthogonal."""
         scale = depth_scale(setup.camera)
         return tuple(
             Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
@@ -152,7 +152,7 @@ class RegionDepthsGroup(Group):
 
 
 class TargetTiltGroup(Group):
-    """Tilt of a target's plane against the sensor, relative to its known tilt."""
+    """Tilt of a target's plane relative to the sensor, in addition to its known tilt."""
 
     name = "plane_tilt"
     title = "tilt of the target's plane"

@@ -1,4 +1,4 @@
-"""Depth at which a microscope looks into a specimen of another refractive index."""
+"""Depth to which a microscope is focused in a specimen of another refractive index."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class StageScale(Group):
     rank = 80
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the scale minus 1, with a prior of 2 % for a stage's screw."""
+        """Return the scale minus 1, with a prior of 2 % for the pitch of a stage's screw."""
         return (Unknown("stage_scale", self.name, "", setup.stage_scale, 0.1 / frame.reach_px, 0.02, -0.3, 0.3),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:

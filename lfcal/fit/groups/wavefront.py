@@ -30,7 +30,7 @@ class WavefrontGroup(Group):
     terms
         Orders (n, m) of the terms, each 1 at the pupil's rim.
     late
-        Whether they are tried only after other groups were found.
+        Whether the terms are tried only after other groups were found.
     """
 
     needs = "a main lens"  # an objective is simulated with terms of rotational symmetry alone

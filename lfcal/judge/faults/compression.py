@@ -80,7 +80,7 @@ class Compression(Fault):
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield how much more neighbours differ across blocks than within.
+        """Yield the excess of the difference of neighbours across blocks over that within blocks.
 
         Nothing is yielded if all frames were stored without loss, or were computed.
         """

@@ -65,7 +65,7 @@ def _within(plan: ScanPlan, index: NDArray[np.intp]) -> F8:
 
 
 class ExposureFault(Fault):
-    """Single frames of another exposure."""
+    """Single frames with a different exposure."""
 
     name = "exposure"
     title = "single frames of another exposure"

@@ -1,4 +1,4 @@
-"""Faults of the optics: planes at other depths than stated, a ghost, a lens type with less light."""
+"""Faults of the optics: planes at depths other than stated, a ghost image, and a lens type with less light."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scans whose positions run in another direction than they are numbered."""
+"""Scans whose positions run in a direction other than that of their numbers."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ class WrongOrder(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the planes with the order of their patterns."""
+        """Yield the planes whose patterns are in another order, with this order."""
         period = evidence.plan.period
         orders = _orders(period)
         back = {f"every other {line} of positions is reversed": axis for axis, line in ((1, "row"), (2, "column"))}

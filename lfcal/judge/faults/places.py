@@ -24,7 +24,7 @@ def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float
 
 
 def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which positions ``(n, 3)`` are not earlier than ``first``, plane by plane and row by row."""
+    """Return a mask of the positions ``(n, 3)`` that are not before ``first``, plane by plane and row by row."""
     shape = plan.shape[:3]
     found: NDArray[np.bool_] = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
     return found

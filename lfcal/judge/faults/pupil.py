@@ -75,7 +75,7 @@ class Pupil(Fault):
     explains: ClassVar[tuple[str, ...]] = ("ghost",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield how uneven the light is over the cutouts."""
+        """Yield the planes in which the light is uneven over the cutouts."""
         here = now = evidence
         lit = np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
         told, before = 0.0, _excess(evidence)

@@ -46,7 +46,7 @@ DARK = 0.25
 
 
 class Moved(NamedTuple):
-    """Displacements of sources (n,), fitted over rows y, columns x, and direction of the scan."""
+    """Displacements ``(n,)`` of sources, for fits over rows y, columns x and the direction of the scan."""
 
     terms: dict[str, tuple[float, float]]
     left: F8
@@ -67,7 +67,7 @@ def _fitted(evidence: Evidence, name: str) -> Moved:
 
 
 class StageAxesFault(Fault):
-    """Stage steps too long or short, axes turned or sheared, or a drift during the scan."""
+    """Stage steps that are too long or too short, axes that are rotated or sheared, or a drift during the scan."""
 
     name = "stage_axes"
     title = "steps or axes of the stage"

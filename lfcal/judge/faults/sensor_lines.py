@@ -92,13 +92,13 @@ def shifted(axis: int, offsets: F8) -> Repair:
 
 
 def lit(axis: int, gains: F8, shape: tuple[int, ...]) -> PutIn:
-    """Return a function that reduces the light of lines of the sensor to a share."""
+    """Return a function that multiplies the light of lines of the sensor by a fraction."""
     image = np.ones(shape) * (gains[:, None] if axis == 0 else gains)
     return lambda patch: patch.light * patch.seen(image)
 
 
 def added(image: F8) -> PutIn:
-    """Return a function that adds an image of the sensor."""
+    """Return a function that adds an image of the whole sensor to patterns."""
     return lambda patch: patch.light + patch.seen(image)
 
 

@@ -179,7 +179,7 @@ class MosaicFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield how much the four pixels of each two by two differ."""
+        """Yield the differences between the four pixels of each block of two by two."""
         total = sensor_map(evidence)
         four = total.classes(2, 2)
         # by the median over lines, because a single dead line is not a mosaic

@@ -50,9 +50,9 @@ class MatrixMeasures:
     energy
         Energy of each plane's patterns ``(nz,)``; 0 without light.
     dark
-        Planes with hardly any light ``(nz,)``.
+        Whether each plane has hardly any light ``(nz,)``.
     copies
-        Earlier plane that each plane is a copy of ``(nz,)``; -1 if it is not a copy.
+        Number of the earlier plane of which each plane is a copy ``(nz,)``; -1 if it is not a copy.
     shadows_px
         Diameter of the iris's shadow on the sensor ``(nz,)`` (pixels); NaN if unknown.
 

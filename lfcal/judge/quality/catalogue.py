@@ -2,7 +2,7 @@
 
 Costs are reconstruction errors (NRMSE relative to the ideal H). Those of scan order, dark planes, missing and
 misplaced frames, background, truncation, hot pixels and flicker come from reconstructions with the fault added to a
-simulated H. The others are estimates that rank a metric among them.
+simulated H. The others are estimates that rank their metrics among these.
 """
 
 from __future__ import annotations

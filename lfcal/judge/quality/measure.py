@@ -45,13 +45,13 @@ PASSES = 6
 
 
 def lattice_camera(matrix: PSFMatrix) -> Camera | None:
-    """Return the camera of an H if it has a lenslet lattice: metrics that need one do not apply without."""
+    """Return the camera of an H if it has a lenslet lattice, without which some metrics do not apply; else None."""
     camera = matrix.camera
     return camera if camera is not None and camera.has_lattice else None
 
 
 def has_elemental_images(matrix: PSFMatrix) -> bool:
-    """Return whether patterns are images behind single lenslets: by the camera, else by a period of one pixel."""
+    """Return whether patterns are elemental images, according to the camera, or else by a period of one pixel."""
     return matrix.period == (1, 1) if matrix.camera is None else not matrix.camera.has_lattice
 
 
@@ -114,9 +114,9 @@ class Continuity:
     Attributes
     ----------
     seam
-        Ratio of the change across the wrap to that between neighbours; NaN if unknown.
+        Ratio of the change across the edges of the period to that between neighbours; NaN if unknown.
     odd
-        Change of each pattern to its neighbours, relative to the typical one around it ``(ny, nx)``.
+        Difference of each pattern from its neighbours, relative to the typical difference around it ``(ny, nx)``.
     """
 
     seam: float
@@ -132,7 +132,7 @@ class PlaneMeasures:
     Attributes
     ----------
     about
-        Facts known before: H, plane number, depth-plane sum, aperture.
+        Facts known before the patterns are read: H, plane number, depth-plane sum, aperture.
     patterns
         The patterns ``(ny, nx, nt, ns)``; empty after all metrics of the plane have been evaluated.
     table
@@ -208,7 +208,7 @@ class PlaneMeasures:
         return ~self.faulty.any
 
     def released(self) -> PlaneMeasures:
-        """Return the measurements without the patterns, so that their memory can be used again."""
+        """Return the measurements without the patterns, which releases their memory."""
         return replace(self, patterns=np.empty((0, 0, 0, 0), np.float32))
 
 

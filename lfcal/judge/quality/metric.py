@@ -28,11 +28,11 @@ class Reading:
     value
         Value in the metric's unit; NaN if unknown.
     map
-        Value per position ``(ny, nx)``, or None.
+        Value of each position ``(ny, nx)``; None: not measured.
     positions
-        Affected positions, flags ``(ny, nx)``, or None.
+        Flags ``(ny, nx)`` of the affected positions; None: not determined.
     detail
-        Details in words; may be empty.
+        Details as text; may be empty.
     cost
         Resulting error of a reconstruction, if the plane determines it; NaN: the typical cost of such a value.
 
@@ -103,8 +103,8 @@ class CostModel:
     worst
         Largest possible cost.
     per_frame
-        Whether the value counts frames. The cost then grows with the root of their share, and is ``at_bad`` for all
-        frames.
+        Whether the value counts frames. The cost then grows with the square root of their fraction, and is ``at_bad``
+        if all frames are affected.
 
     Examples
     --------
@@ -140,13 +140,13 @@ class MetricSpec:
     Attributes
     ----------
     key, title, unit
-        Name in JSON, display name, unit of the value (empty: a number).
+        Name in JSON, display name, and unit of the value (empty: a number).
     subject
         Subject, one of `lfcal.base.SUBJECTS`.
     meaning, advice
         Meaning of the value, and remedy if it is bad; one sentence or more each.
     limits, cost
-        Limits of good and bad, and the cost.
+        Limits of good and bad values, and the cost.
     of_plane
         Function of one plane's shared measurements, called while the plane's patterns are in memory.
     of_matrix
@@ -155,7 +155,7 @@ class MetricSpec:
     needs_light
         Whether the value is unknown for a dark plane, without calling ``of_plane``.
     needs_centre
-        Whether it needs a pattern about the middle of the cutout: it does not apply to separate elemental images.
+        Whether it needs a pattern about the middle of the cutout, and so does not apply to separate elemental images.
     needs_all
         Whether one unknown plane makes a good overall value unknown, as for counts that must be complete.
     plot
@@ -171,7 +171,8 @@ class MetricSpec:
     verdict_detail
         Whether the verdict contains the details instead of the title.
     if_unknown
-        Why the value may be unknown although the metric applies. Empty: an unknown value means that it does not apply.
+        Reason why the value may be unknown although the metric applies. Empty: an unknown value means that it does not
+        apply.
 
     Examples
     --------
@@ -241,13 +242,13 @@ class Metric:
     measured
         Whether the cost was measured on this H; otherwise it is the typical cost of such a value.
     per_plane
-        Value of each plane ``(nz,)``; NaN if unknown; a single one if planes have no separate values.
+        Value of each plane ``(nz,)``; NaN if unknown; a single value if planes have no separate values.
     map
-        Value per position ``(nz, ny, nx)``, or None.
+        Value of each position ``(nz, ny, nx)``; None: not measured.
     positions
         Affected positions, ``(n, 3)`` as (z, y, x).
     detail
-        Details in words; may be empty.
+        Details as text; may be empty.
 
     Examples
     --------

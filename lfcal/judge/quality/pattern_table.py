@@ -27,7 +27,8 @@ class PatternTable:
     table, digest
         Columns ``(ny, nx, 10)`` and a checksum of each pattern ``(ny, nx)``.
     lit, sensor
-        Number of times each pixel is lit, of the cutout ``(nt, ns)`` and of the sensor ``(nt + ny - 1, ns + nx - 1)``.
+        Number of times that each pixel of the cutout ``(nt, ns)``, and of the sensor ``(nt + ny - 1, ns + nx - 1)``,
+        is lit.
     dark
         Measurements of the dark corners.
     floor, peak

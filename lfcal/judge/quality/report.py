@@ -83,12 +83,12 @@ class QualityReport:
         raise KeyError(key)
 
     def plane_words(self, z: int, name: str = "") -> str:
-        """Return plane ``z`` in words: its depth, as a value of ``name`` if given, or else its number."""
+        """Return a text for plane ``z``: its depth, as a value of ``name`` if given, or else its number."""
         return format_plane(float(self.depths[z]), z, name)
 
     @property
     def extent(self) -> str:
-        """Range of depths of the planes, in words; empty if H states none."""
+        """Text of the range of depths; empty if H states none."""
         if not np.isfinite(self.depths).all():
             return ""
         ends = (self.depths[0], self.depths[-1])[: min(2, self.depths.size)]
@@ -116,14 +116,14 @@ class QualityReport:
 
     @property
     def known(self) -> str:
-        """Number of good metrics in words, for a verdict; empty if there are none."""
+        """Text on the number of good metrics, for a verdict; empty if there are none."""
         good = sum(m.merit == "good" for m in self.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}; it was not compared with a camera"
         return by if good else ""
 
     @property
     def verdict(self) -> str:
-        """Findings about H: what is wrong, where, its cost and remedy."""
+        """Verdict on H: what is wrong, where, its cost, and its remedy."""
         return judgement_of(self).verdict
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:

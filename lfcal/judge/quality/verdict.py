@@ -18,7 +18,7 @@ PLACES = 3
 
 
 def merit_of(metric: Metric) -> Merit:
-    """Return the merit that a metric gives to an H; single frames, which can be repeated, count by their cost."""
+    """Return the merit of an H according to a metric; single frames, which can be repeated, count by their cost."""
     spec = metric.spec
     if metric.merit in ("bad", "fair") and spec.redo and spec.cost.per_frame and len(metric.positions):
         return "bad" if metric.cost >= BAD else "fair" if metric.cost >= FAIR else "good"
@@ -61,7 +61,7 @@ def _finding(metric: Metric, frames: int) -> Finding:
 
 
 def where(positions: Sequence[Sequence[int]], frames: int) -> str:
-    """Return in words how many positions are affected, and the first of them as (z, y, x); empty if there are none."""
+    """Return a text with the number of affected positions and the first of them (z, y, x); empty if there are none."""
     if not positions:
         return ""
     if len(positions) >= frames:
@@ -80,7 +80,7 @@ def counted(metrics: Iterable[Metric]) -> dict[str, int]:
 
 
 def counted_words(metrics: Iterable[Metric]) -> str:
-    """Return the same numbers as text: ``26 good, 12 not applicable``."""
+    """Return the numbers of `counted` as text: ``26 good, 12 not applicable``."""
     found = counted(metrics)
     shown = [f"{many} {key.replace('_', ' ')}" for key, many in found.items() if many or key == "good"]
     return ", ".join(shown)

@@ -181,7 +181,7 @@ def _metrics(quality: QualityReport, every: bool) -> str:
 
 
 def value_text(metric: Metric) -> str:
-    """Return the value with its unit; infinite if there is no noise to divide by, as in a simulated H."""
+    """Return the value with its unit; "infinite" if there is no noise to divide by, as in a simulated H."""
     if math.isinf(metric.value):
         return f"∞ {metric.spec.unit}".strip()
     return metric.text

@@ -89,7 +89,7 @@ def verdict(found: Comparison) -> str:
 
 
 def compared_words(found: Comparison) -> str:
-    """Return in words what was compared."""
+    """Return a text on what was compared."""
     n, ny, nx, nt, ns = found.pair.shape
     many, whole = sum(one.positions for one in found.planes), n * ny * nx
     share = f"{many:,}" if many == whole else f"{many:,} of {whole:,}"
@@ -148,7 +148,7 @@ def map_levels(error: NDArray[np.floating]) -> tuple[float, float]:
 
 
 def compared_report_files(folder: Path) -> list[Path]:
-    """Return the files of a report in ``folder``."""
+    """Return the paths of the files of a report in ``folder``."""
     return [folder / name for name in (PAGE, NUMBERS, PATTERNS, MAPS)]
 
 

@@ -1,4 +1,4 @@
-"""Whether frames and scan have the planned orientation, and frames were recorded in the order of their positions."""
+"""Metrics of whether frames and scan have the planned orientation, and of the order in which frames were recorded."""
 
 from __future__ import annotations
 

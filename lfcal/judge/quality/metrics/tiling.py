@@ -1,4 +1,4 @@
-"""Whether the recorded cell represents the whole field."""
+"""Metrics of whether the recorded cell represents the whole field."""
 
 from __future__ import annotations
 
