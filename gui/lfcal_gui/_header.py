@@ -38,7 +38,7 @@ class NextLine(QWidget):
         self.lead.setProperty("role", "lead")
         self.words.setProperty("role", "next")
         self.stop, self.other, self.button = QPushButton("Stop"), QPushButton(), QPushButton()
-        self.stop.setToolTip("End the recording once the position under way is safe")
+        self.stop.setToolTip("Finish the current position, then stop the recording")
         self.button.setProperty("role", "primary")
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
@@ -100,12 +100,12 @@ class NextLine(QWidget):
         self._changed = time.monotonic()
         self.button.setText(step.button)
         tip = f"{step.button} (Ctrl+Return)"
-        self.button.setToolTip(f"{tip}; Del: not now" if step.optional else tip)
+        self.button.setToolTip(f"{tip}. Del: skip this step for now" if step.optional else tip)
         self.stop.setVisible(bool(step.stop))
         self.other.setVisible(step.other is not None)
         if step.other is not None:
             self.other.setText(step.other.button)
-            self.other.setToolTip(f"Optional: {step.other.words} Del: not now")
+            self.other.setToolTip(f"Optional: {step.other.words} Del: skip this step for now")
 
     def _near(self) -> bool:
         """Return whether the pointer is at the buttons."""

@@ -18,20 +18,20 @@ from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import line
 
 _KEYS = (
-    ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "go to a place, to a view of it"),
-    ("Ctrl+Return", "do the next step, shown at the top"),
+    ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "open Set up, Record, H or Use; switch its view"),
+    ("Ctrl+Return", "do the next step, which is shown at the top"),
     ("Ctrl+M", "open Multiplexing"),
     ("Ctrl+Z, Ctrl+Shift+Z", "undo, redo"),
     ("Ctrl+N, Ctrl+O, Ctrl+S", "new, open, save project"),
-    ("Ctrl+Shift+C", "copy a picture of the page"),
+    ("Ctrl+Shift+C", "copy an image of the page"),
     ("Ctrl+Shift+K, Ctrl+Shift+Y", "copy the page as a command, as Python"),
     ("Ctrl+K, Ctrl+Shift+P", "command palette"),
-    ("F or Ctrl+E, Esc", "enlarge the picture under the pointer, put it back"),
+    ("F or Ctrl+E, Esc", "enlarge the image under the pointer, restore its size"),
     ("A", "automatic contrast"),
-    ("Ctrl+I", "hide the column right of the pictures, show it again"),
-    ("Ctrl+J", "list the jobs"),
-    ("Ctrl+T", "light or dark"),
-    ("F1", "this sheet"),
+    ("Ctrl+I", "hide or show the column to the right of the images"),
+    ("Ctrl+J", "show the jobs"),
+    ("Ctrl+T", "switch between the light and the dark theme"),
+    ("F1", "show this list of shortcuts"),
 )
 """Keyboard shortcuts of the window; those of a page are in its `PageSpec`."""
 
@@ -93,7 +93,7 @@ class DoctorDialog(QDialog):
         self.view.setPlainText("looking …")
         self.copy, close = QPushButton("Copy text"), QPushButton("Close")
         self.copy.setToolTip("Copy the report, for example for a bug report")
-        close.setToolTip("Close this window; menu Help opens it again")
+        close.setToolTip("Close this window. Help > Doctor opens it again")
         self.copy.setEnabled(False)
         self.copy.clicked.connect(lambda: QApplication.clipboard().setText(doctor_text(self._found)))
         close.clicked.connect(self.close)
@@ -136,7 +136,7 @@ class Manual(QDialog):
         self.whole.setToolTip("Show the whole page that contains this section")
         self.whole.clicked.connect(lambda: self.show_page(self._page))
         close = QPushButton("Close")
-        close.setToolTip("Close the manual. A fault name in the checks of H opens it again")
+        close.setToolTip("Close the manual. To open it again, click a link to the fault atlas in the checks of H")
         close.clicked.connect(self.close)
         buttons = QHBoxLayout()
         buttons.addWidget(self.whole)

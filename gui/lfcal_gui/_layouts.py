@@ -52,7 +52,7 @@ class LogView(QPlainTextEdit):
         super().__init__(parent)
         self.setReadOnly(True)
         self.setAccessibleName("log")
-        self.setToolTip("Messages since the start. The log file is in the log folder (menu Help)")
+        self.setToolTip("Messages since lfcal was started. Help > Open log folder shows the log file")
         self.setMaximumBlockCount(LINES)
 
 

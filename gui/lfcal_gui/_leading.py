@@ -162,7 +162,7 @@ class Leading(QObject):
             return
         self.context.go.emit(page, None)
         if not self._page(page).do(name):
-            self.context.message.emit(f"page {page} cannot do {name}")
+            self.context.message.emit(f"page {page} has no action {name}")
 
     def _decline(self, action: str, place: str) -> None:
         self.context.project.note(settings=with_declined(self.context.state, action, place))

@@ -93,7 +93,7 @@ class Matrices(QObject):
         """Wait no longer for a file."""
         if self.opening(path):
             self._jobs.drop(_group(path))
-            self._problems[path] = f"{Path(path).name} was not opened: stopped"
+            self._problems[path] = f"{Path(path).name} was not opened because you stopped it"
             self.changed.emit(path)
 
     def put(self, path: str, matrix: PSFMatrix) -> None:

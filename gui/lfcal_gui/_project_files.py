@@ -32,8 +32,8 @@ def stop_words(jobs: Jobs) -> str:
     at_work = [job for job in jobs.jobs() if job.active]
     active = {job.number: job.title for job in at_work}
     waiting = [number for number in jobs.waiting() if number in active]
-    groups = {"At work": [active[number] for number in active if number not in waiting]}
-    groups["Waiting, will not start"] = [active[number] for number in waiting]
+    groups = {"Running": [active[number] for number in active if number not in waiting]}
+    groups["Waiting to start"] = [active[number] for number in waiting]
     parts = []
     for head, titles in groups.items():
         more = [f"and {len(titles) - LISTED} more"] if len(titles) > LISTED else []
@@ -43,9 +43,11 @@ def stop_words(jobs: Jobs) -> str:
         return ""
     said = [f"Stop {'it' if len(active) == 1 else 'them'}?"]
     if any(job.page == "acquire" for job in at_work):
-        said.append("What a recording has counted as done stays.")
+        said.append("Recorded positions are kept.")
     if any(map(jobs.keeps, active)):
-        said.append("Complete planes of an H are kept next to its file. To resume, start it again with that file name.")
+        said.append(
+            "Complete planes of an H are kept next to its file. To resume, start the job again with the same file name."
+        )
     return "\n\n".join((*parts, " ".join(said)))
 
 
@@ -162,8 +164,9 @@ class ProjectFiles(QObject):
             others = f" and {more} more" if more else ""
             self._refuse(
                 "Open project",
-                f"ignored in the project file: {named}{others}; a path on a network share makes this computer "
-                "log on to that server. Choose the file again if you know it, or give the share a drive letter",
+                f"ignored in the project file: {named}{others}; opening a path on a network share would "
+                "make this computer log on to that server. Choose the file again if you trust it, or map "
+                "the share to a drive letter",
             )
 
     # -- locks -----------------------------------------------------------------------------------------
@@ -187,7 +190,7 @@ class ProjectFiles(QObject):
         box.setIcon(QMessageBox.Icon.Question)
         box.setWindowTitle("The project is open elsewhere")
         box.setText(f"{path.name} is open in {who}.")
-        box.setInformativeText("You can change a copy. Saving it asks for a name.")
+        box.setInformativeText("You can open a copy, and save it under another name.")
         copy = box.addButton("Open a copy", QMessageBox.ButtonRole.AcceptRole)
         copy.setProperty("role", "primary")
         # only the user can know whether a process of another machine has ended

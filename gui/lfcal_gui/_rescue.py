@@ -44,7 +44,7 @@ class RestoreDialog(QDialog):
         heading.setProperty("role", "title")
         heading.setTextFormat(Qt.TextFormat.PlainText)
         heading.setWordWrap(True)
-        why = QLabel("A window ended without being closed. Its last changes are in no project file.")
+        why = QLabel("lfcal ended unexpectedly. The last changes are not saved in a project file.")
         self.words = QLabel("\n".join(kept.words()))
         self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         for label in (why, self.words):
@@ -53,7 +53,7 @@ class RestoreDialog(QDialog):
         for widget in (heading, why, self.words):
             column.addWidget(widget)
         if not kept.newer:
-            hint = QLabel("The restored work does not replace that file. Saving asks for a name.")
+            hint = QLabel("Restoring does not overwrite that file. You choose a name when you save.")
             hint.setProperty("role", "hint")
             column.addWidget(hint)
         column.addLayout(self._buttons())
@@ -65,9 +65,9 @@ class RestoreDialog(QDialog):
         self.restore, self.discard, self.later = QPushButton("Restore"), QPushButton("Discard"), QPushButton("Later")
         self.restore.setProperty("role", "primary")
         self.restore.setDefault(True)
-        self.restore.setToolTip("Continue with the unsaved copy. Save it under a name afterwards")
+        self.restore.setToolTip("Continue with the unsaved copy, then save it under a name")
         self.discard.setToolTip("Delete the copy permanently")
-        self.later.setToolTip("Keep the copy and ask at the next start")
+        self.later.setToolTip("Keep the copy, and ask again at the next start")
         self.discard.setAutoDefault(False)
         for button, signal in (
             (self.restore, self.restore_asked),
@@ -138,7 +138,7 @@ class Rescue(QObject):
             self._lock.take()
             keep(self.project, self.file)
         except (LfcalError, OSError) as error:
-            self.message.emit(f"no copy of the unsaved work could be kept: {error}")
+            self.message.emit(f"the unsaved work could not be copied: {error}")
             return ""
         return str(self.file)
 
@@ -167,9 +167,11 @@ class Rescue(QObject):
         mine = [entry for entry in found if of is None or entry[0].project == str(of.absolute())]
         _let_go([entry for entry in found if entry not in mine])
         if len(mine) < len(found):
-            self.message.emit("unsaved work of another project was found: Project > Restore unsaved work")
+            self.message.emit(
+                "unsaved work of another project was found; to restore it, choose Project > Restore unsaved work"
+            )
         if asked and not found:
-            self.message.emit("no unsaved work of an earlier window was found")
+            self.message.emit("no unsaved work was found")
         self._waiting = mine
         self._ask()
 
@@ -199,7 +201,7 @@ class Rescue(QObject):
         if self.keep() or not self.project.unsaved:
             kept.file.unlink(missing_ok=True)
         if len(self._waiting) > 1:
-            self.message.emit("more unsaved work was found: Project > Restore unsaved work")
+            self.message.emit("more unsaved work was found; to restore it, choose Project > Restore unsaved work")
         self._release()
 
     def _release(self) -> None:

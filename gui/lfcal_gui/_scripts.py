@@ -11,7 +11,7 @@ from lfcal.base import LfcalError
 from lfcal_gui.models import step_of
 from lfcal_gui.saving import ask_target, write_file
 
-NONE_YET = "no step with a command was taken yet"
+NONE_YET = "no step so far corresponds to a command"
 
 
 class Scripts:

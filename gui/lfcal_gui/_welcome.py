@@ -16,8 +16,9 @@ from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import heading, line
 
 WORDS = (
-    "lfcal measures the point spread function of a plenoptic camera: describe the camera, plan a scan, record it or "
-    "bring frames you have, assemble H, judge it, fit and reconstruct. The places on the left are in this order."
+    "lfcal measures the point spread function of a plenoptic camera: describe the camera, "
+    "plan a scan, record it or import frames, assemble H, judge it, fit the optics and "
+    "reconstruct volumes. The buttons on the left follow this order."
 )
 STARTS = (
     ("sample", "Open the sample session", "A small recorded session: frames, dark and white frames, assembled into H"),
@@ -66,9 +67,9 @@ class Welcome(QDialog):
             self.buttons[key] = button
             column.addWidget(button)
         self.buttons["sample"].setProperty("role", "primary")
-        column.addWidget(heading("Opened lately"))
+        column.addWidget(heading("Recent projects"))
         self.list = QListWidget()
-        self.list.setAccessibleName("projects opened lately")
+        self.list.setAccessibleName("recent projects")
         self.list.setToolTip("Press Enter or double-click to open a project")
         self.list.addItems([str(path) for path in recent])
         self.list.itemActivated.connect(lambda item: self._open(item.text()))
@@ -81,9 +82,9 @@ class Welcome(QDialog):
         column.addLayout(self._last_line(shown))
 
     def _last_line(self, shown: bool) -> QHBoxLayout:
-        self.box, close = QCheckBox("Show this at the start"), QPushButton("Close")
-        self.box.setToolTip("Untick to start with an empty project. You can turn it on again in Preferences")
-        close.setToolTip("Close this dialog. The menu Help opens it again")
+        self.box, close = QCheckBox("Show at startup"), QPushButton("Close")
+        self.box.setToolTip("Untick to start with an empty project. To show this dialog again, tick it in Preferences")
+        close.setToolTip("Close this dialog. Help > Welcome opens it again")
         self.box.setChecked(shown)
         self.box.toggled.connect(self.kept.emit)
         close.clicked.connect(self.close)

@@ -28,7 +28,7 @@ HEADER = 28
 MARKS = {PageState.RUNNING: " …", PageState.ATTENTION: " ▲"}
 """Marks after the name of a view."""
 
-NO_LONGER = "Stop waiting for this file. It stays in the project, and can be opened later"
+NO_LONGER = "Stop waiting for this file. It stays in the project and can be opened later"
 
 
 class EmptyState(QWidget):
@@ -168,10 +168,10 @@ class BasePage(QWidget):
         if matrices.opening(path):
             self.show_empty(f"Opening {Path(path).name} …", {"Cancel": (NO_LONGER, lambda: matrices.cancel(path))})
         elif matrices.problem(path):
-            again = "Open this file again, after it is complete or its disk is back", lambda: matrices.take(path)
+            again = "Open this file again, when it is complete or its disk is connected", lambda: matrices.take(path)
             self.show_empty(matrices.problem(path), {"Try again": again, **buttons})
         elif path:
-            self.show_empty(f"{Path(path).name} is being written. It will be shown again afterwards.")
+            self.show_empty(f"{Path(path).name} is being written. It will be shown when it is complete.")
         else:
             self.show_empty(text, buttons)
 

@@ -31,7 +31,7 @@ from lfcal_gui.widgets import ComparedNumbers
 if TYPE_CHECKING:
     from lfcal.judge import Comparison
 
-READY = "Press Compare (F5): all positions of both are compared."
+READY = "Press Compare (F5) to compare all positions of both H."
 
 
 class Comparing:

@@ -48,11 +48,11 @@ class CrashDialog(QDialog):
         column = QVBoxLayout(self)
         column.setContentsMargins(18, 16, 18, 14)
         column.setSpacing(10)
-        heading = QLabel("Something unexpected happened")
+        heading = QLabel("An unexpected error occurred")
         heading.setProperty("role", "title")
         self.words = _wrapped("error")
         self.safe = _wrapped("")
-        where = f"Log: {log}" if log is not None else "There is no log file: its folder cannot be written to."
+        where = f"Log: {log}" if log is not None else "There is no log file, because its folder is not writable."
         self.where = _wrapped("hint")
         self.where.setText(where)
         for widget in (heading, self.words, self.safe, self.where):
@@ -82,7 +82,7 @@ class CrashDialog(QDialog):
         self.folder.setEnabled(self._log is not None)
         self.folder.clicked.connect(lambda _=False: self._log is not None and open_folder(self._log.parent))
         close = QPushButton("Close")
-        close.setToolTip("Continue to work. The text above says what is safe")
+        close.setToolTip("Close this message and continue to work. The text above says what is safe")
         close.setProperty("role", "primary")
         close.setDefault(True)
         close.clicked.connect(self.close)

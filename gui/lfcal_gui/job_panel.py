@@ -52,7 +52,7 @@ def look(run: Path) -> RunTable:
     named = run.suffix == ".parts" or not run.name or (run / JOURNAL).exists()
     folder = run if named else parts_folder(run)
     if run.name and not folder.exists() and (made := folder.with_suffix("")).exists():
-        return RunTable(f"{made.name}: is complete; no run is active", "", (), "")
+        return RunTable(f"{made.name}: complete; no run is active", "", (), "")
     return run_table(read_run(folder))
 
 
@@ -176,7 +176,10 @@ class JobLogView(QDialog):
             write_file(self, path, lambda part: part.write_text(self._log.text(), encoding="utf-8"))
 
 
-GO_ON = "Resume from the parts that are done. After the window was closed, start the same work with the same file name"
+GO_ON = (
+    "Continue after the parts that are complete. If lfcal was closed in the meantime, start "
+    "the job again with the same file name"
+)
 
 BAR = 150
 """Width of the bar of a job's progress (px)."""
@@ -201,7 +204,7 @@ class JobRow(HeadedCard):
         self.up = self._button("Up", "Run this job before the one above it", lambda: jobs.move(number, -1))
         self.down = self._button("Down", "Run this job after the one below it", lambda: jobs.move(number, 1))
         self.go_on = self._button("Resume", GO_ON, lambda: jobs.go_on(number))
-        self.log = self._button("Log", "Show steps and warnings of the job, to copy or save", self.show_log)
+        self.log = self._button("Log", "Show the steps and warnings of the job, to copy or save them", self.show_log)
         self.button = self._button("Stop", "", self._pressed)
         self.error = WrappedLabel()
         self.error.setProperty("role", "error")
@@ -244,12 +247,12 @@ class JobRow(HeadedCard):
     def _words(self, place: int) -> str:
         job, record = self._job, self._job.progress
         if place:
-            return "waits: next" if place == 1 else f"waits: number {place} in the queue"
+            return "waiting: next in the queue" if place == 1 else f"waiting: number {place} in the queue"
         if job.active and job.stopping:
             return "stopping …"
         if job.state is JobState.RUNNING and record is not None:
             eta = record.eta_seconds
-            left = f", {rough_seconds(eta)} to go" if eta is not None and record.done < record.total else ""
+            left = f", {rough_seconds(eta)} left" if eta is not None and record.done < record.total else ""
             # for work in units, the stage is that of one unit, the count that of all units
             count = f", {record.count} done" if record.per > 1 else f" {record.count}".rstrip()
             return record.stage + count + left
@@ -268,7 +271,7 @@ class JobRow(HeadedCard):
         if job.active:
             text, tip = "Stop", "Stop this job. It may take a moment to clean up"
         elif job.kept:
-            text, tip = "Discard", f"Delete what is kept of this job: {job.kept}"
+            text, tip = "Discard", f"Delete the parts of this job that are kept: {job.kept}"
         self.button.setText(text)
         self.button.setToolTip(tip)
         self.button.setAccessibleName(f"{text}: {job.title}")
@@ -332,7 +335,7 @@ class JobPanel(QWidget):
         self.area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         outer.addWidget(self.area, 1)
         watch = QPushButton("Watch a run …")
-        watch.setToolTip("Watch a run of lfcal on this machine or a cluster: choose the folder of its units")
+        watch.setToolTip("Watch a run of lfcal on this machine or on a cluster: choose the folder of its parts")
         watch.clicked.connect(self._ask)
         side = QVBoxLayout()
         side.setContentsMargins(0, 4, 0, 4)
@@ -455,7 +458,7 @@ class JobsLine(QWidget):
         self.button = QToolButton()
         self.button.setAutoRaise(True)
         self.button.setFixedHeight(LINE_PX)
-        self.button.setToolTip("All jobs: progress and log of each, and buttons to stop or continue it (Ctrl+J)")
+        self.button.setToolTip("All jobs: progress and log of each, and buttons to stop or resume it (Ctrl+J)")
         self.button.clicked.connect(lambda _=False: self.toggle())
         row = QHBoxLayout(self)
         row.setContentsMargins(6, 0, 6, 0)

@@ -95,7 +95,10 @@ class JobRequest:
             if stamp_of(stamp[0]) != stamp:
                 name = Path(stamp[0]).name
                 raise InputError.expected(
-                    name, "the file as it was when this was requested", "a different file, or none", "start it again"
+                    name,
+                    "the file as it was when this was requested",
+                    "a changed or missing file",
+                    "start the job again",
                 )
 
     @staticmethod
@@ -178,7 +181,7 @@ TELL_S = 0.03
 JOBS_S = 30.0
 """How long closing waits for jobs, which clean up behind themselves (s)."""
 
-WAITS = "waits for its turn; Jobs shows the order"
+WAITS = "waiting for other jobs; Jobs shows the order"
 """What a page says of its job that waits."""
 
 
@@ -300,7 +303,7 @@ class Jobs(BackgroundThreads):
             self._end(number, state=JobState.CANCELLED)
             return
         if not running.stop.is_set():
-            self._logs[number].say("stop", "asked to stop")
+            self._logs[number].say("stop", "stop requested")
         running.stop.set()
         opening = running.asked.abandon and self._jobs[number].progress is None
         if opening or running.asked.leave:

@@ -84,7 +84,7 @@ class Log:
                 self._faults = (folder / FAULTS).open("a", encoding="utf-8")
                 faulthandler.enable(self._faults)
         except OSError as error:
-            self.problem = f"there is no log: {folder}: {error.strerror or error}"
+            self.problem = f"no log is written: {folder}: {error.strerror or error}"
         if self._handler is not None:
             self.path = folder / NAME
             self._handler.setFormatter(logging.Formatter(FORMAT))

@@ -105,7 +105,7 @@ class Palette(QDialog):
         if not 0 <= row < len(shown):
             return
         if not shown[row].can_be_done():
-            self.setWindowTitle(f"{TITLE}: “{shown[row].name}” is gone")
+            self.setWindowTitle(f"{TITLE}: “{shown[row].name}” is no longer available")
             self._entries = tuple(entry for entry in self._entries if entry.can_be_done())
             self._show("")
             return

@@ -50,16 +50,18 @@ class Preferences(QDialog):
         self.theme.setAccessibleName("theme")
         self.threads = QSpinBox()
         self.threads.setRange(0, processors())
-        self.threads.setSpecialValueText("every processor")
+        self.threads.setSpecialValueText("all processors")
         self.threads.setAccessibleName("threads")
-        self.threads.setToolTip("Most threads for simulation, assembly and reconstruction, from the next start")
-        self.welcome = QCheckBox("Show the welcome at the start")
+        self.threads.setToolTip(
+            "Largest number of threads for simulation, assembly and reconstruction. Takes effect at the next start"
+        )
+        self.welcome = QCheckBox("Show the welcome dialog at startup")
         self.welcome.setToolTip("Off: the window starts with an empty project")
         self.hint = WrappedLabel()
         self.hint.setProperty("role", "hint")
         self.reset, close = QPushButton("Reset all"), QPushButton("Close")
         self.reset.setToolTip("Reset theme, threads, welcome, docks and window size to the defaults")
-        close.setToolTip("Close. Changes are saved already")
+        close.setToolTip("Close. Changes are already saved")
         form = QFormLayout()
         form.addRow("Theme", self.theme)
         form.addRow("Threads", self.threads)
@@ -81,8 +83,12 @@ class Preferences(QDialog):
         self.threads.setValue(count if isinstance(count, int) else 0)
         self.welcome.setChecked(welcome_wanted(self.settings))
         given = os.environ.get(WORKERS, "")
-        said = f"The environment sets {WORKERS} to {given}, which counts until the next start. " if given else ""
-        self.hint.setText(f"{said}Kept in {self.settings.fileName()}.")
+        said = (
+            (f"The environment variable {WORKERS} is set to {given} and takes precedence until the next start. ")
+            if given
+            else ""
+        )
+        self.hint.setText(f"{said}Stored in {self.settings.fileName()}.")
 
     def _reset(self) -> None:
         self.settings.clear()

@@ -61,7 +61,7 @@ def write_picture(widget: QWidget, path: str) -> bool:
 
     def write(part: Path) -> None:
         if not widget.grab().save(str(part), "PNG"):
-            raise StorageError(f"{path}: the picture could not be written; check the disk and the path")
+            raise StorageError(f"{path}: the image could not be written; check the disk and the path")
 
     return write_file(widget, path, write)
 
@@ -75,6 +75,6 @@ def may_replace(parent: QWidget, paths: Iterable[Path]) -> bool:
     what = "This file exists" if len(there) == 1 else f"These {len(there)} files exist"
     buttons = QMessageBox.StandardButton
     answer = QMessageBox.question(
-        parent, "Replace it?", f"{what}:\n{names}\n\nReplace what is there?", buttons.Yes | buttons.No, buttons.No
+        parent, "Replace it?", f"{what}:\n{names}\n\nReplace it?", buttons.Yes | buttons.No, buttons.No
     )
     return answer == buttons.Yes

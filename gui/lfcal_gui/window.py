@@ -349,12 +349,12 @@ class MainWindow(QMainWindow):
     def copy_page(self) -> None:
         """Put a picture of the page on the clipboard."""
         QApplication.clipboard().setPixmap(self.shown.grab())
-        self.log("picture of the page copied")
+        self.log("image of the page copied")
 
     def enlarge_picture(self) -> None:
         """Enlarge the picture under the pointer, else the largest one of the page, or put it back."""
         if not toggle_in(self.shown):
-            self.log("this page shows no picture yet")
+            self.log("this page shows no image yet")
 
     def show_palette(self) -> None:
         """Offer everything that can be done here by its name."""
@@ -388,7 +388,7 @@ class MainWindow(QMainWindow):
             if self.page(key).accept_drop(paths):
                 self.go(key, None)
                 return
-        self.log(f"no page takes {', '.join(Path(p).name for p in paths)}")
+        self.log(f"no page can open {', '.join(Path(p).name for p in paths)}")
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask about unsaved work, keep the window's state, stop the threads: the window lives until jobs have ended."""
@@ -412,7 +412,7 @@ class MainWindow(QMainWindow):
         self._leaving = True
         for widget in (self.menuBar(), self.centralWidget()):
             widget.setEnabled(False)
-        self.log("stopping jobs; the window closes afterwards")
+        self.log("stopping jobs; the window then closes")
         Leaving(self.jobs, self._leave_now, self)
 
     def _leave_now(self, overdue: bool) -> None:

@@ -116,7 +116,7 @@ def test_a_log_grows_while_it_is_read_and_tells_of_stopping(jobs: Jobs, qtbot: Q
     qtbot.waitUntil(lambda: not jobs.busy, timeout=GUARD_MS)
     view.refresh()
     text = view.view.toPlainText()
-    assert text.count("asked to stop") == 1 and "end      stopped after 1.0 s" in text and "now:" not in text
+    assert text.count("stop requested") == 1 and "end      stopped after 1.0 s" in text and "now:" not in text
 
 
 def test_the_trace_of_a_failure_is_in_its_log(jobs: Jobs, qtbot: QtBot) -> None:

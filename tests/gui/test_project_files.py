@@ -385,7 +385,7 @@ def test_closing_does_not_hold_the_window_while_a_job_stops(
     waits: list[float] = []
     monkeypatch.setattr("lfcal_gui.jobs.wait_for", lambda threads, seconds: waits.append(seconds))
     assert not window.close() and window.isVisible() and not waits
-    assert "the window closes afterwards" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
+    assert "the window then closes" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
     assert not window.close(), "asked once is enough"
     monkeypatch.undo()
     go_on.set()
@@ -412,7 +412,9 @@ def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, m
     monkeypatch.setattr(QMessageBox, "question", enter)
     assert not window.files.may_leave()
     job = window.jobs.jobs()[0]
-    assert job.active and not job.stopping and asked[0][-1] == BUTTONS.No and "recording" in asked[0][2]
+    assert (
+        job.active and not job.stopping and asked[0][-1] == BUTTONS.No and "Recorded positions are kept" in asked[0][2]
+    )
     going.set()
     idle(window.jobs, qtbot)
 
@@ -429,7 +431,7 @@ def test_of_what_stops_only_that_is_promised_which_it_keeps(window: MainWindow, 
     window.jobs.start("Search", "multiplex", work, at_once=True)
     assert stop_words(window.jobs).endswith("\n\nStop it?")
     window.jobs.start("Record", "acquire", work, at_once=True)
-    assert stop_words(window.jobs).endswith("Stop them? What a recording has counted as done stays.")
+    assert stop_words(window.jobs).endswith("Stop them? Recorded positions are kept.")
     window.context.start_writing("Assemble", "frames", "H.h5", work)
     assert "Complete planes of an H" in stop_words(window.jobs)
     going.set()

@@ -90,13 +90,16 @@ def test_the_order_is_seen_and_changed(jobs: Jobs, qtbot: QtBot, gate: Callable[
     gates = {name: gate(name) for name in "abcd"}
     a, b, c, d = (jobs.start(name, "frames", one.work) for name, one in gates.items())
     assert panel.listed() == [a, b, c, d]
-    assert panel.row(b).status.text() == "waits: next" and panel.row(d).status.text() == "waits: number 3 in the queue"
+    assert (
+        panel.row(b).status.text() == "waiting: next in the queue"
+        and panel.row(d).status.text() == "waiting: number 3 in the queue"
+    )
     assert [panel.row(n).up.isVisibleTo(panel.row(n)) for n in (a, b, c, d)] == [False, False, True, True]
     assert [panel.row(n).down.isVisibleTo(panel.row(n)) for n in (a, b, c, d)] == [False, True, True, False]
     panel.row(d).up.click()
     panel.row(d).up.click()
     panel.row(b).down.click()
-    assert panel.listed() == [a, d, c, b] and panel.row(d).status.text() == "waits: next"
+    assert panel.listed() == [a, d, c, b] and panel.row(d).status.text() == "waiting: next in the queue"
     panel.row(c).button.click()
     assert state_of(jobs, c) is JobState.CANCELLED and panel.row(c).status.text() == "stopped"
     assert panel.listed() == [a, d, b, c] and panel.row(c).button.text() == "Dismiss"
@@ -139,7 +142,7 @@ def test_a_job_whose_file_changed_while_it_waited_says_so(
     before.open.set()
     qtbot.waitUntil(lambda: len(ends) == 2, timeout=GUARD_MS)
     assert ends[1].error == (
-        "H.h5: expected the file as it was when this was requested, got a different file, or none; start it again"
+        "H.h5: expected the file as it was when this was requested, got a changed or missing file; start the job again"
     )
     jobs.cancel_all()
     idle(jobs, qtbot)
@@ -156,7 +159,7 @@ def test_closing_names_what_runs_and_what_waits_and_begins_nothing(
     monkeypatch.setattr(QMessageBox, "question", lambda *said: (asked.append(said[2]), buttons.Yes)[1])
     assert window.files.may_leave()
     idle(window.jobs, qtbot)
-    assert "At work:\nAssemble H.h5\n\nWaiting, will not start:\nSimulate S.h5\nInspect H.h5\n\nStop them?" in asked[0]
+    assert "Running:\nAssemble H.h5\n\nWaiting to start:\nSimulate S.h5\nInspect H.h5\n\nStop them?" in asked[0]
     assert begun == ["Assemble H.h5"]
 
 

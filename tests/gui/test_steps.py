@@ -280,7 +280,9 @@ def test_what_is_gone_when_it_is_chosen_from_the_palette(window: MainWindow, qtb
     held.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
-    assert palette.isVisible() and palette.list.count() == 0 and palette.windowTitle().endswith("is gone")
+    assert (
+        palette.isVisible() and palette.list.count() == 0 and palette.windowTitle().endswith("is no longer available")
+    )
     palette.line.clear()
     assert palette.list.count() > 5
     palette.reject()

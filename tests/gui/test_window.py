@@ -187,7 +187,7 @@ def test_dropped_files_find_their_page(window: MainWindow, tmp_path: Path, qtbot
     idle(window.jobs, qtbot)
     assert window.project.state.psf.endswith("H.npy")
     window.take_files([str(tmp_path / "unknown.xyz")])
-    assert "no page takes" in window.log_view.toPlainText()
+    assert "no page can open" in window.log_view.toPlainText()
 
 
 def test_a_file_that_no_page_takes_makes_no_page(window: MainWindow, tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_a_file_that_no_page_takes_makes_no_page(window: MainWindow, tmp_path: P
     (tmp_path / "notes.docx").write_bytes(b"x")
     for paths in (["notes.docx"], ["a.docx", "b.docx"], ["gone"]):
         window.take_files([str(tmp_path / path) for path in paths])
-        assert "no page takes" in window.log_view.toPlainText().splitlines()[-1]
+        assert "no page can open" in window.log_view.toPlainText().splitlines()[-1]
     assert set(window._pages) == {window.specs[0].key}
     np.save(tmp_path / "H.npy", np.ones((1, 2, 2, 3, 3), np.float32))
     window.take_files([str(tmp_path / "H.npy")])

@@ -1,4 +1,4 @@
-"""Copies of unsaved projects that outlive their window, and what is offered of them afterwards. No Qt."""
+"""Copies of unsaved projects that outlive their window, and the offer to restore them. No Qt."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lfcal_gui.models.project import Project, ProjectState, read_project
 
 
 class Claim(Protocol):
-    """The right to a file, as `lfcal_gui.locks.FileLock` gives it."""
+    """Exclusive right to a file, as provided by `lfcal_gui.locks.FileLock`."""
 
     def take(self) -> bool:
-        """Return whether the file is free, and ours from now on."""
+        """Claim the file; return whether it was free."""
         ...
 
     def release(self) -> None:
-        """Let others have it."""
+        """Release the claim."""
         ...
 
 
@@ -35,13 +35,13 @@ class UnsavedCopy:
     file
         The copy.
     state
-        What it holds.
+        Content of the copy.
     project
-        The project's own file, or empty.
+        File of the project; empty if it has none.
     time
         When the copy was written (s since 1970).
     on_disk, disk_time
-        Content of the project's own file and when it was written. None: there is none, or it cannot be read.
+        Content and modification time of the project's file; None if there is none or it cannot be read.
     """
 
     file: Path
@@ -53,25 +53,25 @@ class UnsavedCopy:
 
     @property
     def newer(self) -> bool:
-        """Whether the copy is newer than the project's own file, or there is no such file."""
+        """Whether the copy is newer than the project's file, or there is no such file."""
         return self.disk_time is None or self.time > self.disk_time
 
     @property
     def worth_asking(self) -> bool:
-        """Whether the project's own file holds something else."""
+        """Whether the copy differs from the project's file."""
         return self.state != self.on_disk
 
     @property
     def path(self) -> Path | None:
-        """Where the restored project is saved: its own file, None where that has been written since."""
+        """File to which the restored project is saved; None if it was written after the copy."""
         return Path(self.project) if self.project and self.newer else None
 
     def name(self) -> str:
-        """Return the project's name for people."""
+        """Return the displayed name of the project."""
         return Path(self.project).name if self.project else f"{self.state.name} (never saved)"
 
     def words(self) -> tuple[str, ...]:
-        """Return what the copy is and what it holds, a line each."""
+        """Return a description of the copy and its content, one item per line."""
         lines = [f"Copy from {_moment(self.time)}"]
         if self.project:
             lines.append(f"Project file: {self.project}")
@@ -86,7 +86,7 @@ def _moment(time: float) -> str:
 
 
 def _contents(state: ProjectState) -> tuple[str, ...]:
-    """Return what a project holds, a line each."""
+    """Return the content of a project, one item per line."""
     lines = [f"Camera: {state.camera.name}"]
     if state.plan is not None:
         nz, ny, nx = state.plan.shape[:3]
@@ -126,9 +126,9 @@ def read_kept(file: Path) -> UnsavedCopy:
 
 
 def find_kept(folder: Path, claim: Callable[[Path], Claim]) -> list[tuple[UnsavedCopy, Claim]]:
-    """Return the copies that windows left which are gone, newest first, each claimed by the caller.
+    """Return the copies left by windows that ended, newest first; the caller has claimed each of them.
 
-    A copy whose project holds the same is removed; one that cannot be read is put aside under another name.
+    Copies identical to their project file are removed; unreadable ones are renamed.
     """
     found: list[tuple[UnsavedCopy, Claim]] = []
     for file in folder.glob("*.lfcal"):

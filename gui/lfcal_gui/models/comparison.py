@@ -1,4 +1,4 @@
-"""Comparison of two H: the request, the comparison as work, and the pictures of a position. No Qt."""
+"""Comparison of two H: the request, the comparison as a job, and the images of a position. No Qt."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ if TYPE_CHECKING:
 
 F8 = NDArray[np.float64]
 Place = tuple[int, int, int]
-"""Number of the pair of planes, and position (y, x) of the first H."""
+"""Index of the pair of planes, and position (y, x) in the first H."""
 
 COMPARED_MODES = (("side", "side by side"), ("blink", "blink"), ("difference", "difference"))
-"""How two H are shown."""
+"""Ways to display two H."""
 
 COMPARED_COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Left (%)")
 COMPARED_TIPS = (
-    "Number and depth of the plane, both numbers where they differ; pixels behind the lenslets of one type",
+    "Number and depth of the plane, with both numbers where they differ; lenslet type whose pixels are compared",
     "|A − B| / |B|, without scaling",
     "The factor g that minimizes |A − g B|",
     "|A − g B| / |A|: 0 if both are equal up to scale, 1 if they have nothing in common",
     "Shift of A relative to B: rows, columns",
     "Residual of A after the best scale and shift",
 )
-"""Of the table of numbers: titles, and what they mean."""
+"""Column titles of the table of numbers, with their tooltips."""
 
 WORST = 12
-"""Positions that are offered to be looked at."""
+"""Number of positions offered for inspection."""
 
 
 @dataclass(frozen=True)
 class CompareRequest:
-    """Two files as they were when they were compared.
+    """Request to compare two files in their state at the time of the request.
 
     Attributes
     ----------
     first, second
         The files.
     by_number
-        Whether planes belong together by their numbers.
+        Whether planes are paired by number instead of depth.
     mat_orders
-        Of each file ``mat_order`` as in `lfcal.psf.open_psf`.
+        ``mat_order`` of each file, as in `lfcal.psf.open_psf`.
     """
 
     first: Stamp
@@ -63,7 +63,7 @@ class CompareRequest:
 
     @property
     def mat_order(self) -> str:
-        """The order that a command takes for both.
+        """Order of the axes that a command uses for both files.
 
         Raises
         ------
@@ -74,12 +74,12 @@ class CompareRequest:
         orders = {order for path, order in files if path.lower().endswith(".mat")}
         if len(orders) > 1:
             raise InputError.expected(
-                "order of axes", "the same for both .mat files", "two", "choose the same order for both in H"
+                "order of axes", "the same for both .mat files", "two orders", "choose the same order for both in H"
             )
         return next(iter(orders), "")
 
     def open(self, stack: ExitStack) -> tuple[PSFMatrix, PSFMatrix]:
-        """Open both files, which ``stack`` closes."""
+        """Open both files; ``stack`` closes them."""
         from lfcal.psf import open_psf
 
         a, b = (
@@ -90,7 +90,7 @@ class CompareRequest:
 
     @property
     def names(self) -> tuple[str, str]:
-        """What the files are called: with their folders where the names are the same."""
+        """Names of the files, with their folders if the names are equal."""
         paths = [Path(stamp[0]) for stamp in (self.first, self.second)]
         if paths[0].name == paths[1].name:
             return f"{paths[0].parent.name}/{paths[0].name}", f"{paths[1].parent.name}/{paths[1].name}"
@@ -99,13 +99,13 @@ class CompareRequest:
 
 @dataclass(eq=False)
 class KeptDifference:
-    """What a comparison at work in a thread finds."""
+    """Result of a comparison that runs in a thread."""
 
     found: Comparison | None = None
 
 
 def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
-    """Compare two files; what is found is in ``kept``, as jobs are remembered long after they ended."""
+    """Compare two files; the result is stored in ``kept``, because the job list outlives the jobs."""
     from lfcal.judge import iter_compare
 
     with ExitStack() as stack:
@@ -114,7 +114,7 @@ def iter_compare(asked: CompareRequest, kept: KeptDifference) -> Work[None]:
 
 
 def iter_compared(asked: CompareRequest, found: Comparison, folder: str) -> Work[Path]:
-    """Write the report of a comparison, with pictures of both files, which are opened again; return its page."""
+    """Write the report of a comparison with images of both files, which are reopened; return the HTML page."""
     from lfcal.judge import pair
     from lfcal.judge.report import iter_compared_report
 
@@ -134,7 +134,7 @@ def compared_files(folder: str) -> list[Path]:
 
 # -- numbers -----------------------------------------------------------------------------------------------
 def compared_words(found: Comparison) -> tuple[str, str]:
-    """Return the verdict, and what was compared and left out."""
+    """Return the verdict, and what was compared and omitted, in words."""
     from lfcal.judge.report import compared_words as words_of
     from lfcal.judge.report import verdict
 
@@ -143,14 +143,14 @@ def compared_words(found: Comparison) -> tuple[str, str]:
 
 
 def compared_rows(found: Comparison) -> list[tuple[str, ...]]:
-    """Return the rows of the table of numbers. The correlation is left out, since ``scaled`` shows the same."""
+    """Return the rows of the table of numbers. The correlation is omitted, because ``scaled`` is equivalent."""
     from lfcal.judge.report import figure_rows
 
     return [(plane if kind == "all" else f"{plane}, {kind}", *rest[:-1]) for plane, kind, *rest in figure_rows(found)]
 
 
 def compared_numbers(found: Comparison) -> list[tuple[float, ...]]:
-    """Return what the rows of the table are sorted by."""
+    """Return the numbers by which the rows of the table are sorted."""
     rows: list[tuple[float, ...]] = []
     for k, (whole, types) in enumerate([(found.all, found.types), *((p.all, p.types) for p in found.planes)]):
         for t, one in enumerate((whole, *types)):
@@ -160,13 +160,13 @@ def compared_numbers(found: Comparison) -> list[tuple[float, ...]]:
 
 
 def plane_of_row(found: Comparison, row: int) -> int | None:
-    """Return which pair of planes a row of the table is about, None: all."""
+    """Return the index of the pair of planes of a table row; None for the row of all planes."""
     kinds = 1 + len(found.types)
     return row // kinds - 1 if row >= kinds else None
 
 
 def differing_most(found: Comparison) -> list[tuple[str, Place]]:
-    """Return the positions that differ most, in words and by their numbers, the worst first."""
+    """Return the positions that differ most, as text and as indices, worst first."""
     return [
         (f"({found.pair.planes[k][0]}, {y}, {x}): {100 * found.error[k, y, x]:.3g} %", (k, y, x))
         for k, y, x in found.worst(WORST)
@@ -176,16 +176,16 @@ def differing_most(found: Comparison) -> list[tuple[str, Place]]:
 # -- pictures ----------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Both:
-    """One position of both, at the light of the first.
+    """One position of both H, scaled to the energy of the first.
 
     Attributes
     ----------
     place
-        Which one.
+        Pair of planes and position.
     first, second, difference
         Patterns ``(nt, ns)``.
     levels, signed_levels
-        Ends of the scale that the first two share, and of the difference.
+        Limits of the scale that the first two share, and of the scale of the difference.
     """
 
     place: Place
@@ -197,7 +197,7 @@ class Both:
 
 
 def both_at(pair: Pair, place: Place) -> Both:
-    """Return a position of both H."""
+    """Return one position of both H with its difference."""
     first, second = pair.patterns(*place)
     light, other = float(np.nansum(first)), float(np.nansum(second))
     if light > 0 and other > 0:
@@ -212,7 +212,7 @@ def both_at(pair: Pair, place: Place) -> Both:
 def compare_step(
     first: str, second: str, out: str = "", *, by_number: bool = False, mat_order: str = ""
 ) -> CommandStep:
-    """Return how two H are compared; ``out`` is the folder of a report, if one is written."""
+    """Return the command and Python code that compare two H; ``out`` is the folder of the report, if any."""
     pairs = (("--report", out), ("--by-number", by_number), ("--mat-order", mat_order))
     a, b = (_opened(path, mat_order) for path in (first, second))
     report = f"    drain(iter_compared_report(found, {out!r}))\n" if out else ""

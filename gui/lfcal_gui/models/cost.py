@@ -1,4 +1,4 @@
-"""Measured curves of error against cost: kept for each plan or H, and as points of a chart. No Qt."""
+"""Measured curves of error versus cost: stored for each plan or H, and as points of a chart. No Qt."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
 
 KEPT = 64
-"""Curves that are kept, the newest."""
+"""Largest number of stored curves; the oldest are dropped."""
 
 FLOOR = 1e-9
-"""An error or a cost of zero is drawn here: a logarithm has no zero."""
+"""Value at which an error or a cost of zero is drawn on the logarithmic axes."""
 
 REFERENCE, OTHERS_S = 20.0, 3.0
-"""Factor of the estimate for a position of the reference, and seconds of all else, fitted to the presets."""
+"""Factor of the estimate for a reference position, and the remaining time (s), fitted to the presets."""
 
 
 @dataclass
 class MeasuredCurves:
-    """The curves of a session of the window by subject (plan or H) and place, with the seconds they took.
+    """Curves measured since the window opened, by subject (plan or H) and place, with their duration (s).
 
     A measurement in a thread adds to them while the window reads: each change replaces one whole curve.
     """
@@ -38,29 +38,29 @@ class MeasuredCurves:
     curves: dict[tuple[object, str], tuple[Curve, float]] = field(default_factory=dict)
 
     def of(self, subject: object) -> Mapping[str, Curve]:
-        """Return the curves of a subject by place, in the order of measuring."""
+        """Return the curves of a subject by place, in the order of measurement."""
         return {place: curve for (key, place), (curve, _) in list(self.curves.items()) if key == subject}
 
     def took(self, subject: object, place: str) -> str:
-        """Return how long a measurement took, in words; empty: there is none."""
+        """Return the duration of a measurement as text; empty if it was not measured."""
         found = self.curves.get((subject, place))
         return "" if found is None else f"measured in {format_seconds(found[1])}"
 
     def put(self, subject: object, curve: Curve, seconds: float) -> None:
-        """Keep a curve as the newest."""
+        """Store a curve as the newest."""
         self.curves.pop((subject, curve.place), None)
         self.curves[subject, curve.place] = curve, seconds
         for old in list(self.curves)[:-KEPT]:
             del self.curves[old]
 
     def forget(self, subject: object, places: Iterable[str]) -> None:
-        """Drop curves that are measured again."""
+        """Drop curves that will be measured again."""
         for place in places:
             self.curves.pop((subject, place), None)
 
 
 def asked_seconds(plan: ScanPlan) -> float:
-    """Return about how long a curve of the simulation takes (s), within a factor of 3 on a machine of today."""
+    """Return the estimated duration of measuring a simulation curve (s), to within a factor of 3."""
     from lfcal.simulate import outlook_of
     from lfcal.simulate.accuracy import few_seconds
 
@@ -69,14 +69,14 @@ def asked_seconds(plan: ScanPlan) -> float:
 
 
 def subject_of(project: ProjectState, kind: str) -> object:
-    """Return what curves of a ``kind`` of subject belong to: ``"plan"`` or ``"psf"``."""
+    """Return the subject of curves of a ``kind``: ``"plan"`` or ``"psf"``."""
     return (kind, project.plan if kind == "plan" else project.psf)
 
 
 def iter_measure(
     project: ProjectState, kind: str, seconds: float, places: Iterable[str], kept: MeasuredCurves
 ) -> Work[None]:
-    """Measure place after place, each for about ``seconds``; every rung is in ``kept`` as soon as it is measured."""
+    """Measure the places in turn, each for about ``seconds``; each point is added to ``kept`` at once."""
     from lfcal.accuracy import PLACES, iter_measure_curve
 
     chosen, key = [PLACES.get(name) for name in places], subject_of(project, kind)
@@ -106,7 +106,7 @@ def _subject(project: ProjectState, kind: str, stack: ExitStack) -> Subject:
 # -- showing -----------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class CostPoint:
-    """A rung in the chart: decimal logarithms of its cost, as the axis has it, and of its error in per cent."""
+    """A measured setting (rung) in the chart: decimal logarithms of its cost and of its error (%)."""
 
     x: float
     y: float
@@ -117,7 +117,7 @@ class CostPoint:
 
 
 def points_of(curve: Curve, picked: Rung | None) -> tuple[CostPoint, ...]:
-    """Return the rungs as points, in their order."""
+    """Return the measured settings (rungs) of a curve as points, in their order."""
     from lfcal.accuracy import cost_axis
 
     _, scale = cost_axis(curve)
@@ -135,7 +135,7 @@ def points_of(curve: Curve, picked: Rung | None) -> tuple[CostPoint, ...]:
 
 
 def _name_of(rung: Rung) -> str:
-    """Return the first words of a label, which fit next to a point."""
+    """Return the first words of a rung's label, short enough to fit next to its point."""
     words = ", ".join(rung.label.split(", ")[:2])
     return typeset(words.removeprefix("tolerance "))
 
@@ -148,7 +148,7 @@ def axis_labels(curve: Curve) -> tuple[str, str]:
 
 
 def rung_words(rung: Rung) -> str:
-    """Return one rung in a few lines."""
+    """Return the description of a measured setting (rung) as a few lines of text."""
     from lfcal.accuracy import format_cost
 
     lines = [typeset(rung.label), f"error {format_share(rung.error)}, costs {format_cost(rung.cost, rung.unit)}"]

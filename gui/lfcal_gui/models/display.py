@@ -1,4 +1,4 @@
-"""How an array becomes a picture: levels, log, gamma, colour map, binning. Pure functions, no Qt."""
+"""Conversion of arrays to images: levels, log, gamma, colour map, binning. Pure functions, no Qt."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, njit
 
 COLOUR_MAPS = ("magma", "viridis", "cividis", "gray")
-"""Perceptually even maps offered for intensities; in the first, no light is black."""
+"""Perceptually uniform colour maps for intensities; in the first one, zero is black."""
 
 DIVERGING = "vanimo"
-"""Map for signed values, dark at zero."""
+"""Colour map for signed values, dark at zero."""
 
 DEPTHS, DARKEST = "plasma", 32
-"""Map for depths, and its first colour that is used."""
+"""Colour map for depths, and the index of the first colour used."""
 
 COLOURS = Path(__file__).with_name("colours.npy")
-"""Red, green and blue of these maps ``(6, 256, 3)``, as matplotlib has them; to load it takes a tenth of a second."""
+"""RGB values of these maps ``(6, 256, 3)``, copied from matplotlib, whose import would take 0.1 s."""
 
 SCALES = ("linear", "log", "gamma")
 
 DECADES_BELOW = 1e-4
-"""Of the top: what a logarithmic scale shows at most."""
+"""Smallest value shown on a logarithmic scale, relative to the largest."""
 
 
 @dataclass(frozen=True)
 class DisplaySettings:
-    """How values are shown.
+    """Display settings of an image.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class DisplaySettings:
 
 
 def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[float, float]:
-    """Return the levels that show all of ``image``; symmetric about zero where ``signed``."""
+    """Return the lowest and highest level that show all of ``image``; symmetric about zero if ``signed``."""
     finite = image[np.isfinite(image)] if image.dtype.kind == "f" else image
     if finite.size == 0:
         return (0.0, 1.0)
@@ -78,7 +78,7 @@ def to_uint8(image: NDArray[np.generic], display: DisplaySettings, levels: tuple
 
 @lru_cache(maxsize=8)
 def _table(count: int, scale: str, levels: tuple[float, float]) -> NDArray[np.uint8]:
-    """Return 0..255 for the first ``count`` whole numbers: quicker than arithmetic on a large frame."""
+    """Return a lookup table of 0..255 for the first ``count`` integers, faster than arithmetic on large frames."""
     return _scaled(np.arange(count, dtype=np.float32), scale, levels)
 
 
@@ -87,9 +87,9 @@ def _scaled(image: NDArray[np.generic], scale: str, levels: tuple[float, float])
 
 
 def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) -> NDArray[np.float32]:
-    """Return where values stand on the colour map, 0..1; not-a-number is 0.
+    """Return the positions of values on the colour map, 0..1; not-a-number becomes 0.
 
-    Logarithm and root are of light: what noise takes below zero has none, and is dark as zero is.
+    For log and gamma scaling, negative values (noise) are as dark as zero.
     """
     low, high = levels
     if scale != "linear" and high > 0:
@@ -113,7 +113,7 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
 def tinted(
     image: NDArray[np.generic], tint: NDArray[np.floating], display: DisplaySettings, levels: tuple[float, float]
 ) -> NDArray[np.uint8]:
-    """Return red, green and blue of values whose brightness is that of `to_uint8`, in the colour of ``tint``, 0..1."""
+    """Return RGB values with the brightness of `to_uint8` and the colours of ``tint`` (0..1)."""
     bright = to_uint8(image, display, levels)
     index = (np.nan_to_num(tint, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)
     colours = depth_colours()[index, :3]
@@ -122,13 +122,13 @@ def tinted(
 
 @lru_cache(maxsize=1)
 def depth_colours() -> NDArray[np.uint8]:
-    """Return the ``(256, 4)`` colours of depths, from near to far: without the darkest, in which light is not seen."""
+    """Return the colours of depths ``(256, 4)`` from near to far, without the darkest, which would hide light."""
     return np.ascontiguousarray(colour_table(DEPTHS)[np.linspace(DARKEST, 255, 256).round().astype(int)])
 
 
 @lru_cache(maxsize=16)
 def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
-    """Return the ``(256, 4)`` RGBA table of a colour map: one of `COLOUR_MAPS`, that of signed values or of depths.
+    """Return the RGBA table ``(256, 4)`` of a colour map: one of `COLOUR_MAPS`, `DIVERGING` or `DEPTHS`.
 
     With ``red`` the table runs from black to red, with the same brightness.
     """
@@ -143,7 +143,7 @@ def colour_table(name: str, *, red: bool = False) -> NDArray[np.uint8]:
 
 @njit()
 def _bin_max(image: NDArray[np.uint16], step: int, out: NDArray[np.uint16]) -> None:
-    """Rows first, element by element, which the compiler turns into vector instructions; then columns."""
+    """Reduce rows first, element by element, which the compiler vectorises; then columns."""
     rows, columns = out.shape
     line = np.empty(columns * step, image.dtype)
     for r in range(rows):
@@ -164,7 +164,7 @@ def _bin_max(image: NDArray[np.uint16], step: int, out: NDArray[np.uint16]) -> N
 def bin_max(image: NDArray[np.generic], step: int) -> NDArray[np.generic]:
     """Return the maximum of every ``step`` x ``step`` block: point sources stay visible when zoomed out.
 
-    Rows and columns that do not fill a block are left out.
+    Rows and columns at the end that do not fill a block are ignored.
     """
     if step <= 1:
         return image

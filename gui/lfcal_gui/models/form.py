@@ -1,4 +1,4 @@
-"""Fields of forms: what is shown of a value, what a typed text means, and fields made of records. No Qt."""
+"""Form fields: conversion between values and text, and fields derived from records. No Qt."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lfcal.base import InputError, check_commas
 from lfcal.records import FieldRow, read_names, read_share, rows, show_share
 
 UNKNOWN: Any = object()
-"""In the place of a value or default that is not known."""
+"""Placeholder for an unknown value or default."""
 
 _WANTED = {"float": "a number", "int": "a whole number", "floats": "numbers separated by ', ' or ';'"}
 
@@ -23,32 +23,32 @@ class Field:
     Attributes
     ----------
     key
-        Name of the value.
+        Key of the value.
     label, unit, tip
-        What is shown: name, unit, and what the quantity means.
+        Displayed name, unit and meaning of the quantity.
     kind
         ``"float"``, ``"int"``, ``"choice"``, ``"text"``, ``"bool"``, ``"floats"`` (a list of numbers), or ``"shown"``:
-        words that cannot be changed.
+        read-only text.
     scale
         Shown value = stored value / scale: 1000 shows µm as mm.
     choices
         For ``"choice"``: pairs of stored value and shown text.
     optional
-        An empty entry is None.
+        Whether an empty entry means None.
     endless
-        Numbers may be infinite; they are never NaN.
+        Whether numbers may be infinite; NaN is never allowed.
     empty
-        What an empty entry means, in a word or two.
+        Meaning of an empty entry, in one or two words.
     read
-        Of ``"text"``: what a text means, if several texts mean the same; it may raise `InputError`.
+        For ``"text"``: converts a text to its value if several texts are equivalent; may raise `InputError`.
     default
-        Value that a reset restores, as the form shows it; `UNKNOWN`: there is none.
+        Value restored by a reset, as shown in the form; `UNKNOWN` if there is none.
     group
-        Heading of the field where it is folded.
+        Heading of the field in the folded part of the form.
     file
-        Kinds of files of a path, as a file dialog has them; empty: it is none.
+        For paths: file filter of the file dialog; empty if the field is not a path.
     late
-        Whether a text is reported when typing ends, not letter by letter.
+        Whether a text is reported when typing ends instead of after each letter.
     """
 
     key: str
@@ -69,7 +69,7 @@ class Field:
 
 
 def text_of(field: Field, value: Any) -> str:
-    """Return the text that shows ``value``; `parse` reads it back."""
+    """Return the text that represents ``value``; `parse` reads it back."""
     if value is None:
         return ""
     if field.kind == "float":
@@ -94,7 +94,7 @@ def rounded(text: str) -> str:
 
 
 def parse(field: Field, text: str) -> Any:
-    """Return the stored value that ``text`` means; raise a one-line `InputError` if it has none.
+    """Return the stored value for ``text``; raise a one-line `InputError` if it is invalid.
 
     A comma directly between digits is refused everywhere, since it is ambiguous: "2,5" may be 2.5 or two numbers,
     and "1,000" one or a thousand.
@@ -118,7 +118,7 @@ def parse(field: Field, text: str) -> Any:
 
 
 def means(field: Field, text: str, value: Any) -> bool:
-    """Return whether ``text`` already says ``value``, in whatever words: "5.0" is 5."""
+    """Return whether ``text`` represents ``value`` in any notation, such as "5.0" for 5."""
     try:
         if field.read is not None and isinstance(value, str):
             return bool(field.read(text) == field.read(value))
@@ -128,7 +128,7 @@ def means(field: Field, text: str, value: Any) -> bool:
 
 
 def same(field: Field, one: Any, other: Any) -> bool:
-    """Return whether two values of a field are the same for the user."""
+    """Return whether two values of a field are equal as displayed."""
     if field.kind in ("choice", "bool"):
         return bool(one == other)
     text = text_of(field, one)
@@ -136,7 +136,7 @@ def same(field: Field, one: Any, other: Any) -> bool:
 
 
 def _number(field: Field, text: str) -> float:
-    """Return the stored number; raise `ValueError` for one that no project file could hold."""
+    """Return the stored number; raise `ValueError` for one that a project file cannot store."""
     value = float(text) * field.scale
     if math.isnan(value) or (math.isinf(value) and not field.endless):
         raise ValueError
@@ -147,16 +147,16 @@ KINDS = {bool: "bool", float: "float", int: "int"}
 
 
 def fields_of(record: type, *, without: Iterable[str] = (), more: bool | None = None) -> tuple[Field, ...]:
-    """Return the entries of a form for a record.
+    """Return the fields of a form for a record.
 
     Parameters
     ----------
     record
         Its class.
     without
-        Names of fields that other widgets show.
+        Names of fields to omit, because other widgets show them.
     more
-        Whether to return only those that are rarely needed, or only the others; None: all.
+        True: only rarely needed fields. False: only the others. None: all.
     """
     held = set(without)
     chosen = (row for row in rows(record) if row.name not in held and more in (None, row.opt.more))
@@ -196,7 +196,7 @@ def _field(row: FieldRow) -> Field:
 
 
 def shown_of(record: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a form shows: ``values`` by the names of their fields, and the defaults of all others."""
+    """Return the values of all fields of a form: ``values`` by field name, and the defaults of the others."""
     return {row.name: _shown(row, values.get(row.name, row.default)) for row in rows(record)}
 
 
@@ -208,26 +208,26 @@ def _shown(row: FieldRow, value: Any) -> Any:
 
 
 def text_in_form(row: FieldRow, value: Any) -> str:
-    """Return the text of a value in a form: as on a command line, but shares in per cent."""
+    """Return the text of a value in a form: as on the command line, but fractions in per cent."""
     if row.opt.read is read_share and isinstance(value, int | float):
         return show_share(value)
     return row.text(value)
 
 
 def _value(row: FieldRow, given: Any) -> Any:
-    """Return what an entry means; several values in one entry have a semicolon between them."""
+    """Return the value of an entry, in which semicolons separate several values."""
     if row.many and isinstance(given, str):
         given = [one.strip() for one in given.split(";") if one.strip()]
     return row.value(given, row.label)
 
 
 def value_in(record: type, key: str, given: Any) -> Any:
-    """Return the value of an entry as the record has it."""
+    """Return the value of a form entry in the form that the record stores."""
     return _value(next(row for row in rows(record) if row.name == key), given)
 
 
 def check_of(record: type) -> Callable[[str, Any], str]:
-    """Return what says why a value of a field is refused; empty: it is not. It is the ``check`` of a form."""
+    """Return a function that gives the reason why a value is refused (empty: accepted), for the ``check`` of a form."""
     named = {row.name: row for row in rows(record)}
 
     def check(key: str, value: Any) -> str:
@@ -241,7 +241,7 @@ def check_of(record: type) -> Callable[[str, Any], str]:
 
 
 def options_in(record: type, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of a form as the record has them; those at their defaults are left out."""
+    """Return the values of a form in the form that the record stores, without those at their defaults."""
     named = {row.name: row for row in rows(record)}
     found = {key: _value(named[key], value) for key, value in given.items()}
     return {key: value for key, value in found.items() if value != named[key].default}

@@ -1,4 +1,4 @@
-"""What Record > Folder shows: the visible part of a large frame, its numbers, the lattice. No Qt."""
+"""View of a frame in Record > Folder: visible part, statistics and lattice. No Qt."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from lfcal.camera import Camera
 from lfcal_gui.models.display import DisplaySettings, bin_max, to_uint8
 
 MAX_PIXELS = 1600 * 1200
-"""No more than this many pixels are sent to the screen."""
+"""Largest number of pixels sent to the screen."""
 
 MAX_POINTS = 20_000
 
 
 @dataclass(frozen=True)
 class Tile:
-    """The part of a frame that is drawn: rows and columns, every ``step`` x ``step`` block as one pixel."""
+    """Part of a frame to draw: rows and columns, with each ``step`` x ``step`` block as one pixel."""
 
     rows: tuple[int, int]
     columns: tuple[int, int]
@@ -31,7 +31,7 @@ def visible_tile(
 ) -> Tile:
     """Return the tile for a view of ``rows`` and ``columns`` (pixels) on ``screen`` (height, width; points).
 
-    At 100 % and closer the visible part is drawn as it is; farther out blocks are drawn by their maximum, so
+    At 100 % and above, the visible part is drawn pixel by pixel. Below, each block is drawn with its maximum, so
     that no point source disappears.
     """
     top, left = (min(max(0, math.floor(low) - 1), n - 1) for low, n in zip((rows[0], columns[0]), shape, strict=True))
@@ -51,14 +51,14 @@ def visible_tile(
 def render_tile(
     frame: NDArray[np.generic], tile: Tile, display: DisplaySettings, levels: tuple[float, float]
 ) -> NDArray[np.uint8]:
-    """Return the tile as 0..255."""
+    """Return the tile of the frame as image values 0..255."""
     part = frame[tile.rows[0] : tile.rows[1], tile.columns[0] : tile.columns[1]]
     return to_uint8(bin_max(part, tile.step), display, levels)
 
 
 @dataclass(frozen=True)
 class FrameNumbers:
-    """Exact numbers of a frame.
+    """Exact statistics of a frame.
 
     Attributes
     ----------
@@ -75,14 +75,14 @@ class FrameNumbers:
 
 
 def frame_numbers(frame: NDArray[np.generic], saturated: int | None) -> FrameNumbers:
-    """Return true extremes and mean of ``frame``, every pixel counted, with its ``saturated`` pixels."""
+    """Return the extremes and the mean over all pixels of ``frame``, with its number of ``saturated`` pixels."""
     return FrameNumbers(float(frame.min()), float(frame.max()), float(frame.mean(dtype=np.float64)), saturated)
 
 
 def lattice_points(
     camera: Camera, rows: tuple[float, float], columns: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return micro-image centres (row, column) on the sensor inside a view, and their types; none if too many."""
+    """Return the micro-image centres (row, column) inside a view and their lens types; none if there are too many."""
     pixel = camera.sensor.pixel_um
     rows, columns = (
         (max(low, -0.5), min(high, n - 0.5))

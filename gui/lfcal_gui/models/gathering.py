@@ -1,4 +1,4 @@
-"""The sitting as it is now, from the project, its jobs, and the reports of pages. No Qt."""
+"""Current state of the work (`Sitting`), from the project, its jobs and the reports of pages. No Qt."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
 Told = Mapping[str, Mapping[str, Any]]
-"""What each page reported: values of fields of `Sitting`."""
+"""Reports of pages: values of fields of `Sitting`."""
 
 MOST_RESIDUAL_PX = 0.3
-"""Residual of the period beyond which positions do not meet the same phase of the array."""
+"""Largest residual of the period (px) at which positions still share the phases of the array."""
 
 LEAST_S = 1.0
-"""What a job must have taken before its forecast is shown."""
+"""Smallest duration of a job before its remaining time is shown (s)."""
 
 DECLINED, DESCRIBED, CHECKED, EXPORTED = "declined", "described", "checked", "exported"
 """Entries of a project's settings: steps that were left out, whether a camera was chosen, the one that was checked, and
@@ -40,17 +40,17 @@ SOURCES: dict[str, Literal["rig", "folder", "compute"]] = {
     "frames": "folder",
     "simulate": "compute",
 }
-"""Where H comes from, by the page that is looked at."""
+"""Source of H by the current page."""
 
 
 def described(project: ProjectState) -> bool:
-    """Return whether a camera was chosen: a new project begins with a preset."""
+    """Return whether the user chose a camera; a new project begins with a preset."""
     changed = project.camera != ProjectState().camera or any(True for _ in project.camera.marks)
     return project.plan is not None or changed or project.settings.get(DESCRIBED) is True
 
 
 def with_described(project: ProjectState) -> dict[str, Any]:
-    """Return the settings of a project whose camera was chosen, maybe the one that it began with."""
+    """Return the settings of a project, marked to show that the user chose its camera."""
     return {**project.settings, DESCRIBED: True}
 
 
@@ -64,14 +64,14 @@ def sitting_of(
     matrix: PSFMatrix | None = None,
     paces: Paces | None = None,
 ) -> Sitting:
-    """Return everything that the next step depends on.
+    """Return all facts on which the next step depends.
 
     Parameters
     ----------
     project, told, jobs
         The project, the reports of the pages, and the jobs of the window.
     page, place
-        Key of the current page, and of its place.
+        Keys of the current page and of its place.
     matrix
         The project's H, None while it is not open.
     paces
@@ -108,7 +108,7 @@ def sitting_of(
 
 
 def filled_of(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
-    """Return how many of the bad positions a model has filled already."""
+    """Return the number of bad positions that a model has already filled."""
     from lfcal.psf import Origin
 
     if verdict is None or matrix is None:
@@ -118,7 +118,7 @@ def filled_of(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
 
 
 def _export_for(matrix: PSFMatrix | None) -> str:
-    """Return the name of the first code that can use H; empty: none can."""
+    """Return the name of the first reconstruction code that can use H; empty if there is none."""
     from lfcal.psf import codes_for
 
     usable = () if matrix is None else codes_for(matrix)
@@ -133,7 +133,7 @@ def _source(project: ProjectState, page: str) -> Literal["rig", "folder", "compu
 
 
 def _assumed(project: ProjectState) -> tuple[str, ...]:
-    """Return the assumed values that say where images lie: others change neither time nor cutout."""
+    """Return the assumed values that determine image positions; others affect neither time nor cutout."""
     from lfcal.camera import quantities_of
 
     there = set(project.camera.marks.paths("assumed"))
@@ -149,7 +149,7 @@ def _wrong(project: ProjectState) -> str:
 
 @lru_cache(maxsize=2)
 def _costs(plan: ScanPlan | None) -> dict[str, Any]:
-    """Return what the plan costs."""
+    """Return the forecast costs of the plan."""
     if plan is None:
         return {}
     from lfcal.camera import Forecast
@@ -161,14 +161,14 @@ def _costs(plan: ScanPlan | None) -> dict[str, Any]:
 
 
 def _job(jobs: Iterable[WindowJob]) -> dict[str, Any]:
-    """Return the job that the line follows: the oldest that runs, else that waits."""
+    """Return the job shown in the line of the next step: the oldest running one, else the oldest waiting one."""
     own = [job for job in jobs if job.active and job.kind in JOBS]
     if not own:
         return {}
     job = min(own, key=lambda one: (one.state is not JobState.RUNNING, one.number))
     record = job.progress
     if record is None:
-        return {"job": job.kind, "job_words": "waits for its turn" if job.state is JobState.WAITING else ""}
+        return {"job": job.kind, "job_words": "waiting for other jobs" if job.state is JobState.WAITING else ""}
     return {"job": job.kind, "job_words": _progress_words(record), "job_left_s": _left(record)}
 
 
@@ -183,7 +183,7 @@ def _left(record: Progress) -> float | None:
 
 
 def session_counts(folder: str) -> tuple[int, int]:
-    """Return how many positions of the session in ``folder`` are safe, and of how many; 0, 0: there is none."""
+    """Return the number of recorded positions of the session in ``folder`` and of all; (0, 0) if there is none."""
     from lfcal.acquire import SessionFile
     from lfcal.base import LfcalError
 
@@ -200,25 +200,25 @@ def session_counts(folder: str) -> tuple[int, int]:
 
 # -- what the project remembers ----------------------------------------------------------------------------
 def _digest(project: ProjectState) -> str:
-    """Return what changes with the camera."""
+    """Return a digest of the camera."""
     import hashlib
 
     return hashlib.sha1(project.camera.to_json().encode(), usedforsecurity=False).hexdigest()
 
 
 def with_checked(project: ProjectState) -> dict[str, Any]:
-    """Return the settings of a project whose camera agrees with a white image."""
+    """Return the settings of a project, marked to show that its camera agrees with a white image."""
     return {**project.settings, CHECKED: _digest(project)}
 
 
 def with_exported(project: ProjectState, path: str) -> dict[str, Any]:
-    """Return the settings of a project whose H was exported to a file."""
+    """Return the settings of a project with the file to which its H was exported."""
     stamp = stamp_of(project.psf)
     return {**project.settings, EXPORTED: {"path": path, "stamp": [] if stamp is None else list(stamp[1:])}}
 
 
 def exported_to(project: ProjectState) -> str:
-    """Return the file that H was exported to as it is now; empty: none."""
+    """Return the file to which the current H was exported; empty if there is none."""
     stamp, kept = stamp_of(project.psf), project.settings.get(EXPORTED)
     if stamp is None or not isinstance(kept, Mapping) or kept.get("stamp") != list(stamp[1:]):
         return ""
@@ -227,7 +227,7 @@ def exported_to(project: ProjectState) -> str:
 
 
 def with_declined(project: ProjectState, action: str, place: str) -> dict[str, Any]:
-    """Return the settings of a project with a step that is left out; of a step in place H as long as H is the same."""
+    """Return the settings of a project with a declined step; a step in H is declined until H changes."""
     kept = project.settings.get(DECLINED)
     before = dict(kept) if isinstance(kept, Mapping) else {}
     stamp = stamp_of(project.psf) if place == "h" else None

@@ -1,4 +1,4 @@
-"""What was done in a window, step by step, as a script that does it again. No Qt."""
+"""History of the steps taken in a window, as a script that repeats them. No Qt."""
 
 from __future__ import annotations
 
@@ -6,32 +6,29 @@ from dataclasses import dataclass
 
 from lfcal_gui.models.step import CommandStep
 
-SHELL = """#!/bin/sh
-# What was done in lfcal's window, as commands. Files that exist are not replaced: remove them first, or add --force.
-set -e
-"""
-PYTHON = '''"""What was done in lfcal's window."""
-
-from pathlib import Path
-'''
+SHELL = (
+    "#!/bin/sh\n# Steps taken in the lfcal window, as commands. Existing files are not "
+    "replaced: remove them first, or add --force.\nset -e\n"
+)
+PYTHON = '"""Steps taken in the lfcal window."""\n\nfrom pathlib import Path\n'
 
 
 @dataclass(frozen=True)
 class Taken:
-    """A step that was taken.
+    """A completed step.
 
     Attributes
     ----------
     page, title
-        Key of its page, and its title there.
+        Key of its page, and title of the step.
     step
-        The step as a command and as Python, None if there is none.
+        The step as a command and as Python code; None if it has none.
     out
-        The file or folder that it wrote, empty if none.
+        File or folder that it wrote; empty if none.
     why
-        Why there is no command.
+        Reason why it has no command.
     draft
-        Whether it saves nothing yet. The step of the same page that saves it replaces it.
+        Whether its result is not saved yet. The step of the same page that saves it replaces this one.
     """
 
     page: str
@@ -43,28 +40,28 @@ class Taken:
 
 
 class History:
-    """The steps of a sitting that ended well, in their order."""
+    """The successful steps since the window was opened, in their order."""
 
     def __init__(self) -> None:
         self.taken: list[Taken] = []
 
     def add(self, taken: Taken) -> None:
-        """Remember a step, in place of a draft of the same page."""
+        """Add a step, replacing a draft of the same page."""
         drafts = [k for k, one in enumerate(self.taken) if one.draft and one.page == taken.page]
         if drafts:
             del self.taken[drafts[-1]]
         self.taken.append(taken)
 
     def latest(self, page: str) -> str:
-        """Return the file or folder that a page wrote last, empty if none."""
+        """Return the last file or folder that a page wrote; empty if none."""
         return next((one.out for one in reversed(self.taken) if one.page == page and one.out), "")
 
     def shell(self) -> str:
-        """Return a script for a POSIX shell that ends at the first step that fails."""
+        """Return a POSIX shell script of all steps that stops at the first error."""
         return SHELL + "".join(_commented(one, "" if one.step is None else one.step.shell()) for one in self.taken)
 
     def python(self) -> str:
-        """Return a Python script with the same text for each step as when it is copied alone."""
+        """Return a Python script of all steps, with the same code for each step as a copy of that step."""
         return PYTHON + "".join(_commented(one, "" if one.step is None else one.step.body()) for one in self.taken)
 
 

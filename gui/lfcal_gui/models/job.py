@@ -1,4 +1,4 @@
-"""A piece of long work as the window knows it, its log, and what it leaves where it ends early. No Qt."""
+"""Jobs of the window: their state, their logs, and the partial results they keep if they end early. No Qt."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from lfcal_gui.models.history import Taken
 
 
 def plain_record(record: Progress) -> Progress:
-    """Return the progress of ``record`` without its other data, such as a volume so far."""
+    """Return the progress of ``record`` without other data, such as an intermediate volume."""
     return Progress(*(getattr(record, one.name) for one in fields(Progress)))
 
 
 class JobState(Enum):
-    """State of a job, with the word shown for it."""
+    """State of a job; the value is the displayed word."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -35,19 +35,19 @@ class JobState(Enum):
 
 
 class Keeping(Protocol):
-    """What a job keeps of its work if it ends early, so that it can resume. Not called in the window's thread."""
+    """Partial results of a job that ended early, from which it can resume. Not called in the window's thread."""
 
     @property
     def out(self) -> str:
-        """What the job makes: of two jobs that make the same, what the earlier one has left is the later one's."""
+        """Output of the job; a later job with the same output takes over the partial results of an earlier one."""
         ...
 
     def look(self) -> str:
-        """Return what is kept, such as ``"12 of 40 planes"``; empty where nothing is, and then nothing stays."""
+        """Return what is kept, such as ``"12 of 40 planes"``; if nothing, remove all traces and return ``""``."""
         ...
 
     def discard(self) -> None:
-        """Free it; raises `LfcalError` where that cannot be done."""
+        """Delete the partial results; raise `LfcalError` if that fails."""
         ...
 
 
@@ -58,25 +58,25 @@ class WindowJob:
     Attributes
     ----------
     number, title, page
-        Identity; ``page`` is the key of the page it belongs to.
+        Number and title of the job, and key of its page.
     kind
-        One of `lfcal_gui.models.next_step.JOBS` where the line of the next step follows it, else empty.
+        One of `lfcal_gui.models.next_step.JOBS` if the line of the next step shows it, else empty.
     state, progress
-        How far it is.
+        State and latest progress.
     result
-        Its result, for the receivers of its end only; it is not stored.
+        Result, passed only to the receivers of its end; it is not stored.
     stopping
-        Whether it was asked to stop; it may take a while to clean up.
+        Whether a stop was requested; cleaning up may take a while.
     error, details
-        One line in words, and the trace to copy, when failed.
+        If it failed: the error in one line, and the traceback.
     kept
-        What is kept of its work if it ended early, to resume or to discard; empty if nothing.
+        Partial results kept after an early end, to resume or discard; empty if there are none.
     taken
-        Its step in the history of the session, None if it has none.
+        Its step in the history; None if it has none.
     started
-        When it started, or was requested if it still waits (s, `time.monotonic`).
+        Time of its start or, while it waits, of its request (s, `time.monotonic`).
     before_s
-        Seconds of the parts that ended before the part of the last progress. Each part has its own clock.
+        Duration (s) of the parts that ended before the current part. Each part has its own clock.
     """
 
     number: int
@@ -100,11 +100,11 @@ class WindowJob:
         return self.state in (JobState.WAITING, JobState.RUNNING)
 
     def remembered(self) -> WindowJob:
-        """Return the job without what it made, which its last record may hold, too: a volume, a chart."""
+        """Return the job without its result, which its last progress record may contain as well."""
         return replace(self, result=None, progress=None if self.progress is None else plain_record(self.progress))
 
     def ended_words(self) -> str:
-        """Return how it ended, with the time it took, or what is kept of it."""
+        """Return how the job ended, with its duration or its partial results, as text."""
         seconds = self.before_s + (0.0 if self.progress is None else self.progress.seconds)
         took = "" if self.progress is None else format_seconds(seconds)
         if self.state is JobState.FAILED:
@@ -117,17 +117,17 @@ class WindowJob:
 
 
 MOST = 1000
-"""Lines kept of one job: solvers say something at every step."""
+"""Largest number of lines kept per job; solvers write a line at each step."""
 
 _sinks: dict[int, Callable[[str], None]] = {}
 _shown: Callable[..., None] | None = None
-"""What this module shows warnings by, once it does."""
+"""Warning handler of this module, once it is installed."""
 _lock = threading.Lock()
 
 
 @dataclass(frozen=True)
 class Said:
-    """One line: when (s since 1970), how long after the job began (s), of which kind, and the words."""
+    """One line of a log: time (s since 1970), time since the start of the job (s), kind and text."""
 
     at: float
     after: float
@@ -140,20 +140,20 @@ class Said:
 
 
 def _steady() -> Callable[[], float]:
-    """Return a clock that begins with the system's (s since 1970) and runs evenly, also where that one is set."""
+    """Return a clock (s since 1970) that starts at the system time and is not affected by later changes of it."""
     offset = time.time() - time.monotonic()
     return lambda: offset + time.monotonic()
 
 
 class JobLog:
-    """The lines of one job; written by its thread, read by the window's.
+    """Log of one job, written by its thread and read by the thread of the window.
 
     Parameters
     ----------
     title
-        What the job is called.
+        Title of the job.
     command
-        The same as a command, empty if there is none.
+        The equivalent command; empty if there is none.
     now
         Returns the time (s since 1970). By default the system's clock at the start of the job, continued with a
         monotonic clock.
@@ -179,7 +179,7 @@ class JobLog:
         return sum(line.kind == "warning" for line in self.lines())
 
     def say(self, kind: str, words: str) -> None:
-        """Add a line; of more than `MOST` the oldest that the job said by the way go."""
+        """Add a line; if there are more than `MOST`, drop the oldest minor ones."""
         at = self._now()
         with self._lock:
             if self._over:  # an abandoned job runs for a while; drop its lines
@@ -191,7 +191,7 @@ class JobLog:
                 self._dropped += 1
 
     def follow(self, record: Progress) -> None:
-        """Add what is new in a record: the end of a stage, with its time, and a note."""
+        """Add the news of a progress record: the end of a stage with its duration, or a note."""
         before, self._latest = self._latest, plain_record(record)
         if self._stage is None or self._stage[0] != record.stage:
             self._end_stage(before)
@@ -205,7 +205,7 @@ class JobLog:
         self._stage = None
 
     def end(self, words: str, details: str = "") -> None:
-        """Add how it ended, and the traceback of an unexpected error."""
+        """Add how the job ended, and the traceback of an unexpected error."""
         self._end_stage(self._latest)
         self.say("end", words)
         for line in details.rstrip().splitlines():
@@ -223,11 +223,11 @@ class JobLog:
             return tuple(self._lines)
 
     def text(self) -> str:
-        """Return all of it, with the stage that is under way."""
+        """Return the complete log as text, with the current stage."""
         begun = datetime.fromtimestamp(self._begun)
         head = [f"{self.title}, begun {begun:%Y-%m-%d %H:%M:%S}"]
         if self._dropped:
-            head.append(f"({self._dropped} notes are left out)")
+            head.append(f"({self._dropped} notes are omitted)")
         latest, under_way = self._latest, self._stage is not None and not self._over
         now = [f"now: {_far(latest)}"] if under_way and latest is not None else []
         return "\n".join((*head, *(line.line() for line in self.lines()), *now)) + "\n"
@@ -240,13 +240,13 @@ def _far(record: Progress) -> str:
 
 @runtime_checkable
 class Noted(Protocol):
-    """A result of a job that says something of itself."""
+    """Result of a job that has notes."""
 
     notes: Any
 
 
 def notes_of(result: Any) -> tuple[str, ...]:
-    """Return what a result says of itself: the verdict on what was judged, and its ``notes``, if those are lines."""
+    """Return the notes of a result: its verdict, and its ``notes`` if they are lines of text."""
     verdict = (judgement_of(result).verdict,) if isinstance(result, Judged) else ()
     notes = result.notes if isinstance(result, Noted) else ()
     lines = isinstance(notes, list | tuple) and all(isinstance(one, str) for one in notes)
@@ -255,7 +255,7 @@ def notes_of(result: Any) -> tuple[str, ...]:
 
 @contextmanager
 def warnings_to(sink: Callable[[str], None]) -> Iterator[None]:
-    """Hand what is warned of in this thread to ``sink`` as well, while the context lasts."""
+    """Also pass the warnings of this thread to ``sink`` while the context is active."""
     thread = threading.get_ident()
     with _lock:
         _hook()
@@ -284,7 +284,7 @@ def _hook() -> None:
 
 
 def going_on() -> RunChoice:
-    """Return how the window runs units: in its process, resuming an earlier run of the same work."""
+    """Return how the window runs units: in its own process, resuming an earlier run of the same work."""
     return RunChoice("threads", begun="resume")
 
 
@@ -306,7 +306,7 @@ def stamp_of_files(*places: str, but: str) -> str:
 
 @dataclass(frozen=True)
 class KeptRun:
-    """The units of a run; see `lfcal_gui.models.job.Keeping`.
+    """Finished units of a run as partial results; see `lfcal_gui.models.job.Keeping`.
 
     Attributes
     ----------
@@ -338,6 +338,6 @@ class KeptRun:
 
 
 def _kind(state: RunState) -> str:
-    """Return what the units are: units called ``"plane 0003"`` are planes."""
+    """Return the plural name of the units, such as planes for units called ``"plane 0003"``."""
     kinds = {unit.name.rsplit(" ", 1)[0] for unit in state.units} or {"plane"}
     return f"{kinds.pop()}s" if len(kinds) == 1 else "units"

@@ -1,4 +1,4 @@
-"""What the menu Help shows: pages of the manual and their sections, and what the doctor found. No Qt."""
+"""Content of the menu Help: pages and sections of the manual, and the report of the doctor. No Qt."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import lfcal
 from lfcal.base import StorageError
 
 ATLAS = "faults.md"
-"""Page that shows every fault that an inspection may name."""
+"""Page of the manual with all faults that an inspection can report."""
 
 
 def manual_folder() -> Path:
-    """Return where the manual lies: in a checkout, or inside an installed package; raises where it is nowhere."""
+    """Return the folder of the manual, in a checkout or an installed package; raise if there is none."""
     package = Path(lfcal.__file__).resolve().parent
     for place in (package.parent / "docs", package / "_docs"):
         if (place / ATLAS).is_file():
             return place
-    raise StorageError("the manual: not part of this installation; it is in the folder docs of lfcal's source")
+    raise StorageError("the manual: not part of this installation; see the folder docs in the source code of lfcal")
 
 
 def section_of(text: str, name: str) -> str:
-    """Return the section of Markdown ``text`` whose first words are ```name`.``, heading and all; else all of it."""
+    """Return the section of Markdown ``text`` that begins with ```name`.``, with its heading; else all of it."""
     for section in re.split(r"(?m)^(?=## )", text)[1:]:
         if re.match(rf"## [^\n]*\n\s*`{re.escape(name)}`\.", section):
             return section
@@ -33,24 +33,24 @@ def section_of(text: str, name: str) -> str:
 
 
 def _sections(found: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return heading and pairs of name and value of every part."""
+    """Return the heading and the pairs of name and value of each section."""
     devices = [(d["title"] or d["name"], d["version"] or f"absent: {d['reason']}") for d in found["devices"]]
     return [
         ("This machine", [(name, str(value)) for name, value in found["machine"].items()]),
         ("Libraries", [(name, version or "absent") for name, version in found["libraries"].items()]),
         ("Devices", devices),
-        ("Plug-ins left out", [(f"{p['kind']} {p['name']}", p["reason"]) for p in found["plugins"]]),
+        ("Plug-ins not loaded", [(f"{p['kind']} {p['name']}", p["reason"]) for p in found["plugins"]]),
     ]
 
 
 def doctor_text(found: Mapping[str, Any]) -> str:
-    """Return all of it as plain text."""
+    """Return the report of the doctor as plain text."""
     parts = [(title, rows) for title, rows in _sections(found) if rows]
     return "\n\n".join("\n".join((title, *(f"  {name}: {value}" for name, value in rows))) for title, rows in parts)
 
 
 def doctor_html(found: Mapping[str, Any]) -> str:
-    """Return all of it as a page."""
+    """Return the report of the doctor as HTML."""
     return "".join(
         f"<h3>{title}</h3><table>"
         + "".join(

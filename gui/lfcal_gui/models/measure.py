@@ -1,4 +1,4 @@
-"""What is measured in a picture: histogram, line profile with its width, region. Pure functions, no Qt."""
+"""Measurements in an image: histogram, line profile with its width, region. Pure functions, no Qt."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST = 1 << 17
-"""Values of a large picture that a histogram, or shares of its values, are found of: more would hold the window."""
+"""Largest number of values sampled from a large image for a histogram, so that the window stays responsive."""
 
 Place = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Values along a line: ``distance`` (px) from its first end, ``values``, and the full width at half maximum."""
+    """Values along a line: ``distance`` (px) from its start, ``values``, and full width at half maximum."""
 
     distance: NDArray[np.float64]
     values: NDArray[np.float64]
@@ -25,14 +25,14 @@ class Profile:
 
     def words(self) -> str:
         """Return length and width as text."""
-        width = "no peak within the line" if self.fwhm is None else f"FWHM {self.fwhm:.2f} px"
+        width = "no peak on the line" if self.fwhm is None else f"FWHM {self.fwhm:.2f} px"
         return f"{self.distance[-1]:.1f} px long, {width}"
 
 
 def line_profile(image: NDArray[Any], first: Place, last: Place) -> Profile:
-    """Return the values from ``first`` to ``last`` (row, column), one a pixel, linear between pixels.
+    """Return the values from ``first`` to ``last`` (row, column), one per pixel, interpolated linearly.
 
-    What lies outside ``image`` is not-a-number.
+    Values outside ``image`` are not-a-number.
     """
     from scipy.ndimage import map_coordinates
 
@@ -47,7 +47,7 @@ def line_profile(image: NDArray[Any], first: Place, last: Place) -> Profile:
 def fwhm(distance: NDArray[np.float64], values: NDArray[np.float64]) -> float | None:
     """Return the full width at half maximum of the highest peak above the lowest value.
 
-    Between samples values are taken as linear. None: a side of the peak does not fall to half within the line.
+    Values are interpolated linearly. The result is None if one side of the peak does not fall to half on the line.
     """
     known = np.isfinite(values)
     x, y = distance[known], values[known]
@@ -67,16 +67,16 @@ def fwhm(distance: NDArray[np.float64], values: NDArray[np.float64]) -> float | 
 
 @dataclass(frozen=True)
 class RegionNumbers:
-    """Numbers of a rectangle.
+    """Statistics of a rectangle.
 
     Attributes
     ----------
     rows, columns
-        First, and one past the last.
+        First index, and last index plus one.
     mean, deviation, low, high, total
-        Of the values.
+        Mean, standard deviation, smallest, largest and sum of the values.
     centre
-        Centroid (row, column) of what is above the smallest value, None where all are the same.
+        Centroid (row, column) of the values minus the smallest one; None if all are equal.
     """
 
     rows: tuple[int, int]
@@ -89,7 +89,7 @@ class RegionNumbers:
     centre: Place | None
 
     def words(self) -> str:
-        """Return all of it, a line each."""
+        """Return the statistics as text, one item per line."""
         height, width = self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
         lines = [
             f"{height} × {width} px, rows {self.rows[0]} to {self.rows[1] - 1}, "
@@ -105,7 +105,7 @@ class RegionNumbers:
 def region_numbers(
     image: NDArray[Any], rows: tuple[float, float], columns: tuple[float, float]
 ) -> RegionNumbers | None:
-    """Return the numbers of the pixels whose centres lie within ``rows`` and ``columns``; None where none does."""
+    """Return statistics of the pixels whose centres are within ``rows`` and ``columns``; None if there are none."""
     (top, bottom), (left, right) = (
         (max(0, math.ceil(low)), min(n, math.floor(high) + 1))
         for (low, high), n in zip((rows, columns), image.shape, strict=True)
@@ -128,14 +128,14 @@ def region_numbers(
 
 
 def sampled(image: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the finite values of every n-th row and column, `MOST` of them at most."""
+    """Return the finite values of every n-th row and column, at most `MOST` of them."""
     step = max(1, math.ceil(math.sqrt(image.size / MOST)))
     values = np.asarray(image[::step, ::step], np.float64)
     return values[np.isfinite(values)]
 
 
 def value_histogram(image: NDArray[Any], bins: int = 200) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the middles of bins and how many values of `sampled` lie in each."""
+    """Return the centres of the bins, and the number of values of `sampled` in each bin."""
     values = sampled(image)
     if not len(values):
         return np.zeros(0), np.zeros(0, np.intp)

@@ -1,4 +1,4 @@
-"""Unexpected errors: which are reported, how often, and what is safe. No Qt."""
+"""Unexpected errors: which are reported, how often, and which data are safe. No Qt."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Mishap:
     trace
         Traceback, for bug reports.
     thread
-        Name of the thread it happened in.
+        Name of the thread in which it occurred.
     key
-        Equal for errors of the same kind at the same line of code.
+        Identifies errors of the same kind at the same line of code.
     count
-        How often it happened so far.
+        Number of occurrences so far.
     """
 
     words: str
@@ -44,7 +44,7 @@ class Mishap:
         return cls(words_of(error), trace, thread, key)
 
     def title(self) -> str:
-        """Return the words, with how often it happened."""
+        """Return the words with the number of occurrences."""
         return self.words if self.count == 1 else f"{self.words}  ({self.count} times)"
 
 
@@ -55,39 +55,39 @@ class Mishaps:
         self._found: dict[tuple[str, ...], Mishap] = {}
 
     def add(self, mishap: Mishap) -> tuple[Mishap, bool]:
-        """Take one in; return it with how often its kind happened, and whether this is the first time."""
+        """Add an error; return it with the number of occurrences of its kind, and whether it is the first."""
         known = self._found.get(mishap.key)
         now = mishap if known is None else replace(mishap, count=known.count + 1)
         self._found[mishap.key] = now
         return now, known is None
 
     def all(self) -> tuple[Mishap, ...]:
-        """Return one of each kind, in the order they first happened."""
+        """Return one error of each kind, in the order of their first occurrence."""
         return tuple(self._found.values())
 
 
 def safe_words(*, unsaved: bool, project: str, copy: str, jobs: Sequence[str], recording: bool) -> tuple[str, ...]:
-    """Return what is safe after an unexpected error, a sentence each.
+    """Return which data are safe after an unexpected error, as sentences.
 
     Parameters
     ----------
     unsaved
-        Whether the project has changes that are not in its file.
+        Whether the project has unsaved changes.
     project
-        Its file, or empty.
+        File of the project; empty if it has none.
     copy
-        File of the copy that was just saved, empty if that failed.
+        File of the copy that was just saved; empty if saving failed.
     jobs
-        Titles of the jobs at work.
+        Titles of the running jobs.
     recording
         Whether one of them is a recording.
     """
     if not unsaved:
-        words = [f"The project is saved in {project}." if project else "The project has no changes to lose."]
+        words = [f"The project is saved in {project}." if project else "The project has no unsaved changes."]
     elif copy:
-        words = [f"The project has unsaved changes; a copy of them was just kept in {copy}."]
+        words = [f"The project has unsaved changes; a copy of them was just saved in {copy}."]
     else:
-        words = ["The project has unsaved changes and no copy of them could be kept: save it under a new name now."]
+        words = ["The project has unsaved changes, and they could not be copied: save it under a new name now."]
     if recording:
         words.append("The recording continues; every position counted as done is on the disk.")
     if jobs:

@@ -1,4 +1,4 @@
-"""What comes next in a sitting, and the words of the rail: both are made of one record. No Qt.
+"""The next step, and the words of the rail; both follow from one record, `Sitting`. No Qt.
 
 `next_step` goes through `ROWS`; the first one that holds says what comes next, and optional steps on the way to H do
 not hold it up.
@@ -15,7 +15,7 @@ from lfcal_gui.models.verdict import Verdict
 from lfcal_gui.models.words import rough_seconds
 
 LONGEST = 90
-"""Characters of a line, its lead included."""
+"""Largest number of characters of the line, including its lead."""
 
 PLACES = ("setup", "record", "h", "use")
 BEFORE_H = PLACES[:2]
@@ -24,28 +24,28 @@ Mark = Literal["good", "fair", "bad", ""]
 
 JOBS: dict[str, tuple[str, Place]] = {
     "sample": ("Opening the sample", "h"),
-    "make": ("Making H", "h"),
+    "make": ("Assembling H", "h"),
     "compute": ("Computing H", "h"),
     "judge": ("Judging H", "h"),
     "fit": ("Fitting the optics", "h"),
     "reconstruct": ("Reconstructing", "use"),
     "export": ("Exporting H", "use"),
 }
-"""Kinds of jobs that the line follows: the lead, and the place."""
+"""Kinds of jobs that the line shows, each with its lead and its place."""
 
 
 @dataclass(frozen=True)
 class Sitting:
-    """Everything that the next step depends on, as plain values.
+    """All facts on which the next step depends, as plain values.
 
     Attributes
     ----------
     place
-        Place that is looked at.
+        Key of the current place.
     declined
-        Actions of optional steps that were answered by "Not now".
+        Actions of optional steps that the user declined with "Not now".
     camera, white
-        Whether a camera was described, and checked against a white image.
+        Whether a camera was described, and compared with a white image.
     assumed
         Names of values that were not stated and that time, cutout or H depend on.
     wrong, movable
@@ -131,40 +131,40 @@ class Sitting:
 
     @property
     def unfinished(self) -> bool:
-        """Whether a session was begun and is not complete."""
+        """Whether a session was started and is not complete."""
         return 0 < self.done < self.total
 
     @property
     def bad(self) -> int:
-        """Number of bad positions that a click repairs: with a rig all of them, else those that are not yet filled."""
+        """Number of bad positions that one click repairs: all with a rig, else those not yet filled."""
         if self.verdict is None or not self.verdict.few:
             return 0
         return self.verdict.bad if self.rig else max(0, self.verdict.bad - self.filled)
 
     @property
     def needs_h(self) -> bool:
-        """Whether H is still to be made."""
+        """Whether H must still be made."""
         return not self.h or self.fresh
 
 
 @dataclass(frozen=True)
 class Step:
-    """What comes next.
+    """The next step.
 
     Attributes
     ----------
     lead, words
-        ``"Next"``, ``"Recording"``, ``"Done"``; and one sentence.
+        ``"Next"``, ``"Recording"``, ``"Done"`` and the like; and one sentence.
     button, action
-        Label of the button, and what it does: ``"page.name"``.
+        Label and action (``"page.name"``) of the button.
     place
-        Where it is done.
+        Key of the place where it is done.
     optional
-        Whether it can be left out.
+        Whether it can be skipped.
     stop
-        What a second button *Stop* does; empty: there is none.
+        Action of a second button *Stop*; empty if there is none.
     other
-        An optional step that can be done first.
+        Optional step that can be done first.
     """
 
     lead: str
@@ -178,20 +178,20 @@ class Step:
 
     @property
     def line(self) -> str:
-        """Lead and words."""
+        """Lead and words as one line."""
         return f"{self.lead}: {self.words}"
 
 
 @dataclass(frozen=True)
 class RailWords:
-    """What the rail says of a place, and its mark."""
+    """Words and mark of a place in the rail."""
 
     words: str
     mark: Mark = ""
 
 
 def next_step(sitting: Sitting) -> Step:
-    """Return what comes next: the first row that holds, without optional steps that were declined.
+    """Return the next step: the first row that applies, without declined optional steps.
 
     An optional step on the way to H is offered next to the step that has to be done.
     """
@@ -208,7 +208,7 @@ def next_step(sitting: Sitting) -> Step:
 
 # -- words -------------------------------------------------------------------------------------------------
 def _takes(seconds: float | None, before: str = ", ", about: str = "about ") -> str:
-    """Return a forecast as the end of a sentence; nothing where there is none."""
+    """Return a forecast as the end of a sentence; empty if there is none."""
     return "" if seconds is None else f"{before}{rough_seconds(seconds, about)}"
 
 
@@ -217,12 +217,12 @@ def _left(seconds: float | None) -> str:
 
 
 def _count(many: int, one: str) -> str:
-    """Return a number of things with thousands separated."""
+    """Return a count with its noun and a thousands separator."""
     return format_count(many, one, f"{one}s").replace(str(many), f"{many:,}", 1)
 
 
 def _short(text: str, most: int) -> str:
-    """Return one line of at most so many characters."""
+    """Return ``text`` as one line of at most ``most`` characters."""
     words = " ".join(text.split()).rstrip(".")
     return words if len(words) <= most else f"{words[: most - 1].rstrip()}…"
 
@@ -235,7 +235,7 @@ def _scan(s: Sitting) -> str:
 def _stopped(s: Sitting) -> Step | None:
     if not s.stopped or s.recording:
         return None
-    return Step("Stopped", f"{_short(s.stopped, 56)}. All before is safe.", "Resume", "acquire.resume", "record")
+    return Step("Stopped", f"{_short(s.stopped, 56)}. Recorded data are safe.", "Resume", "acquire.resume", "record")
 
 
 def _recording(s: Sitting) -> Step | None:
@@ -259,20 +259,20 @@ def _working(s: Sitting) -> Step | None:
     if s.job not in JOBS:
         return None
     lead, place = JOBS[s.job]
-    words = f"{_short(s.job_words, 48) or 'under way'}{_left(s.job_left_s)}."
+    words = f"{_short(s.job_words, 48) or 'running'}{_left(s.job_left_s)}."
     return Step(lead, words, "Stop", f"jobs.{s.job}", place)
 
 
 def _camera(s: Sitting) -> Step | None:
     if s.camera or s.h or s.source == "folder":
         return None
-    return Step("Next", "say which camera it is.", "Import …", "setup.import", "setup")
+    return Step("Next", "choose the camera.", "Import …", "setup.import", "setup")
 
 
 def _camera_of_h(s: Sitting) -> Step | None:
     if not s.h or s.camera or s.h_camera:
         return None
-    words = "say which camera made this H, to judge it fully."
+    words = "choose the camera of this H, to judge it fully."
     return Step("Next", words, "Import …", "setup.import", "setup", optional=True)
 
 
@@ -295,7 +295,7 @@ def _assumed(s: Sitting) -> Step | None:
 def _white(s: Sitting) -> Step | None:
     if s.white or not s.camera or not s.needs_h or s.source == "folder":
         return None
-    words = "check the camera against a white image."
+    words = "compare the camera with a white image."
     return Step("Next", words, "White image …", "setup.white", "setup", optional=True)
 
 
@@ -308,7 +308,7 @@ def _unread(s: Sitting) -> Step | None:
 def _plan(s: Sitting) -> Step | None:
     if s.plan or not s.needs_h:
         return None
-    return Step("Next", "plan the scan; it follows from the camera.", "Plan the scan", "setup.make", "setup")
+    return Step("Next", "plan the scan; lfcal derives it from the camera.", "Plan the scan", "setup.make", "setup")
 
 
 def _assemble(s: Sitting) -> Step | None:
@@ -317,21 +317,21 @@ def _assemble(s: Sitting) -> Step | None:
     if not s.folder:
         return Step("Next", "choose the folder with the frames.", "Import folder …", "frames.import", "record")
     frames = _count(s.frames, "frame") if s.frames else "the frames"
-    words = f"make H of {frames}{_takes(s.make_s)}."
+    words = f"assemble H from {frames}{_takes(s.make_s)}."
     return Step("Next", words, "Assemble H", "frames.assemble", "record")
 
 
 def _assemble_session(s: Sitting) -> Step | None:
     if s.h or not s.total or s.done < s.total or s.source != "rig":
         return None
-    words = f"make H of {_count(s.total, 'recorded position')}{_takes(s.make_s)}."
+    words = f"assemble H from {_count(s.total, 'recorded position')}{_takes(s.make_s)}."
     return Step("Next", words, "Assemble H", "acquire.assemble", "record")
 
 
 def _compute(s: Sitting) -> Step | None:
     if s.source != "compute" or not s.needs_h:
         return None
-    off = "" if s.error is None else f", {format_share(s.error)} off"
+    off = "" if s.error is None else f", error {format_share(s.error)}"
     words = f"compute H: {_count(s.planes, 'plane')}{off}{_takes(s.compute_s)}."
     return Step("Next", words, "Compute H", "simulate.compute", "record")
 
@@ -347,14 +347,14 @@ def _disk(s: Sitting) -> Step | None:
     if s.h or s.free_bytes is None or s.frame_bytes <= s.free_bytes:
         return None
     need, free = format_bytes(s.frame_bytes), format_bytes(s.free_bytes)
-    words = f"the frames need {need}, {free} are free: choose another folder."
+    words = f"the frames need {need}, but only {free} are free: choose another folder."
     return Step("Next", words, "Choose folder …", "acquire.folder", "record")
 
 
 def _adjust(s: Sitting) -> Step | None:
     if s.h or s.rig_measured:
         return None
-    words = "measure scale and axes of the stage."
+    words = "measure the scale and axes of the stage."
     return Step("Next", words, "Adjust", "acquire.adjust", "record", optional=True)
 
 
@@ -381,7 +381,7 @@ def _few_bad(s: Sitting) -> Step | None:
         words = f"record {many} again; the rest of H is {rest}."
         return Step("Next", words, f"Record {many}", "acquire.redo", "h", optional=v.usable)
     if s.folder or s.total:
-        words = f"leave {bad} out of H, filled by the fit; the rest is {rest}."
+        words = f"leave {bad} out of H, and fill it from the fit; the rest is {rest}."
         button = "Leave it out" if s.bad == 1 else "Leave them out"
         return Step("Next", words, button, "h.leave_out", "h", optional=v.usable)
     words = f"look at {bad}; the rest of H is {rest}."
@@ -457,17 +457,17 @@ ROWS: tuple[Callable[[Sitting], Step | None], ...] = (
     _export,
     _exported,
 )
-"""What can come next, in this order; the last one always holds."""
+"""Possible next steps in order of priority; the last one always applies."""
 
 
 # -- the rail ----------------------------------------------------------------------------------------------
 def rail_words(sitting: Sitting) -> dict[str, RailWords]:
-    """Return what the rail says of each of the four places."""
+    """Return the words of the rail for each of the four places."""
     return {"setup": _setup(sitting), "record": _rail_record(sitting), "h": _rail_h(sitting), "use": _use(sitting)}
 
 
 def _worth(s: Sitting) -> str:
-    """Return what H is worth in a word, the same in the rail and in the line."""
+    """Return the merit of H in a word or two, as used in the rail and in the line."""
     v = s.verdict
     if v is None:
         return "not judged"

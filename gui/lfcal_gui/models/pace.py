@@ -1,4 +1,4 @@
-"""How fast this machine really is: what jobs took, over what was forecast for them. No Qt."""
+"""Measured speed of this machine: duration of jobs relative to their forecasts. No Qt."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from statistics import median
 
 FORECASTS = {"make": "make_s", "compute": "compute_s", "reconstruct": "reconstruct_s"}
-"""Kinds of jobs with a forecast, and the field of `Sitting` that has it."""
+"""Kinds of jobs with a forecast, and the field of `Sitting` that contains it."""
 
 KEPT = 5
-"""Runs of a kind that count, the newest."""
+"""Number of newest runs of each kind that are used."""
 
 
 @dataclass
 class Paces:
-    """Corrects forecasts by the real runs of each kind of job; the median counts, as a resumed run is shorter.
+    """Corrects forecasts by the median ratio of real runs of each kind of job, as resumed runs are shorter.
 
     Examples
     --------
@@ -29,17 +29,17 @@ class Paces:
     runs: dict[str, list[float]] = field(default_factory=dict)
 
     def take(self, kind: str, forecast: float, seconds: float) -> None:
-        """Take over how long a job took."""
+        """Record the duration of a job."""
         if forecast > 0 and seconds > 0:
             self.runs[kind] = [*self.runs.get(kind, ()), seconds / forecast][-KEPT:]
 
     def seconds(self, kind: str, forecast: float) -> float:
-        """Return a forecast for a kind of job as this machine is."""
+        """Return a forecast for a kind of job, corrected for this machine."""
         runs = self.runs.get(kind)
         return forecast * median(runs) if runs else forecast
 
     def corrected(self, facts: Mapping[str, object]) -> dict[str, object]:
-        """Return facts of a sitting with forecasts as this machine is."""
+        """Return facts of a sitting with forecasts corrected for this machine."""
         found = dict(facts)
         for kind, name in FORECASTS.items():
             seconds = found.get(name)
@@ -48,12 +48,12 @@ class Paces:
         return found
 
     def texts(self) -> list[str]:
-        """Return what is kept between starts, a text for each kind."""
+        """Return the texts stored between starts, one for each kind."""
         return [" ".join((kind, *(f"{run:.4g}" for run in runs))) for kind, runs in self.runs.items()]
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> Paces:
-        """Return what `texts` gave; what is no such text is left out."""
+        """Return the object that `texts` describes; other texts are ignored."""
         found: dict[str, list[float]] = {}
         for kind, *runs in map(str.split, texts):
             try:

@@ -1,4 +1,4 @@
-"""What a page of the window is, before it is opened: name, icon, state; and the registry of all pages. No Qt."""
+"""Description of a page before it is opened (name, icon, state), and the registry of all pages. No Qt."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lfcal_gui.models.project import ProjectState
 
 
 class PageState(Enum):
-    """State of a page, with the words shown for it."""
+    """State of a page; the value is the displayed text."""
 
     NOTHING = "nothing yet"
     READY = "ready"
@@ -24,14 +24,14 @@ class PageState(Enum):
 
 @dataclass(frozen=True)
 class WindowPlace:
-    """One of the four places of the window, in the order of a sitting: its pages are views of it.
+    """One of the four places of the window, in the order of the work; its pages are views of it.
 
     Attributes
     ----------
     key, title
-        For programs and for people.
+        Key for programs, and displayed title.
     question
-        What the place answers.
+        Question that the place answers.
     """
 
     key: str
@@ -41,7 +41,7 @@ class WindowPlace:
 
 PLACES = (
     WindowPlace("setup", "Set up", "Will this scan work, and what does it cost?"),
-    WindowPlace("record", "Record", "Is the frame right, is it safe, and how long does it take?"),
+    WindowPlace("record", "Record", "Are the frames right, are they safe, and how long does it take?"),
     WindowPlace("h", "H", "Is H good, and if not, what helps?"),
     WindowPlace("use", "Use", "How do I export H, and what does it reconstruct?"),
 )
@@ -49,28 +49,28 @@ PLACES = (
 
 @dataclass(frozen=True)
 class PageSpec:
-    """One page of the window, as its folder names it in ``PAGE``.
+    """Description of one page of the window, which its folder defines as ``PAGE``.
 
     Attributes
     ----------
     key, title
-        For programs (project files, jobs, ``Context.go``) and for people.
+        Key for programs (project files, jobs, ``Context.go``), and displayed title.
     hint
-        One sentence: what is done here.
+        One sentence on the purpose of the page.
     order
-        Place among the views of its place, or in the menu *More*: ascending; lfcal's own pages have 10, 20, … 90.
+        Sort key among the views of its place or in the menu *More*, ascending; pages of lfcal have 10, 20, … 90.
     package
         The page's folder as a package; ``package.page`` has the class ``Page`` and is imported when the page is opened.
     state
-        Returns the state that follows from the project; called after every change, so it must be quick.
+        Returns the state of the page for a project; called after every change, so it must be fast.
     needs
-        Package without which the page is left out; empty: none.
+        Package that the page requires; empty if none.
     place
         Key of the `WindowPlace` that the page is a view of; empty: it has its own window, in the menu *More*.
     keys
-        Pairs of key and meaning, for the sheet of keyboard shortcuts.
+        Pairs of key and meaning, for the list of keyboard shortcuts.
     takes
-        Whether the page may accept a file or folder that was dropped elsewhere. Only then is the page created and
+        Returns whether the page may accept a file or folder dropped elsewhere. Only then is the page created and
         asked. None: it is always asked.
     """
 
@@ -87,7 +87,7 @@ class PageSpec:
 
     @property
     def name(self) -> str:
-        """The key: registries find parts by name."""
+        """The key, by which the registry finds the page."""
         return self.key
 
 
@@ -106,11 +106,11 @@ def _check(spec: PageSpec) -> None:
 
 
 PAGES = page_registry()
-"""All pages; those whose library part does not exist are left out of the window."""
+"""All pages; the window omits those whose part of the library is not installed."""
 
 
 def available_pages(pages: Iterable[PageSpec] = PAGES) -> tuple[PageSpec, ...]:
-    """Return the pages whose part of the library exists, in order."""
+    """Return the pages whose part of the library is installed, in order."""
     return tuple(spec for spec in pages if not spec.needs or _exists(spec.needs))
 
 
@@ -122,7 +122,7 @@ def _exists(module: str) -> bool:
 
 
 def nothing(path: str) -> bool:
-    """Return that a page takes no file that is dropped elsewhere."""
+    """Return False: the page accepts no file dropped elsewhere."""
     return False
 
 
@@ -132,16 +132,16 @@ def page_states(
     running: Collection[str] = (),
     attention: Collection[str] = (),
 ) -> dict[str, PageState]:
-    """Return the state of every page by key; looks whether the project's files exist, but not into them.
+    """Return the state of every page by key; checks whether the project's files exist, without reading them.
 
     Parameters
     ----------
     project
-        What the window works on.
+        The project.
     pages
-        The pages asked about.
+        The pages to include.
     running, attention
-        Keys of pages with a running job, and of pages that found something to look at.
+        Keys of pages with a running job, and of pages that need attention.
     """
     found = {spec.key: spec.state(project) for spec in pages}
     found |= dict.fromkeys(found.keys() & set(attention), PageState.ATTENTION)
@@ -149,7 +149,7 @@ def page_states(
 
 
 def file_state(path: str, *, ready: bool) -> PageState:
-    """Return the state of a page that makes the file ``path``; ``ready``: it could be made now."""
+    """Return the state of a page that makes the file ``path``; ``ready``: whether it can be made now."""
     if path:
         # the file of the project is gone
         return PageState.DONE if Path(path).exists() else PageState.ATTENTION

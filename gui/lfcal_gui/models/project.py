@@ -1,4 +1,4 @@
-"""The project a window works on: what the user described and which files belong to it. No Qt, no arrays."""
+"""The project of a window: the user's description and the files that belong to it. No Qt, no arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfcal.camera import Camera, ScanPlan, preset
 FORMAT = "lfcal-project"
 VERSION = 1
 OLD_FORMAT = "lfcal-session"
-"""Files of this format, version 1, are read, and saved as projects."""
+"""Earlier format (version 1), which can be read and is saved in the current format."""
 
 FILES = ("frames", "psf", "reference", "recording", "light_field", "volume")
 UNDO_STEPS = 200
@@ -26,26 +26,26 @@ LONGEST_PATH = 4095
 
 @dataclass(frozen=True)
 class ProjectState:
-    """Everything a saved project holds.
+    """Content of a saved project.
 
     Attributes
     ----------
     name
-        For people.
+        Displayed name.
     camera, plan
-        What the user described; the plan is None until it is first made.
+        Camera description and scan plan; the plan is None until it is first made.
     settings
         Settings of each page by its key, as plain JSON types; see `lfcal_gui.models.settings.PageSettings`.
     frames, psf, reference, recording, light_field, volume
         Files and folders that belong to the project: imported frames, H, an H to compare with, a recorded session,
         a light field to reconstruct and its reconstruction. Empty: none yet.
     redo
-        Positions (z, y, x) to be recorded again.
+        Positions (z, y, x) to record again.
     left_out
         Paths on network shares in the file of the project, as ``"psf //server/share/H.h5"``. They are ignored, since
-        Windows logs on to any server that a path names. No part of the project.
+        Windows logs on to any server that a path names. Not saved.
     refused
-        Why entries of the file were refused, a line each. They have their defaults. No part of the project.
+        Reasons why entries of the file were refused, one line each; defaults replace them. Not saved.
     """
 
     name: str = "untitled"
@@ -63,7 +63,7 @@ class ProjectState:
     refused: tuple[str, ...] = ()
 
     def __eq__(self, other: object) -> bool:
-        """Return whether all is the same, also where the camera's values come from: a file holds that, too."""
+        """Return whether all saved entries are equal, including the sources of camera values."""
         if not isinstance(other, ProjectState):
             return NotImplemented
         same = all(getattr(self, name) == getattr(other, name) for name in ENTRIES)
@@ -107,11 +107,11 @@ class ProjectState:
 
 
 ENTRIES = tuple(f.name for f in fields(ProjectState) if f.name not in ("left_out", "refused"))
-"""What a file of a project holds."""
+"""Names of the entries of a project file."""
 
 
 def _local(name: str, value: Any, left_out: list[str]) -> Any:
-    """Return a value without the paths on network shares in it, which are added to ``left_out``."""
+    """Return a value without its paths on network shares, which are added to ``left_out``."""
     if isinstance(value, dict):
         return {key: _local(f"{name}.{key}", part, left_out) for key, part in value.items()}
     if isinstance(value, list):
@@ -123,12 +123,12 @@ def _local(name: str, value: Any, left_out: list[str]) -> Any:
 
 
 def _file(name: str, given: object, left_out: list[str]) -> Any:
-    """Return the path of an entry, empty where it is on a network share."""
+    """Return the path of an entry; empty if it is on a network share."""
     return _local(name, _path(name, given), left_out)
 
 
 def _path(name: str, given: object) -> str:
-    """Return the path of an entry; raise where no file can have it, before anything looks for it."""
+    """Return the path of an entry; raise `InputError` if it is not a valid path."""
     path = str(given)
     if "\0" in path or len(path) > LONGEST_PATH or any(len(part) > 255 for part in Path(path).parts):
         wanted = f"a path of at most {LONGEST_PATH} characters, names of at most 255, without NUL"
@@ -145,7 +145,7 @@ def _parsed(text: str) -> dict[str, Any]:
 
 
 def _modern(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries of an old file with the present names. Settings of two pages had their own entries."""
+    """Return the entries of an old file under their current names; settings of two pages were separate entries."""
     frames = dict(data["frames"])
     folder = frames.pop("folder")
     settings = {**data["extra"], "frames": frames, "simulate": dict(data["simulate"])}
@@ -153,20 +153,20 @@ def _modern(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_project(path: Path) -> ProjectState:
-    """Return the project in a file; raises `LfcalError` where there is none."""
+    """Return the project in a file; raise `LfcalError` if it contains none."""
     return ProjectState.from_json(read_text(path))
 
 
 @dataclass(frozen=True)
 class Hold:
-    """What of a project must not change while a job runs.
+    """Part of a project that must not change while a job runs.
 
     Attributes
     ----------
     reason
-        Why, as shown to the user.
+        Reason shown to the user.
     fields, pages
-        Fields of the state, and pages whose settings stay.
+        Fields of the state, and keys of pages whose settings must not change.
     tell
         Called with the reason when a change was refused.
     """
@@ -177,7 +177,7 @@ class Hold:
     tell: Callable[[str], None] = lambda _: None
 
     def concerns(self, old: ProjectState, new: ProjectState) -> bool:
-        """Return whether the change from ``old`` to ``new`` is of what stays, with where camera values come from."""
+        """Return whether the change from ``old`` to ``new`` affects what must not change."""
         if any(getattr(old, name) != getattr(new, name) for name in self.fields):
             return True
         if "camera" in self.fields and old.camera.marks != new.camera.marks:
@@ -189,7 +189,7 @@ Listener = Callable[[ProjectState, ProjectState], None]
 
 
 class Project:
-    """The current state with undo, saving and listeners; one per window."""
+    """Current state of the project with undo, saving and listeners; one per window."""
 
     def __init__(self, state: ProjectState | None = None, path: Path | None = None) -> None:
         self._state = state or ProjectState()
@@ -211,7 +211,7 @@ class Project:
 
     @property
     def unsaved(self) -> bool:
-        """Whether something changed since the project was saved or opened."""
+        """Whether the project changed since it was saved or opened."""
         return self._state != self._saved
 
     def listen(self, listener: Listener) -> None:
@@ -219,7 +219,7 @@ class Project:
         self._listeners.append(listener)
 
     def update(self, label: str, **changes: Any) -> bool:
-        """Change the state as a new step of undo; ``label`` names it in the menu. Return False where it was refused."""
+        """Change the state as an undo step named ``label`` in the menu; return False if the change was refused."""
         new = replace(self._state, **changes)
         if new == self._state:
             return True
@@ -232,7 +232,7 @@ class Project:
         return True
 
     def merge(self, label: str, **changes: Any) -> None:
-        """Change the state as part of the last change of the same label: a drag, or a number that is typed."""
+        """Change the state as part of the last change with the same label, such as a drag or a typed number."""
         if not self._merges(label):
             self.update(label, **changes)
             return
@@ -244,13 +244,13 @@ class Project:
         self._set(new)
 
     def note(self, **changes: Any) -> None:
-        """Change the state without a step of undo: what a job found is nothing that the user did."""
+        """Change the state without an undo step, for results of jobs."""
         new = replace(self._state, **changes)
         if new != self._state and not self._refused(new):
             self._set(new)
 
     def before(self, label: str) -> ProjectState:
-        """Return what undo would lead back to after `merge` with this label."""
+        """Return the state that undo would restore after `merge` with this label."""
         return self._past[-1][1] if self._merges(label) else self._state
 
     def _merges(self, label: str) -> bool:
@@ -258,7 +258,7 @@ class Project:
 
     # -- holding ---------------------------------------------------------------------------------------
     def hold(self, hold: Hold) -> None:
-        """Refuse changes of what is held until `release`, or until another project is begun."""
+        """Refuse changes of the given part until `release`, or until another project starts."""
         self._hold = hold
 
     def release(self) -> None:
@@ -266,7 +266,7 @@ class Project:
         self._hold = None
 
     def held(self, state: ProjectState) -> str:
-        """Return why the state cannot become ``state`` now; empty: it can."""
+        """Return why the state cannot change to ``state`` now; empty if it can."""
         hold = self._hold
         return "" if hold is None or not hold.concerns(self._state, state) else hold.reason
 
@@ -284,23 +284,23 @@ class Project:
     # -- undo ------------------------------------------------------------------------------------------
     @property
     def undo_label(self) -> str:
-        """What undo would take back; empty: nothing."""
+        """Label of the change that undo would revert; empty if there is none."""
         return self._past[-1][0] if self._past else ""
 
     @property
     def redo_label(self) -> str:
-        """What redo would bring back; empty: nothing."""
+        """Label of the change that redo would repeat; empty if there is none."""
         return self._future[-1][0] if self._future else ""
 
     def undo(self) -> None:
-        """Take back the last change."""
+        """Revert the last change."""
         if self._past and not self._refused(self._past[-1][1]):
             label, state = self._past.pop()
             self._future.append((label, self._state))
             self._set(state)
 
     def redo(self) -> None:
-        """Bring back the change taken back last."""
+        """Repeat the change reverted last."""
         if self._future and not self._refused(self._future[-1][1]):
             label, state = self._future.pop()
             self._past.append((label, self._state))
@@ -308,26 +308,26 @@ class Project:
 
     # -- files -----------------------------------------------------------------------------------------
     def save(self, path: Path | None = None) -> None:
-        """Write the project to its file, whole or not at all."""
+        """Write the project to its file (atomically)."""
         target = path or self.path
         if target is None:
-            raise FileFormatError("project: it has no file yet; choose a name")
+            raise FileFormatError("project: no file yet; choose a name")
         write_text(target, self._state.to_json())
         self.path, self._saved = target, self._state
         self._stamp = _stamp(target)
 
     @property
     def changed_on_disk(self) -> bool:
-        """Whether another program has written the project's file since it was opened or saved here."""
+        """Whether another program wrote the project's file since it was opened or saved here."""
         now = None if self.path is None else _stamp(self.path)
         return now is not None and now != self._stamp
 
     def open(self, path: Path) -> None:
-        """Replace the state by that of a project file; the old one stays if the file cannot be read."""
+        """Replace the state by that of a project file; keep it if the file cannot be read."""
         self.start(read_project(path), path)
 
     def start(self, state: ProjectState, path: Path | None = None, saved: ProjectState | None = None) -> None:
-        """Begin with ``state``: nothing to undo; unsaved if its file holds something else (``saved``)."""
+        """Start with ``state`` and an empty undo history; it is unsaved if it differs from ``saved``."""
         self.begun += 1
         self._past.clear()
         self._future.clear()
@@ -338,7 +338,7 @@ class Project:
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return what changes when a file is written, None where there is none."""
+    """Return a stamp that changes when the file is written; None if there is no file."""
     try:
         found = path.stat()
     except OSError:
@@ -347,7 +347,7 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 
 class RecentProjects:
-    """Projects opened lately, newest first, kept in a small file."""
+    """Recently opened projects, newest first, stored in a small file."""
 
     def __init__(self, store: Path, limit: int = 8) -> None:
         self.store, self.limit = store, limit
@@ -362,7 +362,7 @@ class RecentProjects:
         return [p for p in found if p.is_file()][: self.limit]
 
     def add(self, path: Path) -> None:
-        """Put ``path`` first; where the list cannot be written, as on a full disk, it stays as it is."""
+        """Put ``path`` first; if the list cannot be written, as on a full disk, it does not change."""
         path = path.absolute()
         listed = [str(path), *(str(p) for p in self.paths() if p != path)][: self.limit]
         with suppress(LfcalError):

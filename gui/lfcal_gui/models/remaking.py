@@ -1,4 +1,4 @@
-"""H again, with bad positions left out and filled. No Qt."""
+"""Reassembly of H with its bad positions left out and filled. No Qt."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 @dataclass
 class Filling:
-    """H as it fills: the plane at work, and the light of the patterns ``(nz, ny, nx)``; not-a-number: not there yet."""
+    """H during its assembly: current plane, and light of the patterns ``(nz, ny, nx)``, NaN if not there yet."""
 
     plane: int | None = None
     energy: NDArray[np.float64] | None = None
     job: int = 0
 
     def follows(self, job: int, record: Progress | None) -> bool:
-        """Return whether a job with such a record is the one that fills H, or now becomes it."""
+        """Return whether the job with this record is, or now becomes, the one that fills H."""
         if _of_assembly(record) is not None and job != self.job:
             self.job, self.plane, self.energy = job, None, None
         return job == self.job
 
     def take(self, record: Progress | None) -> bool:
-        """Take what a record of the assembly shows; return whether that is news."""
+        """Update from a progress record of the assembly; return whether anything changed."""
         found = _of_assembly(record)
         if found is None or found.energy is self.energy:
             return False
@@ -41,28 +41,28 @@ class Filling:
         return True
 
     def light(self, z: int) -> NDArray[np.float64] | None:
-        """Return the light of the patterns of plane ``z``; None: nothing of it is there."""
+        """Return the light of the patterns of plane ``z``; None if there are none yet."""
         found = None if self.energy is None else self.energy[z]
         return found if found is not None and np.isfinite(found).any() else None
 
     def words(self, z: int, count: int, *, under_way: bool) -> str:
-        """Return how far plane ``z`` of ``count`` planes is; empty where nothing is known."""
+        """Return the progress of plane ``z`` of ``count`` planes as text; empty if unknown."""
         energy = self.light(z)
         if energy is None:
             return ""
         there = int(np.isfinite(energy).sum())
         state = "fills" if under_way else "holds"
-        return f"{plane_words(z, count)} of H {state}: light of {there} of {energy.size} positions"
+        return f"{plane_words(z, count)} of H {state}: light at {there} of {energy.size} positions"
 
     def short_words(self, z: int) -> str:
-        """Return in few words how far plane ``z`` is."""
+        """Return the progress of plane ``z`` in a few words."""
         energy = self.light(z)
         there = 0 if energy is None else int(np.isfinite(energy).sum())
         return f"H fills: plane {z}, {there} of {0 if energy is None else energy.size}"
 
 
 def _of_assembly(record: Progress | None) -> AssemblyProgress | None:
-    """Return a record of an assembly; None for any other."""
+    """Return the record if it is of an assembly, else None."""
     if record is None or type(record) is Progress:
         return None
     from lfcal.psf import AssemblyProgress
@@ -74,7 +74,7 @@ Place = tuple[int, int, int]
 
 
 def iter_made(task: Assemble | AssembleTarget) -> Work[AssemblyReport]:
-    """Make H in units; called again it continues with the planes that are done."""
+    """Assemble H in units; a repeated call continues after the completed planes."""
     from lfcal.tasks import RunSettings
 
     (made,) = yield from task.work(RunSettings(resume=True))
@@ -82,30 +82,30 @@ def iter_made(task: Assemble | AssembleTarget) -> Work[AssemblyReport]:
 
 
 def new_file(psf: Path) -> Path:
-    """Return a file next to an H that does not exist: ``H-2.h5`` for ``H.h5``."""
+    """Return an unused path next to an H, such as ``H-2.h5`` for ``H.h5``."""
     stem, _, number = psf.stem.rpartition("-")
     stem, first = (stem, int(number) + 1) if stem and number.isdigit() else (psf.stem, 2)
     return next(path for k in range(first, first + 10_000) if not (path := psf.with_name(f"{stem}-{k}.h5")).exists())
 
 
 def shown_first(places: Sequence[Place]) -> Place:
-    """Return the position (z, y, x) to look at: in the plane with most of ``places``."""
+    """Return the first position (z, y, x) to show: in the plane with most of ``places``."""
     z = int(np.bincount([place[0] for place in places]).argmax())
     return next(place for place in places if place[0] == z)
 
 
 @dataclass(frozen=True)
 class WithoutBad:
-    """How an H is made again without some positions.
+    """Tasks that make an H again without some positions.
 
     Attributes
     ----------
     fit
-        Finds the camera that fills them; None where H was filled by a fit already.
+        Task that fits the camera that fills them; None if a fit already filled H.
     assemble
-        Makes H.
+        Task that assembles H.
     listed
-        Text of the file that lists the positions.
+        Content of the file that lists the positions.
     """
 
     fit: FitMatrix | None
@@ -119,7 +119,7 @@ class WithoutBad:
 
 
 def without_bad(psf: Path, places: Sequence[Place]) -> WithoutBad:
-    """Return how the H ``psf`` is made again without the frames of ``places``, which a fit of H fills.
+    """Return the tasks that make the H ``psf`` again without the frames of ``places``, which a fit fills.
 
     Raises
     ------

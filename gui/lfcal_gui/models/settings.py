@@ -1,4 +1,4 @@
-"""Settings of one page, kept in the project by the page's key. No Qt."""
+"""Settings of one page, stored in the project under the page's key. No Qt."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lfcal_gui.models.project import ProjectState
 class PageSettings:
     """Base of a page's settings: a frozen record whose fields all have defaults and are plain values or tuples.
 
-    A subclass names its page in the class variable ``page``. The project holds what `to_dict` returns, so that it
+    A subclass names its page in the class variable ``page``. The project stores the result of `to_dict`, so that it
     can be saved without knowing any page, and so that the settings of a page that is not installed are kept.
     """
 
     page: ClassVar[str]
 
     def usable(self) -> None:
-        """Raise `InputError` where values that are allowed one by one do not go together."""
+        """Raise `InputError` if values that are valid separately do not match."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON types."""
@@ -30,12 +30,12 @@ class PageSettings:
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
-        """Return the settings in ``data``; what is missing takes its default, and so does a value that is refused."""
+        """Return the settings in ``data``; missing and refused values take their defaults."""
         return cls.read(data)[0]
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
-        """Return the settings in ``data``, and why values were refused, a line each: these take their defaults."""
+        """Return the settings in ``data``, and one line for each refused value, which takes its default."""
         if not isinstance(data, Mapping):
             wrong = f"settings of {cls.page}: expected an object, got {data!r:.40}"
             return cls(), () if data is None else (wrong,)
@@ -43,7 +43,7 @@ class PageSettings:
         defaults = {f.name: f.default for f in fields(cls)}
 
         def reason(names: Iterable[str]) -> str:
-            """Return why these values together are refused; empty: they are not."""
+            """Return why these values together are refused; empty if they are accepted."""
             try:
                 for name in names:
                     _check_type(name, defaults[name], given[name])
@@ -69,11 +69,11 @@ class PageSettings:
         return cls.from_dict(project.settings.get(cls.page))
 
     def changed(self, key: str, value: Any) -> Self:
-        """Return the settings with one field changed; raise `LfcalError` where that cannot be."""
+        """Return the settings with one field changed; raise `LfcalError` if the value is refused."""
         return replace(self, **{key: value})
 
     def why_not(self, key: str, value: Any) -> str:
-        """Return why a field cannot have a value; empty where it can."""
+        """Return why a field cannot have a value; empty if it can."""
         try:
             self.changed(key, value)
         except LfcalError as error:
@@ -81,7 +81,7 @@ class PageSettings:
         return ""
 
     def into(self, project: ProjectState) -> dict[str, Any]:
-        """Return the settings of all pages of a project, with these among them."""
+        """Return the settings of all pages of a project, updated with these."""
         return {**project.settings, self.page: self.to_dict()}
 
 
@@ -94,7 +94,7 @@ def _tupled(value: Any) -> Any:
 
 
 def _check_type(name: str, default: Any, value: Any) -> None:
-    """Raise where ``value`` is of another type than the default; a default of None says nothing."""
+    """Raise if ``value`` is of another type than the default, unless the default is None."""
     kind = type(default)
     # bool is an int in Python, and JSON may write 1.0 as 1
     allowed = {float: (float, int), int: (int,)}.get(kind, (kind,))
@@ -105,7 +105,7 @@ def _check_type(name: str, default: Any, value: Any) -> None:
 
 @dataclass(frozen=True)
 class OpeningSettings(PageSettings):
-    """What files do not say of themselves.
+    """Properties of files that the files do not state.
 
     Attributes
     ----------
@@ -125,11 +125,11 @@ class OpeningSettings(PageSettings):
             check_mat_order(pair[1])
 
     def with_order(self, path: str, order: str) -> OpeningSettings:
-        """Return the settings by which the file ``path`` is read in ``order``."""
+        """Return the settings with ``order`` stated for the file ``path``."""
         others = tuple(pair for pair in self.mat_orders if pair[0] != path)
         return OpeningSettings((*others, (path, order)))
 
 
 def stated_order(project: ProjectState, path: str) -> str:
-    """Return the order of the axes of H that the user stated for a .mat file; empty: none."""
+    """Return the order of the axes of H that the user stated for a .mat file; empty if none."""
     return dict(OpeningSettings.of(project).mat_orders).get(path, "")

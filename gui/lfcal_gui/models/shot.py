@@ -1,4 +1,4 @@
-"""What one picture shows: values, what is drawn over them, and words, all of one moment. No Qt."""
+"""Content of one image view: values, overlays and text that belong together. No Qt."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from lfcal.base import format_length
 from lfcal_gui.models.display import DisplaySettings, levels_of
 
 Levels: TypeAlias = "tuple[float, float]"
-"""Values at both ends of the colours."""
+"""Values at both ends of the colour scale."""
 
 CUTOUT = "#ffd166"
-"""Colour of a cutout and of its point, which is seen on every colour map."""
+"""Colour of a cutout and of its point, visible on every colour map."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A line through ``points`` ``(n, 2)``, rows and columns in the units of the picture."""
+    """A line through ``points`` ``(n, 2)`` (row, column), in the units of the image."""
 
     points: NDArray[np.float64]
     colour: str = "#ffffff"
@@ -35,7 +35,7 @@ class Outline:
 class Symbols:
     """A symbol of ``size`` screen pixels at each of the ``points`` ``(n, 2)``: ``o``, ``s`` (square), ``+`` or ``x``.
 
-    ``colours``: one for all, or one for each; ``filled`` with them.
+    ``colours``: one for all symbols, or one for each; ``filled``: whether symbols are filled.
     """
 
     points: NDArray[np.float64]
@@ -47,7 +47,7 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """Words in the middle of one of the ``points`` ``(1, 2)``."""
+    """Text centred at one of the ``points`` ``(1, 2)``."""
 
     points: NDArray[np.float64]
     words: str
@@ -60,7 +60,7 @@ Overlay: TypeAlias = "Outline | Symbols | Label"
 def cutout_of(
     row: float, column: float, shape: Sequence[int], point: ArrayLike | None = None, colour: str = CUTOUT
 ) -> tuple[Overlay, ...]:
-    """Return the border of a cutout whose first pixel is (row, column), and the paraxial image of its point."""
+    """Return the border of a cutout with first pixel (row, column), and the paraxial image of its point."""
     top, left = row - 0.5, column - 0.5
     bottom, right = top + shape[0], left + shape[1]
     border = Outline(np.array([(top, left), (top, right), (bottom, right), (bottom, left)]), colour, width=2)
@@ -69,9 +69,9 @@ def cutout_of(
 
 @dataclass(frozen=True, eq=False)
 class Tint:
-    """Colours of pixels whose brightness is their value.
+    """Colours of pixels whose brightness shows their value.
 
-    ``values`` ``(rows, columns)``: places on the colours of depths, 0 ... 1; ``ends``: words at both ends of these.
+    ``values`` ``(rows, columns)``: positions on the colour scale of depths, 0 ... 1; ``ends``: labels of its ends.
     """
 
     values: NDArray[np.floating[Any]]
@@ -80,37 +80,37 @@ class Tint:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A picture with all that belongs to it.
+    """An image with its overlays, labels and scale.
 
     Attributes
     ----------
     values
-        Any numbers ``(rows, columns)``, not-a-number dark; or red, green and blue in 0 ... 1 ``(rows, columns, 3)``;
-        None: nothing.
+        Numbers ``(rows, columns)``, with not-a-number shown dark; or RGB in 0 ... 1 ``(rows, columns, 3)``;
+        None: no image.
     caption
-        What it is of, written over it.
+        Caption drawn over the image.
     quantity
-        What the values are, with their unit; empty: as the picture says.
+        Quantity of the values with its unit; empty: as set in the view.
     name
-        What files of it are called; empty: as before.
+        Name for files of the image; empty: unchanged.
     levels
-        Values at the ends of the colours, where it shares them with others; None: its own.
+        Values at the ends of the colour scale if it is shared with other images; None: from the values.
     signed
-        Whether zero is in the middle of the colours.
+        Whether zero is in the middle of the colour scale.
     origin, step
-        Coordinates (row, column) of the first pixel, and the length of a pixel.
+        Coordinates (row, column) of the first pixel, and side of a pixel.
     overlays
-        What is drawn over it.
+        Overlays drawn over the image.
     cross
-        The pixel (row, column) that is pointed out.
+        Pixel (row, column) marked with a cross.
     pixel_um
-        Length of a pixel, for a scale bar; None: none is drawn.
+        Side of a pixel (µm) for the scale bar; None: no scale bar.
     tint
-        Colours of the pixels; None: those of their values.
+        Colours of the pixels; None: from their values.
     whole
-        First row and column, height and width of what it is a part of, in its units; None: it is all there is.
+        First row and column, height and width of the full image that it is a part of; None: it is the full image.
     readout
-        Lines of numbers, written in the upper right corner.
+        Lines of numbers drawn in the upper right corner.
     """
 
     values: NDArray[Any] | None = None
@@ -130,7 +130,7 @@ class Shot:
 
     @property
     def coloured(self) -> bool:
-        """Whether the values are colours."""
+        """Whether the values are RGB colours."""
         return self.values is not None and self.values.ndim == 3
 
     @property
@@ -140,30 +140,30 @@ class Shot:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """First row and column, height and width of the picture, in its units."""
+        """First row and column, height and width of the image, in its units."""
         rows, columns = self.shape or (0, 0)
         (row, column), step = self.origin, self.step
         return row - step / 2, column - step / 2, rows * step, columns * step
 
     @property
     def place(self) -> object:
-        """What stays where pan and zoom stay: where the whole lies, or where and how large the pixels are."""
+        """Key of the view: as long as it is unchanged, pan and zoom are kept."""
         return self.whole or (self.shape, self.origin, self.step)
 
     @property
     def measured(self) -> NDArray[Any] | None:
-        """Values that can be measured: of colours their mean."""
+        """Values used for measurements; for RGB the mean of the three."""
         return self.values.mean(-1) if self.values is not None and self.coloured else self.values
 
     def levels_in(self, display: DisplaySettings, chosen: Levels | None) -> Levels:
-        """Return the values at the ends of the colours; ``chosen`` by the user come first, then those it shares."""
+        """Return the limits of the colour scale: ``chosen`` by the user, else shared, else from the values."""
         values = self.measured
         if values is None:
             return (0.0, 1.0)
         return chosen or self.levels or display.levels or levels_of(values, signed=self.signed)
 
     def pixel_at(self, row: float, column: float) -> tuple[int, int] | None:
-        """Return the pixel at coordinates, None outside."""
+        """Return the pixel (row, column) at coordinates; None outside the image."""
         if self.shape is None or not (math.isfinite(row) and math.isfinite(column)):
             return None
         pixel = round((row - self.origin[0]) / self.step), round((column - self.origin[1]) / self.step)
@@ -176,9 +176,9 @@ class Shot:
 
 
 def scale_bar(pixel_um: float, pixels_a_point: float, longest: float) -> tuple[float, str]:
-    """Return the length of a scale bar in points of the screen, at most ``longest``, and its words.
+    """Return the length of a scale bar in screen points, at most ``longest``, and its label.
 
-    It is 1, 2 or 5 times a power of ten long; a point of the screen covers ``pixels_a_point`` of the picture.
+    Its length is 1, 2 or 5 times a power of ten; a screen point covers ``pixels_a_point`` image pixels.
     """
     most = pixel_um * pixels_a_point * longest
     decade = 10.0 ** math.floor(math.log10(most))

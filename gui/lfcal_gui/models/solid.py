@@ -1,10 +1,10 @@
-"""A volume seen from any side, at true scale: the brightest value along each ray, and its depth. No Qt.
+"""Projection of a volume from any side at true scale: brightest value along each ray, and its depth. No Qt.
 
-Planes of the volume are shifted against each other (a shear) so that all rays run along one axis of the array. The
-maximum over the shifted planes is then turned on the screen (a warp in two dimensions). All values of a row of the
-array have the same weights, which the compiler turns into vector instructions.
+Planes of the volume are shifted relative to each other (a shear) so that all rays run along one axis of the array. The
+maximum over the shifted planes is then mapped to the screen (a two-dimensional warp). All values of a row of the
+array have the same weights, so that the compiler can vectorise the loop.
 
-This is part of the window rather than of `lfcal.reconstruct`: it makes pictures to look at. From Python, the napari
+This module is part of the window instead of `lfcal.reconstruct`, because it only displays. From Python, the napari
 plug-in shows volumes.
 """
 
@@ -21,20 +21,20 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import InputError, for_each_chunk, njit
 
 FINEST = 8
-"""Most samples to a voxel along a row of the sheared picture."""
+"""Largest number of samples per voxel along a row of the sheared image."""
 
 MOST_BETWEEN = 4
-"""Most steps into which the distance of two planes is divided."""
+"""Largest number of steps between two planes."""
 
 WORK = 5e8
-"""Samples of a sharp picture at most: half a second on one core."""
+"""Largest number of samples of a sharp image (half a second on one core)."""
 
 QUICK = 1.5e7
-"""Samples of a picture while the volume is being turned."""
+"""Largest number of samples of an image while the volume is being rotated."""
 
 
 def turned(turn: NDArray[np.float64], across: float, down: float) -> NDArray[np.float64]:
-    """Return ``turn`` turned further: the side that faces you moves right and down, by radians."""
+    """Return the rotation ``turn`` followed by a rotation of the front side right and down (rad)."""
     a, b = math.cos(across), math.sin(across)
     c, d = math.cos(down), math.sin(down)
     about_y = np.array([[a, 0, -b], [0, 1, 0], [b, 0, a]])
@@ -46,12 +46,12 @@ def turned(turn: NDArray[np.float64], across: float, down: float) -> NDArray[np.
 
 
 BEGIN = turned(np.eye(3), math.radians(-35), math.radians(25))
-"""Rows: right, down and into the screen, in the volume's x, y and z."""
+"""Initial rotation; rows: right, down and into the screen, in the volume's x, y and z."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A volume with its place in space.
+    """A volume with its position in space.
 
     Attributes
     ----------
@@ -59,13 +59,13 @@ class Solid:
         ``(Z, Y, X)``, finite; between planes that are further apart than others there are some more, so that a ray
         passes none. They lie on the straight line between their neighbours, and change nothing of what is seen.
     depths
-        Place of each of these planes, ascending.
+        Depth of each of these planes, ascending.
     given
-        Place of each plane of the volume, as they follow each other in it.
+        Depth of each plane of the volume, in its original order.
     sides
         Length of a voxel (y, x), in the same unit.
     measured
-        Whether the unit is micrometres; else it is a voxel.
+        Whether the unit is micrometres; else it is the voxel.
     """
 
     values: NDArray[np.float32]
@@ -78,7 +78,7 @@ class Solid:
     def of(
         cls, volume: NDArray[Any], depths_um: ArrayLike | None = None, voxel_um: tuple[float, float] | None = None
     ) -> Solid:
-        """Place a volume ``(Z, Y, X)``: planes in any order; not-a-number is as dark as its darkest voxel.
+        """Return a volume ``(Z, Y, X)`` with planes in any order in space; NaN becomes as dark as the darkest voxel.
 
         Without depths or voxel size all voxels are cubes.
         """
@@ -113,7 +113,7 @@ class Solid:
 
     @property
     def middle(self) -> float:
-        """Depth of the middle of the volume."""
+        """Depth of the centre of the volume."""
         low, high = self._along_z
         return (low + high) / 2
 
@@ -133,13 +133,13 @@ class Solid:
 
     @cached_property
     def steps(self) -> NDArray[np.float64]:
-        """Smallest distance of two neighbours along x, y and z."""
+        """Smallest distance between neighbours along x, y and z."""
         gaps = np.diff(self.depths)
         return np.array([self.sides[1], self.sides[0], gaps.min() if len(gaps) else self.sides[1]])
 
     @property
     def radius(self) -> float:
-        """Of the sphere about it: however it is turned, it lies within."""
+        """Radius of the circumscribed sphere."""
         return float(np.linalg.norm(self.half))
 
     @cached_property
@@ -149,7 +149,7 @@ class Solid:
 
     @cached_property
     def coarse(self) -> Solid:
-        """The same with a quarter of the voxels, of 2 x 2 the brightest: quick to turn."""
+        """The volume with a quarter of the voxels (maximum of 2 x 2), for fast rotation."""
         _, rows, columns = self.values.shape
         if min(rows, columns) < 4:
             return self
@@ -164,11 +164,11 @@ class Solid:
         )
 
     def place_of(self, plane: int, row: int, column: int) -> NDArray[np.float64]:
-        """Return where a voxel of the volume lies (x, y, z), from its middle."""
+        """Return the position (x, y, z) of a voxel relative to the centre of the volume."""
         return np.array([self.places[0][column], self.places[1][row], self.given[plane] - self.middle])
 
     def voxel_at(self, place: NDArray[np.float64]) -> tuple[int, int, int]:
-        """Return the plane, row and column of the volume that are nearest to a place (x, y, z)."""
+        """Return the plane, row and column of the voxel nearest to a position (x, y, z)."""
         axes = self.given - self.middle, self.places[1], self.places[0]
         plane, row, column = (int(np.argmin(np.abs(axis - at))) for axis, at in zip(axes, place[::-1], strict=True))
         return plane, row, column
@@ -196,7 +196,7 @@ def _evened(
 
 
 class Viewpoint(NamedTuple):
-    """How a volume is looked at.
+    """Viewpoint of a projection.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class Viewpoint(NamedTuple):
 
 
 class Projection(NamedTuple):
-    """The brightest value along the ray of each pixel, and where it lies; not-a-number off the volume.
+    """Brightest value along the ray of each pixel, and its position; not-a-number outside the volume.
 
     Attributes
     ----------
@@ -234,7 +234,7 @@ class Projection(NamedTuple):
     ahead: NDArray[np.float32]
 
     def place_at(self, scene: Viewpoint, row: int, column: int) -> NDArray[np.float64]:
-        """Return the place (x, y, z) that is seen at a pixel, from the middle of the volume."""
+        """Return the position (x, y, z) seen at a pixel, relative to the centre of the volume."""
         down, right = (o + scene.pixel * k for o, k in zip(scene.origin, (row, column), strict=True))
         place: NDArray[np.float64] = np.array([right, down, float(self.ahead[row, column])]) @ scene.turn
         return place
@@ -307,7 +307,7 @@ class _Screen(NamedTuple):
 
 
 def project_solid(solid: Solid, scene: Viewpoint, *, quick: bool = False) -> Projection:
-    """Look at a volume: the brightest value along each ray; ``quick``: coarser, while it is being turned."""
+    """Return the projection of a volume, the maximum along each ray; ``quick``: coarser, for use during rotation."""
     most = QUICK if quick else WORK
     effort = _effort(solid, scene, most)
     if quick and _cost(solid, scene, effort) > most:

@@ -1,4 +1,4 @@
-"""Stamp of a file when it was read, and the camera that a fit of such a file found. No Qt."""
+"""Stamp of a file at the time it was read, and the camera found by a fit of such a file. No Qt."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
 
 
 Stamp = tuple[str, int, int]
-"""Path, time, size."""
+"""Path, modification time and size of a file."""
 
 
 def stamp_of(path: str) -> Stamp | None:
-    """Return a file as it is now, None where there is none."""
+    """Return the current stamp of a file; None if there is no file."""
     try:
         found = Path(path).stat() if path else None
     except (OSError, ValueError):  # no such file, or an invalid name
@@ -25,14 +25,14 @@ def stamp_of(path: str) -> Stamp | None:
 
 @dataclass(frozen=True, eq=False)
 class FittedCamera:
-    """What a fit found of the camera behind an H.
+    """Camera of an H as found by a fit.
 
     Attributes
     ----------
     stamp
-        The file of H, as it was when it was fitted.
+        Stamp of the file of H at the time of the fit.
     setup
-        Camera and effects as found, sources where H has them.
+        Fitted camera and effects, with the source positions of H.
     """
 
     stamp: Stamp

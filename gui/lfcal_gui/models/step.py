@@ -1,4 +1,4 @@
-"""What a page does, as a command and as Python: the same step without a window. No Qt."""
+"""Step of a page as a command and as Python code, without the window. No Qt."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ END = "LFCAL_END"
 
 @dataclass(frozen=True)
 class CommandStep:
-    """One step of a sitting.
+    """One step of the work.
 
     Attributes
     ----------
     arguments
-        Of the command line, after ``lfcal``.
+        Arguments of the command line, after ``lfcal``.
     python
-        The same with the library; it may take ``Path`` as imported.
+        Equivalent Python code; it may assume that ``Path`` is imported.
     files
-        Pairs of name and text: small files that both read, written first.
+        Pairs of name and text: small input files of both, which are written first.
     """
 
     arguments: tuple[str, ...]
@@ -42,28 +42,28 @@ class CommandStep:
 
     @classmethod
     def of(cls, task: Task, files: tuple[tuple[str, str], ...] = (), run: RunSettings | None = None) -> CommandStep:
-        """Return the step that does a task."""
+        """Return the step that runs a task."""
         from lfcal.tasks import python_of, words_of
 
         return cls(words_of(task, run), python_of(task, run, imported=("pathlib",)), files)
 
     def shell(self) -> str:
-        """Return lines for a POSIX shell."""
+        """Return the step as lines for a POSIX shell."""
         texts = [f"cat > {shlex.quote(name)} <<'{END}'\n{text}\n{END}\n" for name, text in self.files]
         return "".join(texts) + shlex.join(("lfcal", *self.arguments)) + "\n"
 
     def script(self) -> str:
-        """Return a Python script."""
+        """Return the step as a Python script."""
         return "from pathlib import Path\n\n" + self.body()
 
     def body(self) -> str:
-        """Return what follows the import of ``Path`` in a Python script."""
+        """Return the Python code after the import of ``Path``."""
         texts = [f"Path({name!r}).write_text({text!r}, encoding='utf-8')\n" for name, text in self.files]
         return "".join(texts) + self.python.strip("\n") + "\n"
 
 
 def step_of(spec: PageSpec, project: ProjectState, out: str = "", part: str = "") -> CommandStep:
-    """Return what a page does with the project as it is: the function ``step`` of its module ``step``.
+    """Return the step of a page for the current project, from the function ``step`` of its module ``step``.
 
     ``out`` is the file or folder that it writes; empty: one with a name such as ``H.h5``. A ``part`` of the page has
     a module with its name, such as ``step_fit``.
@@ -75,13 +75,13 @@ def step_of(spec: PageSpec, project: ProjectState, out: str = "", part: str = ""
     """
     module = f"{spec.package}.step" + (f"_{part}" if part else "")
     if importlib.util.find_spec(module) is None:
-        raise InputError(f"{spec.title}: this page has no command; its author may add one (step.py in its folder)")
+        raise InputError(f"{spec.title}: this page has no command; its author can add one (step.py in its folder)")
     found: CommandStep = importlib.import_module(module).step(project, out)
     return found
 
 
 def options_of(pairs: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
-    """Return command-line options. None, False and empty values are left out; True gives the option alone."""
+    """Return command-line options. None, False and empty values are omitted; True adds the option without a value."""
     found: list[str] = []
     for name, value in pairs:
         if value is True:
@@ -92,14 +92,14 @@ def options_of(pairs: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
 
 
 def needed_plan(project: ProjectState) -> ScanPlan:
-    """Return the plan; raise `InputError` where there is none."""
+    """Return the plan of the project; raise `InputError` if there is none."""
     if project.plan is None:
         raise InputError.expected("scan plan", "one", "none", "make or open one in Set up")
     return project.plan
 
 
 def needed_file(path: str, what: str, where: str) -> str:
-    """Return ``path``; raise `InputError` where the project has none."""
+    """Return ``path``; raise `InputError` if it is empty."""
     if not path:
         raise InputError.expected(what, "one", "none", f"open one on the page {where}")
     return path

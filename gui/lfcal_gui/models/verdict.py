@@ -1,4 +1,4 @@
-"""The verdicts on H that a project keeps, each as long as the file of H is the same. No Qt."""
+"""Verdicts on H stored in a project, each valid while the file of H is unchanged. No Qt."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ if TYPE_CHECKING:
     from lfcal.base import Judgement
 
 KEY = "verdicts"
-"""Entry of a project's settings that holds the verdicts, the newest first."""
+"""Entry of a project's settings that contains the verdicts, newest first."""
 
 MOST_KEPT = 50
-"""Verdicts that a project keeps."""
+"""Largest number of verdicts stored in a project."""
 
 MOST_BAD = 0.05
-"""Share of a plane's positions up to which recording them again, or leaving them out, is the remedy."""
+"""Largest fraction of bad positions in a plane for which recording them again or leaving them out is proposed."""
 
 REMEDIES = {"background": "dark", "hot_pixels": "dark"}
-"""Kinds of findings that a correction of frames removes, and the name of that correction."""
+"""Kinds of findings that a correction of the frames removes, with the name of the correction."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is kept of a judgement of H.
+    """Stored summary of a judgement of H.
 
     Attributes
     ----------
     merit, sentence
-        The merit of H, and the verdict in words.
+        Merit of H, and the verdict in words.
     bad, share
-        Number of positions to record again, and the largest share of a plane's positions that they are.
+        Number of positions to record again, and their largest fraction of the positions of a plane.
     rest
-        The merit of H without what these positions cause.
+        Merit of H without the effect of these positions.
     failed, checks
-        How many findings there are, and how many metrics were measured.
+        Number of findings, and number of measured metrics.
     redo
-        These positions (z, y, x), where they are few.
+        These positions (z, y, x), if they are few.
     remedy, cause
         Correction that removes the worst finding, one of the values of `REMEDIES` (empty: none is known), and its name.
     """
@@ -58,28 +58,28 @@ class Verdict:
 
     @property
     def usable(self) -> bool:
-        """Whether H can be used as it is."""
+        """Whether H can be used without changes."""
         return self.merit in ("good", "fair")
 
     @property
     def few(self) -> bool:
-        """Whether only a few positions are bad, and all else is usable."""
+        """Whether only a few positions are bad and the rest is usable."""
         return bool(self.bad) and self.share <= MOST_BAD and self.rest in ("good", "fair")
 
 
 def verdict_of(
     judgement: Judgement, redo: tuple[tuple[int, ...], ...] = (), plane: int = 0, checks: int = 0
 ) -> Verdict:
-    """Return what is kept of a judgement.
+    """Return the summary of a judgement to store in a project.
 
     Parameters
     ----------
     judgement
-        Of H.
+        Judgement of H.
     redo
         Positions (z, y, x) to record again.
     plane
-        Number of positions of a plane.
+        Number of positions per plane.
     checks
         Number of metrics that were measured.
     """
@@ -109,14 +109,14 @@ def verdict_of(
 
 
 def with_verdict(project: ProjectState, stamp: Stamp, verdict: Verdict) -> dict[str, Any]:
-    """Return the settings of a project with the verdict on the H of ``stamp``; those on other H stay."""
+    """Return the settings of a project with the verdict on the H of ``stamp`` added."""
     entry = {"stamp": list(stamp[1:]), **asdict(verdict), "redo": [list(one) for one in verdict.redo]}
     others = [one for one in _kept(project) if one.get("stamp") != entry["stamp"]]
     return {**project.settings, KEY: [entry, *others][:MOST_KEPT]}
 
 
 def kept_verdict(project: ProjectState, path: str = "") -> Verdict | None:
-    """Return the verdict on the H at ``path`` (empty: the project's); None: it was not judged as it is now."""
+    """Return the verdict on the H at ``path`` (empty: of the project); None if the current file was not judged."""
     stamp = stamp_of(path or project.psf)
     found = (
         None if stamp is None else next((one for one in _kept(project) if one.get("stamp") == list(stamp[1:])), None)
@@ -132,6 +132,6 @@ def kept_verdict(project: ProjectState, path: str = "") -> Verdict | None:
 
 
 def _kept(project: ProjectState) -> list[Mapping[str, Any]]:
-    """Return the verdicts of a project, the newest first."""
+    """Return the verdicts stored in a project, newest first."""
     found = project.settings.get(KEY)
     return [one for one in found if isinstance(one, Mapping)] if isinstance(found, list) else []

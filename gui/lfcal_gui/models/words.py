@@ -1,4 +1,4 @@
-"""Words that pages share: planes by their numbers; notes without the command line's options. No Qt."""
+"""Text functions shared by pages: names of planes, messages without command-line options. No Qt."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ NAMES = re.compile(r"(?<=[a-z])_(?=[a-z])")
 
 
 def capital(words: str) -> str:
-    """Return words that begin with a capital."""
+    """Return ``words`` with a capital first letter."""
     return words[:1].upper() + words[1:]
 
 
 def typeset(text: str) -> str:
-    """Return ``text`` of the library as a window writes it: times signs, and no names of Python."""
+    """Return ``text`` of the library for the window: with × signs, and without Python names."""
     return NAMES.sub(" ", ELECTRONS.sub("e⁻", TIMES.sub(" × ", text.replace("`", ""))))
 
 
 def unbroken(text: str) -> str:
-    """Return ``text`` whose lines do not end between a number and its unit or sign, or within 4 min 19 s, 95 × 55."""
+    """Return ``text`` with no line break between a number and its unit or sign, or within 4 min 19 s or 95 × 55."""
     joined = TIMES_OF.sub(rf"\1{SPACE}", UNITS.sub(SPACE, text))
     return PRODUCTS.sub(rf"{SPACE}\1{SPACE}", SIGNS.sub(rf"\1{SPACE}", joined))
 
 
 def rough_seconds(seconds: float, about: str = "about ") -> str:
-    """Return a forecast, with no more digits than it is good for."""
+    """Return a forecast as text, with as many digits as it is accurate."""
     if seconds < 1:
         return "less than 1 s"
     return about + (f"{seconds:.0f} s" if seconds < 10 else format_seconds(seconds))
 
 
 def plane_words(z: int, count: int) -> str:
-    """Return plane ``z`` of ``count`` in words: planes count from 0, so "1 of 2" would be the last of them."""
+    """Return the name of plane ``z`` of ``count``; numbers start at 0, so "1 of 2" would be the last one."""
     return f"Plane {z} (0 to {count - 1})" if count > 1 else f"Plane {z} (the only one)"
 
 
 def said_in_window(text: str) -> str:
-    """Return one line of ``text`` less the clauses that name options of the command line."""
+    """Return ``text`` as one line without the clauses that name command-line options."""
     first, *others = CLAUSES.split(PLANNING.sub("", BRACKETS.sub("", VALUES.sub("", text))))
     return "; ".join([first, *(part for part in others if "--" not in part)])

@@ -56,10 +56,10 @@ class Measuring(QDialog):
         column = QVBoxLayout(self)
         column.addWidget(heading("Contrast: drag the two handles"))
         column.addWidget(self.contrast)
-        column.addWidget(heading("Profile: drag the ends of the line in the picture"))
+        column.addWidget(heading("Profile: drag the ends of the line in the image"))
         column.addWidget(self.profile, 1)
         column.addWidget(self.profile_words)
-        column.addWidget(heading("Region: drag the rectangle in the picture"))
+        column.addWidget(heading("Region: drag the rectangle in the image"))
         column.addWidget(self.region_words)
 
     def _add_tools(self) -> None:
@@ -83,7 +83,7 @@ class Measuring(QDialog):
         image = self.view.values
         if image is None:
             self.profile.clear()
-            self.profile_words.setText("no picture")
+            self.profile_words.setText("no image")
             self.region_words.setText("")
             return
         (row, column), step = self.view.shot.origin, self.view.shot.step
@@ -96,7 +96,7 @@ class Measuring(QDialog):
         rows = ((place.y() - row) / step, (place.y() + size.y() - row) / step)
         columns = ((place.x() - column) / step, (place.x() + size.x() - column) / step)
         numbers = region_numbers(image, rows, columns)
-        self.region_words.setText("no pixel within the rectangle" if numbers is None else numbers.words())
+        self.region_words.setText("no pixel in the rectangle" if numbers is None else numbers.words())
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

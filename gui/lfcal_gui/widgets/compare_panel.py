@@ -79,15 +79,15 @@ class ComparedNumbers(QWidget):
         super().__init__()
         self.second = ElidedLabel("Second H: none")
         self.second.setProperty("role", "value")
-        self.choose_button = _button("Choose …", "The H that this one is compared with", self.choose_asked)
+        self.choose_button = _button("Choose …", "Choose the H with which this one is compared", self.choose_asked)
         self.pairing = choice_box(PAIRING, "Compare planes of the same depth, or of the same number")
         self.pairing.setAccessibleName("pairing of the planes")
         self.pairing.currentIndexChanged.connect(
             lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
         )
-        tip = "Write a page with the pictures side by side, and files with all numbers"
+        tip = "Write an HTML page with the images side by side, and files with all numbers"
         self.report_button = _button("Write report …", tip, self.report_asked)
-        self.compare_button = _button("Compare", "Compare all positions of both (F5)", self.compare_asked)
+        self.compare_button = _button("Compare", "Compare all positions of both H (F5)", self.compare_asked)
         self.verdict, self.notes = WrappedLabel(), WrappedLabel()
         self.verdict.setProperty("role", "value")
         self.notes.setProperty("role", "hint")
@@ -223,7 +223,8 @@ class ComparePanel(ComparedNumbers):
     def _pictures(self) -> QFrame:
         frame, column = card()
         self.mode = choice_box(
-            COMPARED_MODES, "Use blinking to see shifts, the difference to see missing light, or look side by side"
+            COMPARED_MODES,
+            "Show the images alternating to see shifts, their difference to see missing light, or side by side",
         )
         self.mode.setAccessibleName("display of both H")
         self.mode.currentIndexChanged.connect(lambda: self._show_mode())
@@ -237,7 +238,7 @@ class ComparePanel(ComparedNumbers):
         self.readout.setProperty("role", "hint")
         column.addLayout(line("Show", self.mode, self.scaling, "Differs most at", self.worst, self.readout, stretch=5))
         self.titles = tuple(ElidedLabel() for _ in range(3))
-        self.views = Picture("value"), Picture("value at that light"), Picture("difference")
+        self.views = Picture("value"), Picture("value at equal light"), Picture("difference")
         share_contrast(*self.views[:2])
         row = QHBoxLayout()
         self._cells = []
@@ -259,7 +260,7 @@ class ComparePanel(ComparedNumbers):
         self.map_title = QLabel("Difference over the positions")
         frame, column = card(self.map_title)
         self.map = Picture("difference (%)", axes=("position x (px)", "position y (px)"), colour_map="cividis")
-        self.map.setToolTip("Click a position to see both patterns; those crossed out were not compared")
+        self.map.setToolTip("Click a position to see both patterns. Positions crossed out were not compared")
         self.map.clicked.connect(lambda y, x: self.place_chosen.emit((self._plane, y, x)))
         column.addWidget(self.map)
         return frame

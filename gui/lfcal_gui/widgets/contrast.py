@@ -65,7 +65,7 @@ class Contrast(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setAccessibleName("contrast")
-        self.setToolTip("Drag the handles; A: leave out 0.1 % at both ends; double-click a handle to type its value")
+        self.setToolTip("Drag the handles. A: clip 0.1 % at both ends. Double-click a handle to type its value")
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(WAIT_MS)
@@ -293,7 +293,7 @@ class Contrast(QWidget):
                 action.setChecked(chosen)
 
         add(menu, "Automatic contrast", lambda: self.set_levels(None))
-        add(menu, "Leave out 0.1 % at both ends (A)", self.leave_out_tails)
+        add(menu, "Clip 0.1 % at both ends (A)", self.leave_out_tails)
         display = self.picture.display
         scaling, colours = menu.addMenu("Scaling"), menu.addMenu("Colours")
         for name, words in SCALINGS:

@@ -80,7 +80,7 @@ class CostCurve(LinePlot):
         self.graphics.setCursor(Qt.CursorShape.ArrowCursor)
         self.graphics.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setToolTip("Click a point to use its setting; drag the dashed line to ask for another error")
+        self.setToolTip("Click a point to use its setting. Drag the dashed line to change the target error")
         self._add_foot()
 
     def _add_foot(self) -> None:

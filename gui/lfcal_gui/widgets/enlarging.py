@@ -61,7 +61,7 @@ class Enlarged(QFrame):
         part.setMinimumSize(0, 0)
         part.setMaximumSize(UNLIMITED, UNLIMITED)
         self.back = QPushButton("Back (Esc)")
-        self.back.setToolTip("Put the picture back in its place on the page")
+        self.back.setToolTip("Return the image to its position on the page")
         self.back.clicked.connect(lambda _=False: self.put_back())
         row = QHBoxLayout()
         row.addStretch()

@@ -36,9 +36,9 @@ def offer_menu(
         menu = QMenu(widget)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         own = (
-            ("Enlarge" if enlarged_of(widget) is None else "Back to its place (Esc)", lambda: enlarge(widget)),
-            ("Copy picture", lambda: copy_picture(widget)),
-            ("Save picture …", lambda: save_picture(widget, name())),
+            ("Enlarge" if enlarged_of(widget) is None else "Restore (Esc)", lambda: enlarge(widget)),
+            ("Copy image", lambda: copy_picture(widget)),
+            ("Save image …", lambda: save_picture(widget, name())),
         )
         for text, action in (*at(position), *entries(), *own):
             entry = QAction(text, menu)
@@ -58,7 +58,7 @@ def copy_picture(widget: QWidget) -> None:
 
 def save_picture(widget: QWidget, name: str, path: str = "") -> None:
     """Write what a widget shows, as PNG or, where the name ends so, as SVG; asks for the file unless it is given."""
-    path = path or ask_target(widget, "Save picture", f"{name}.png", PICTURES)
+    path = path or ask_target(widget, "Save image", f"{name}.png", PICTURES)
     if path.lower().endswith(".svg"):
         write_svg(widget, path)
     elif path:

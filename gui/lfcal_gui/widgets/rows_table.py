@@ -165,7 +165,7 @@ class RowsTable(QTableWidget):
         menu = QMenu(self)
         menu.addAction("Copy rows").triggered.connect(lambda _=False: self.copy())
         if self._spare:
-            words = "Enlarge, with all columns" if enlarged_of(self) is None else "Back to its place (Esc)"
+            words = "Enlarge, with all columns" if enlarged_of(self) is None else "Restore (Esc)"
             menu.addAction(words).triggered.connect(lambda _=False: enlarge(self))
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.popup(self.viewport().mapToGlobal(position))

@@ -58,7 +58,7 @@ def test_what_is_said_by_the_way_goes_first() -> None:
     found = log.lines()
     assert len(found) == MOST and [line.kind for line in found[:3]] == ["begin", "command", "warning"]
     assert found[-1].words == f"solve: residual {2 * MOST - 1}" and log.warned == 1
-    assert f"({2 * MOST + 3 - MOST} notes are left out)" in log.text()
+    assert f"({2 * MOST + 3 - MOST} notes are omitted)" in log.text()
 
 
 def test_warnings_go_to_the_job_of_their_thread() -> None:

@@ -30,8 +30,8 @@ def test_what_is_safe() -> None:
         return " ".join(safe_words(**{**given, **changes}))  # type: ignore[arg-type]
 
     assert "/c.lfcal" in words()
-    assert "no copy" in words(copy="") and "under a new name" in words(copy="")
+    assert "could not be copied" in words(copy="") and "under a new name" in words(copy="")
     assert "saved in /p.lfcal" in words(unsaved=False, project="/p.lfcal", copy="")
-    assert "no changes to lose" in words(unsaved=False, copy="")
+    assert "no unsaved changes" in words(unsaved=False, copy="")
     assert "every position counted as done is on the disk" in words(recording=True, jobs=("Record a",))
     assert "Record a" in words(recording=True, jobs=("Record a",))

@@ -21,7 +21,7 @@ FOLDER = replace(CAMERA, source="folder", folder=True, frames=1254)
 TABLE = (
     (
         replace(RIG, stopped="at position 4,120 the camera gave no frame for 5 s", done=4119, total=5643),
-        "Stopped: at position 4,120 the camera gave no frame for 5 s. All before is safe.",
+        "Stopped: at position 4,120 the camera gave no frame for 5 s. Recorded data are safe.",
         "acquire.resume",
         {"record": "stopped"},
     ),
@@ -39,14 +39,14 @@ TABLE = (
     ),
     (
         replace(FOLDER, job="make", job_words="plane 3 of 9", job_left_s=4),
-        "Making H: plane 3 of 9, 4 s left.",
+        "Assembling H: plane 3 of 9, 4 s left.",
         "jobs.make",
         {"h": "being made"},
     ),
-    (Sitting(), "Next: say which camera it is.", "setup.import", {"setup": "start here", "use": "needs H"}),
+    (Sitting(), "Next: choose the camera.", "setup.import", {"setup": "start here", "use": "needs H"}),
     (
         Sitting(h=True),
-        "Next: say which camera made this H, to judge it fully.",
+        "Next: choose the camera of this H, to judge it fully.",
         "setup.import",
         {"setup": "no camera", "h": "not judged"},
     ),
@@ -70,7 +70,7 @@ TABLE = (
     ),
     (
         replace(CAMERA, white=False),
-        "Next: check the camera against a white image.",
+        "Next: compare the camera with a white image.",
         "setup.white",
         {"setup": "to check"},
     ),
@@ -88,31 +88,31 @@ TABLE = (
     ),
     (
         replace(FOLDER, make_s=3),
-        "Next: make H of 1,254 frames, about 3 s.",
+        "Next: assemble H from 1,254 frames, about 3 s.",
         "frames.assemble",
         {"record": "folder", "h": "none yet"},
     ),
     (
         replace(FOLDER, h=True, h_camera=True, fresh=True, verdict=Verdict("good")),
-        "Next: make H of 1,254 frames.",
+        "Next: assemble H from 1,254 frames.",
         "frames.assemble",
         {"record": "folder"},
     ),
     (
         replace(CAMERA, plan=False),
-        "Next: plan the scan; it follows from the camera.",
+        "Next: plan the scan; lfcal derives it from the camera.",
         "setup.make",
         {"record": "needs a plan"},
     ),
     (
         replace(CAMERA, source="compute", error=0.014, compute_s=1),
-        "Next: compute H: 9 planes, 1.4 % off, about 1 s.",
+        "Next: compute H: 9 planes, error 1.4 %, about 1 s.",
         "simulate.compute",
         {"record": "compute"},
     ),
     (
         replace(RIG, done=5643, total=5643),
-        "Next: make H of 5,643 recorded positions.",
+        "Next: assemble H from 5,643 recorded positions.",
         "acquire.assemble",
         {"record": "complete"},
     ),
@@ -124,11 +124,11 @@ TABLE = (
     ),
     (
         replace(RIG, frame_bytes=1.8e12),
-        "Next: the frames need 1.8 TB, 412.0 GB are free: choose another folder.",
+        "Next: the frames need 1.8 TB, but only 412.0 GB are free: choose another folder.",
         "acquire.folder",
         {"record": "ready"},
     ),
-    (replace(RIG, rig_measured=False), "Next: measure scale and axes of the stage.", "acquire.adjust", {}),
+    (replace(RIG, rig_measured=False), "Next: measure the scale and axes of the stage.", "acquire.adjust", {}),
     (RIG, "Next: record 5,643 positions in 9 planes, about 11 min 17 s.", "acquire.record", {"record": "ready"}),
     (replace(H, verdict=None), "Next: judge H.", "h.judge", {"h": "not judged"}),
     (
@@ -145,13 +145,13 @@ TABLE = (
     ),
     (
         replace(H, verdict=FEW, folder=True),
-        "Next: leave 5 bad positions out of H, filled by the fit; the rest is good.",
+        "Next: leave 5 bad positions out of H, and fill it from the fit; the rest is good.",
         "h.leave_out",
         {"h": "5 to redo"},
     ),
     (
         replace(H, verdict=replace(FEW, bad=1), folder=True),
-        "Next: leave 1 bad position out of H, filled by the fit; the rest is good.",
+        "Next: leave 1 bad position out of H, and fill it from the fit; the rest is good.",
         "h.leave_out",
         {"h": "1 to redo"},
     ),

@@ -100,7 +100,7 @@ def test_a_picture_in_axis_units_is_measured_in_its_pixels(qtbot: QtBot) -> None
     assert "centroid row 20.00, column 30.00" in window.region_words.text()
     view.set_shot(None)
     window.measure()
-    assert window.profile_words.text() == "no picture"
+    assert window.profile_words.text() == "no image"
 
 
 def test_every_picture_and_plot_is_copied_and_saved(view: Any, qtbot: QtBot, jobs: Jobs, tmp_path: Path) -> None:
@@ -108,10 +108,10 @@ def test_every_picture_and_plot_is_copied_and_saved(view: Any, qtbot: QtBot, job
     plot.set_curve("line", [1, 2, 3], [4, 5, 7])
     for widget in (view, plot):
         offered = entries(widget)
-        assert {"Copy picture", "Save picture …", "Save data …", "Show all"} <= set(offered)
+        assert {"Copy image", "Save image …", "Save data …", "Show all"} <= set(offered)
     entries(plot)["Copy values"].trigger()
     assert QApplication.clipboard().text().splitlines()[1:] == ["1\t4", "2\t5", "3\t7"]
-    entries(plot)["Copy picture"].trigger()
+    entries(plot)["Copy image"].trigger()
     assert not QApplication.clipboard().pixmap().isNull()
     plot.save_picture(str(tmp_path / "plot.svg"))
     root = ElementTree.parse(tmp_path / "plot.svg").getroot()

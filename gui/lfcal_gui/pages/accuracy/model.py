@@ -1,4 +1,4 @@
-"""The Accuracy page: settings, what can be measured, words, and how a measured setting is applied. No Qt."""
+"""The Accuracy page: settings, subjects of measurement, texts, and use of a measured setting. No Qt."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ FIELDS = (
         choices=SUBJECTS,
         tip="Simulate the camera of the plan, or use the values of H",
     ),
-    Field("seconds", "Time for a place", "s", "Approximate time to measure each place"),
+    Field("seconds", "Time per place", "s", "Approximate time to measure one place"),
     Field("error", "Cost at error", "%", "Error at which the cost is estimated", scale=0.01),
 )
 
 
 @dataclass(frozen=True)
 class AccuracySettings(PageSettings):
-    """What the user chose.
+    """Settings of the page.
 
     Attributes
     ----------
@@ -37,9 +37,9 @@ class AccuracySettings(PageSettings):
     subject
         ``"plan"`` or ``"psf"``.
     seconds
-        About how long a place may take (s).
+        Approximate time to measure one place (s).
     error
-        Error whose cost is asked for (a share).
+        Target error whose cost is shown (fraction).
     """
 
     page: ClassVar[str] = "accuracy"
@@ -50,41 +50,41 @@ class AccuracySettings(PageSettings):
     error: float = 0.01
 
     def __post_init__(self) -> None:
-        """Check every value; a place of a distribution that is not installed is kept."""
+        """Check every value; a place of a package that is not installed is kept."""
         if self.subject not in dict(SUBJECTS):
             raise InputError.expected("subject", " or ".join(dict(SUBJECTS)), self.subject, "choose one of these")
         if not 0 < self.seconds <= 86_400:
-            raise InputError.expected("time for a place (s)", "above 0 and up to a day", self.seconds, "correct it")
+            raise InputError.expected("time per place (s)", "above 0 and up to a day", self.seconds, "correct it")
         if not 0 < self.error <= 10:
             raise InputError.expected("error", "above 0 and up to 1000 %", self.error, "correct it")
 
 
 def subjects(project: ProjectState) -> tuple[str, ...]:
-    """Return what of the project can be measured."""
+    """Return the subjects of the project that can be measured."""
     found = (("plan", project.plan is not None), ("psf", bool(project.psf) and Path(project.psf).exists()))
     return tuple(name for name, there in found if there)
 
 
 def words_of(curve: Curve | None, error: float, *, running: bool) -> tuple[str, str]:
-    """Return what the error would cost, and how it was measured, as lines."""
+    """Return the cost of the target error, and how it was measured, as text."""
     if curve is None:
         return ("measuring …" if running else "Not measured yet: press Measure."), ""
     if not curve.rungs:
-        return ("measuring the truth …" if running else f"Not measured: {curve.stopped or 'stopped'}"), ""
+        return ("measuring the reference …" if running else f"Not measured: {curve.stopped or 'stopped'}"), ""
     state = "measuring …" if running else curve.stopped
     how = [f"Measured by: {curve.truth}.", *curve.notes, state]
     return typeset(curve.answer(error)), "\n".join(typeset(line) for line in how if line)
 
 
 LEVELS = {"debye": "microscope"}
-"""Levels that the window calls by another name."""
+"""Levels with another name in the window."""
 
 NO_USE = {
     "lattice": "Nothing was changed: this result is the number of lenslets that a white image must show.",
     "aperture": "Nothing was changed: the period of the array sets the number of positions per plane.",
     "sampling": "Nothing was changed: the sampling is chosen automatically from the tolerance.",
 }
-"""For each place without a setting in the project: why its result changes nothing."""
+"""Reason why the result changes nothing, for each place without a setting in the project."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,13 @@ class RungUse:
     Attributes
     ----------
     words
-        What was changed, or why nothing was.
+        Description of the change, or why nothing changed.
     label
-        Name of the step of undo; empty: nothing changes.
+        Name of the undo step; empty if nothing changes.
     changes
         Entries of the project that change.
     page
-        Page that shows it; empty: none.
+        Page that shows it; empty if none.
     """
 
     words: str
@@ -110,7 +110,7 @@ class RungUse:
 
 
 def use_of(project: ProjectState, curve: Curve, rung: Rung) -> RungUse:
-    """Return the changes of the project if you apply ``rung``."""
+    """Return the changes of the project that apply the measured setting ``rung``."""
     maker = _USES.get(curve.place)
     if maker is None:
         return RungUse(NO_USE.get(curve.place, "Nothing was changed: the window has no setting for it."))
@@ -162,7 +162,9 @@ def _projection(project: ProjectState, rung: Rung) -> RungUse:
     threshold = float(rung.settings["threshold"])
     changes = _settings(project, "reconstruct", method=method, double=double, threshold=threshold)
     precision = "double precision" if double else "single precision"
-    words = f"Reconstruct: projector {method}, {precision}, H without what is below {100 * threshold:g} % of the peak."
+    words = (
+        f"Reconstruct: projector {method}, {precision}, entries of H below {100 * threshold:g} % of the peak omitted."
+    )
     return RungUse(words, "projector", changes, "reconstruct")
 
 
@@ -178,7 +180,7 @@ def _storage(project: ProjectState, rung: Rung) -> RungUse:
     if dtype not in ("rounded", "float32") or compression not in ("gzip", "none"):
         return RungUse(
             "Nothing was changed: the window exports H rounded or as float32, with gzip or without. "
-            "Other types are for the command line and for Python."
+            "For other types, use the command line or Python."
         )
     chosen = {"suffix": ".h5", "dtype": dtype, "uncompressed": compression == "none"}
     packed = "with gzip" if compression == "gzip" else "not compressed"
@@ -215,4 +217,4 @@ _USES: dict[str, Callable[[ProjectState, Rung], RungUse]] = {
     "filters": _filters,
     "bases": _bases,
 }
-"""For each place, the function that applies a rung."""
+"""Function that applies a measured setting (rung), for each place."""

@@ -25,7 +25,7 @@ class Page(BasePage):
         self._used: tuple[str, str] = ("", "")
         self._shown: Curve | None = None
         self.all_button = self.tool_button(
-            "Measure all", "Measure every place, one after the other", lambda: self.measure(PLACES.names())
+            "Measure all", "Measure all places, one after the other", lambda: self.measure(PLACES.names())
         )
         self.stop_button = self.stop_tool("Stop measuring, and keep what was measured")
         self.panel = AccuracyPanel()
@@ -69,7 +69,7 @@ class Page(BasePage):
                 "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
                 {
                     "Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan"),
-                    "Go to H": self.lead("h", "Open an H that was assembled, simulated or fitted before"),
+                    "Go to H": self.lead("h", "Open an H that was assembled, simulated or fitted earlier"),
                 },
             )
             return

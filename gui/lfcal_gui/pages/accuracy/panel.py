@@ -38,10 +38,10 @@ class AccuracyPanel(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _places_card(self) -> QFrame:
-        frame, column = card("Where accuracy is paid")
+        frame, column = card("Where accuracy costs time")
         self.places = QListWidget()
-        self.places.setAccessibleName("steps where accuracy costs time")
-        self.places.setToolTip("Choose one to see what accuracy costs there, with a point for each measured setting")
+        self.places.setAccessibleName("places where accuracy costs time")
+        self.places.setToolTip("Choose a place to see its error and cost, with a point for each measured setting")
         for place in PLACES:
             item = QListWidgetItem(place.title)
             item.setData(Qt.ItemDataRole.UserRole, place.name)
@@ -64,7 +64,7 @@ class AccuracyPanel(QWidget):
         return frame
 
     def _chart_card(self) -> QFrame:
-        self.title = QLabel("Error against cost")
+        self.title = QLabel("Error versus cost")
         frame, column = card(self.title)
         self.chart = CostCurve()
         self.chart.chosen.connect(self.rung_chosen.emit)

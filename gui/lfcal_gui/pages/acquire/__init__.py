@@ -52,8 +52,8 @@ PAGE = PageSpec(
         ("Ctrl+← → ↑ ↓", "move the stage by a step in x, y"),
         ("Ctrl+Shift+↑ ↓", "move the stage by a step in z"),
         ("Esc", "stop the stage"),
-        ("F11", "dark lab: large buttons, red on black; in it"),
-        ("F9 F6 F7 F8", "next step, start, pause, stop"),
-        ("Shift+F8", "abort"),
+        ("F11", "dark lab view: large buttons, red on black"),
+        ("F9 F6 F7 F8", "in the dark lab view: next step, start, pause, stop"),
+        ("Shift+F8", "in the dark lab view: abort"),
     ),
 )

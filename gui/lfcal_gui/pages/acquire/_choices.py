@@ -159,17 +159,19 @@ class TargetChoice:
         InputError
             If the target's plan is not read, is of another scan, or the folder holds another session.
         """
-        remedy = "choose another folder, or the source that it was recorded with"
+        remedy = "choose another folder, or the source of that session"
         if not self._path:
             if folder.target is not None:
-                raise InputError.expected("folder", "a session of a single point", "one of a target", remedy)
+                raise InputError.expected("folder", "a session of a single point", "a session of a target", remedy)
             return scan
         found = self._moved(scan)
         if found is None:
             raise InputError.expected("plan of the target", "a readable file", self._path, "choose the file again")
         if found.scan != scan:
             remedy = "open the target's plan again, or plan it for this scan"
-            raise InputError.expected("plan of the target", "one for the project's scan", "one for another", remedy)
+            raise InputError.expected(
+                "plan of the target", "a plan for the scan of this project", "a plan for another scan", remedy
+            )
         if folder.there is not None and folder.target != found:
             raise InputError.expected("folder", "a session of this target", "another session", remedy)
         return found

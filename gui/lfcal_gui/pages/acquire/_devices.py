@@ -21,7 +21,7 @@ _SAID = {
     "drifts": "the stage creeps after arrival",
     "never arrives": "the stage never arrives",
     "stage vanishes": "the stage is unplugged",
-    "encoder off": "the stage reads a wrong place",
+    "encoder off": "the stage reports a wrong position",
     "loses steps": "the stage loses steps",
     "times out": "no frame comes in time",
     "incomplete": "a frame lacks parts",
@@ -32,7 +32,7 @@ _SAID = {
     "bumped": "the table is bumped",
     "blank": "a blank frame",
     "repeats": "earlier content is repeated",
-    "frozen": "the picture is frozen",
+    "frozen": "the image is frozen",
     "torn": "a frame is torn",
     "region slips": "the readout region shifts",
     "dark level": "the dark level rises",
@@ -91,7 +91,7 @@ class DevicePanel(QWidget):
         self._connected = False
         self._make_choices()
         self.options = FoldedForm()
-        self.reason = wrapped("hint", "looking for devices …")
+        self.reason = wrapped("hint", "searching for devices …")
         self.button = button("Connect", CONNECT, self._pressed)
         self.button.setEnabled(False)
         # the names of backends are long
@@ -104,10 +104,10 @@ class DevicePanel(QWidget):
         for box in (self.backend, self.stage):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.backend.setAccessibleName("camera")
-        self.backend.setToolTip("Driver of the camera; one that is not available says why")
+        self.backend.setToolTip("Driver of the camera; a driver that is not available shows the reason")
         self.backend.setMinimumContentsLength(10)
         self.backend.activated.connect(self._backend_chosen)
-        self.stage.setToolTip("Driver of the stage, if the driver of the camera has none")
+        self.stage.setToolTip("Driver of the stage, if the camera driver does not include a stage")
         self.stage.activated.connect(lambda _: self._emit())
         self.stage_label = QLabel("Stage")
 
@@ -120,7 +120,7 @@ class DevicePanel(QWidget):
         self._reasons = {f.name: f.reason for f in findings}
         self.backend.clear()
         self.stage.clear()
-        self.stage.addItem("the camera's own", "")
+        self.stage.addItem("the camera driver's", "")
         for finding in findings:
             self.backend.addItem(finding.title or finding.name, finding.name)
             index = self.backend.count() - 1
@@ -301,8 +301,8 @@ class FaultPanel(QWidget):
     def _count(self) -> None:
         counted = COUNTED[self.kind.currentData()]
         self.counted.setText(f". {counted} from now" if self._connected else f". {counted}")
-        since = "now on" if self._connected else "connecting on"
-        self.at.setToolTip(f"The {counted} at which it begins, counted from 0, from {since}")
+        since = "now" if self._connected else "the time of connection"
+        self.at.setToolTip(f"The {counted} at which the fault begins, counted from 0 from {since}")
 
     def _add(self) -> None:
         fault = DeviceFault(self.kind.currentData(), self.at.value(), self.times.value())

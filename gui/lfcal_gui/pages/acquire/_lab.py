@@ -52,7 +52,7 @@ class Standing:
 def next_step(now: Standing) -> tuple[str, str]:
     """Return key and text of the next step; the key is empty if no step can be started now."""
     if now.busy:
-        return "", "at work"
+        return "", "busy"
     if not now.connected:
         return "connect", "Connect"
     if now.complete:
@@ -81,7 +81,7 @@ TIPS = {
     "start": "Record every position, or continue the session",
     "pause": "Finish the current position, then wait; press again to continue",
     "stop": "Finish the current position, then stop; the session can be resumed",
-    "abort": "Stop the stage now; what is recorded is safe",
+    "abort": "Stop the stage now; recorded positions are safe",
 }
 
 

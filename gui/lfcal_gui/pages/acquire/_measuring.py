@@ -27,9 +27,10 @@ from lfcal_gui.saving import may_replace
 MEASURING = "measuring …"
 
 ASKED = {
-    "white": "Put an even light, or a diffuser, before the lens, with the iris as in the session.\n"
-    "The live view should be bright everywhere and saturated nowhere; change the exposure if it is not.",
-    "dark": "Cover the lens, and leave the exposure as it is.",
+    "white": "Place a uniform light or a diffuser in front of the lens. Keep the iris as in the "
+    "session.\nThe live view should be bright everywhere and saturated nowhere. If it is "
+    "not, change the exposure.",
+    "dark": "Cover the lens, and do not change the exposure.",
 }
 """What the user must do before such frames."""
 
@@ -140,7 +141,7 @@ class SetupMeasuring(QObject):
     def _found(self, key: str, found: Any, asked: ScanPlan) -> None:
         plan = self.context.state.plan
         if plan is None or _scene(plan) != _scene(asked):
-            self.panel.show_result(key, "Camera or planes changed meanwhile; measure again.")
+            self.panel.show_result(key, "The camera or the planes changed in the meantime; measure again.")
             return
         self.found[key] = found
         if key == "stage":
@@ -160,7 +161,7 @@ class SetupMeasuring(QObject):
     def _take(self, what: str, plan: ScanPlan) -> str:
         """Change the plan by the result, and return a sentence that says so; empty if nothing changed."""
         taken = self.context.project.update(what, plan=plan)
-        return "<br>Taken into the plan; undo (Ctrl+Z) restores the previous values." if taken else ""
+        return "<br>The plan now uses these values; undo (Ctrl+Z) restores the previous ones." if taken else ""
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:
@@ -199,7 +200,7 @@ def fit_words(fit: StageFit, plan: ScanPlan) -> tuple[str, bool]:
     """Return the fit of the stage as rich text, and whether the plan agrees with it."""
     try:
         check_stage(fit, plan)
-        verdict, good = "<b>The stage moves the image as the plan says.</b>", True
+        verdict, good = "<b>The stage moves the image as planned.</b>", True
     except InputError as error:
         verdict, good = f"<b>{error}</b>", False
     right, down = fit.scale

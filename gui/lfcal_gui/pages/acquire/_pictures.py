@@ -32,8 +32,8 @@ FEW = 24
 STATED, ASIDE = LINES[0], LINES[1]
 
 TITLE = (
-    f"Error of H <span style='font-weight: normal'> <span style='color: {STATED}'>●</span> stated "
-    f"<span style='color: {ASIDE}'>◆</span> kept aside</span>"
+    f"Error of H <span style='font-weight: normal'> <span style='color: {STATED}'>●</span> "
+    f"estimated <span style='color: {ASIDE}'>◆</span> held out</span>"
 )
 """Title of a card with the plot: in a narrow one a legend would hide what it is about."""
 
@@ -51,8 +51,9 @@ class ErrorView(LinePlot):
         self.blank.show_blank(True)
         self.set_labels("positions recorded", "error of H (%)")
         self.setToolTip(
-            "Stated: error of H (relative L2) from the standard deviations of the fit. Kept aside: error at positions "
-            "that are never fitted, ± 2 standard deviations; hollow: a limit. The session ends below the dashed line"
+            "Estimated: error of H (relative L2) from the standard deviations of the fit. Held out: "
+            "error at positions that are never fitted, ± 2 standard deviations; hollow symbols are "
+            "limits. The session ends when the error is below the dashed line"
         )
         # behind the dots: both fits of one count are seen
         self.bars = pg.ErrorBarItem(x=np.zeros(0), y=np.zeros(0), beam=0.6, pen=pg.mkPen(ASIDE, width=1.4))
@@ -118,7 +119,7 @@ class ErrorView(LinePlot):
         """Yield what is known after each fit."""
         curve = self.curve
         rows = [] if curve is None else zip(curve.positions, curve.stated, curve.aside, curve.above, strict=True)
-        yield "# positions recorded, error of H stated (%), error at positions kept aside (%), ± (%); 0: a limit\n"
+        yield "# positions recorded, estimated error of H (%), error at held-out positions (%), ± (%); 0: a limit\n"
         for n, *errors in rows:
             yield between.join((str(n), *(f"{error:.6g}" for error in errors))) + "\n"
 
@@ -147,16 +148,16 @@ class RecordPictures(QWidget):
         self._reading = ""
         self.depth_sum = Picture("10³ counts")
         self.depth_sum.blank.words = NOTHING
-        self.depth_sum.setToolTip("Sum of the plane's cutouts so far: it becomes the shape of the aperture")
+        self.depth_sum.setToolTip("Sum of the plane's cutouts so far. It approaches the shape of the aperture")
         self.third = QStackedWidget()
         self.third.addWidget(self.depth_sum)
         self.curves = {
             key: LinePlot("position in scan order", words.lower(), counted=True) for key, words in CURVES.items()
         }
         tips = (
-            "Light of each position above the background: constant except for the pattern of the optics",
-            "Lateral difference of measured and target position, in image pixels: below 0.1 px is good",
-            "Saturated pixels in each cutout: should be 0",
+            "Light of each position above the background. It should be constant except for the pattern of the optics",
+            "Lateral difference between measured and target position, in image pixels. Below 0.1 px is good",
+            "Saturated pixels in each cutout. There should be none",
         )
         for plot, tip in zip(self.curves.values(), tips, strict=True):
             plot.setToolTip(tip)

@@ -179,7 +179,7 @@ class StagePanel(QWidget):
 
 Point = tuple[float, float, float]
 POLL_MS = 200
-WAITS, MOVES, REST, USED = "waiting for the frame under way …", "moving …", "at rest", "in use"
+WAITS, MOVES, REST, USED = "waiting for the current frame …", "moving …", "at rest", "in use"
 
 
 class StageMoves(QObject):

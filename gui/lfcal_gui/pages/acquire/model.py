@@ -1,4 +1,4 @@
-"""What the user chooses in Record > Rig. No Qt."""
+"""Settings of Record > Rig. No Qt."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lfcal_gui.models import UNKNOWN, Field, PageSettings, fields_of, shown_of, 
 if TYPE_CHECKING:
     from lfcal.campaign import Goal
 
-EXTENTS = (("whole", "Record every position"), ("error", "Record until H is known"))
+EXTENTS = (("whole", "Record every position"), ("error", "Record until H is accurate"))
 """Choices of the extent of a recording."""
 
 HELD = frozenset(
@@ -48,13 +48,13 @@ AVERAGED = Field("frames_averaged", "Frames averaged", "", "Exposures averaged a
 _MORE = fields_of(Acquire, without=HELD, more=True)
 
 RARE = ("positions", "unknowns")
-"""Fields that are folded, though their task shows them first."""
+"""Fields that are folded, although their task lists them first."""
 
 _ENDS = fields_of(AcquireUntil, without={*HELD, *(row.name for row in rows(Acquire))})
 
 FIELDS = (ORDER, AVERAGED, *fields_of(Acquire, without={*HELD, *RARE}, more=False))
 UNTIL = tuple(one for one in _ENDS if one.key not in RARE)
-"""What ends a recording that is not of every position."""
+"""Fields that determine when a recording of chosen positions ends."""
 MORE = (
     *(one for one in (*fields_of(Acquire, without=HELD), *_ENDS) if one.key in RARE),
     # the plan has an origin
@@ -62,7 +62,7 @@ MORE = (
 )
 
 BEGUN = ("order", "bracket", "margin", "darks", "dark_every", "reference_every", "controls", "positions")
-"""Fields that a session keeps as it began with them."""
+"""Fields that keep their initial values in a resumed session."""
 
 EARLIER = {
     "error": "until_error",
@@ -76,18 +76,18 @@ EARLIER = {
 
 @dataclass(frozen=True)
 class AcquireSettings(PageSettings):
-    """What the user chose on this page; the plan holds the rest.
+    """Settings of the page; all other choices are in the plan.
 
     Attributes
     ----------
     backend, stage
-        Names of the device backend, and of the one whose stage is used with it (empty: its own).
+        Names of the device backend and of the backend of the stage (empty: the same).
     device_options
-        Pairs of name and text for the backend.
+        Options of the backend as pairs of name and text.
     target
-        File of the plan of a target that is recorded in the place of the scan; empty: the scan.
+        File of the target plan that is recorded instead of the scan; empty: the scan.
     extent
-        ``"whole"``: every position; ``"error"``: until H is known to a relative error.
+        ``"whole"``: every position; ``"error"``: until H reaches a relative error.
     until_error, most, order, darks, ...
         As in `lfcal.tasks.AcquireUntil` and `lfcal.tasks.Acquire`.
     """
@@ -128,7 +128,7 @@ class AcquireSettings(PageSettings):
         return super().read(_renewed(data) if isinstance(data, Mapping) else data)
 
     def usable(self) -> None:
-        """Raise `InputError` where the options do not go together."""
+        """Raise `InputError` if the options do not match."""
         check_choice("positions to record", self.extent, tuple(key for key, _ in EXTENTS))
         dict(self.device_options)
         self.options()
@@ -137,25 +137,25 @@ class AcquireSettings(PageSettings):
             self._until("plan.json", "session")
 
     def devices(self) -> dict[str, str]:
-        """Return the options of the backend. The simulator also gets the target that is recorded."""
+        """Return the options of the backend; for the simulator they include the recorded target."""
         options = dict(self.device_options)
         return {"target": self.target, **options} if self.target and self.backend == "sim" else options
 
     def task(
         self, plan: str, out: str, *, begun: bool = False, redo: str = "", origin: tuple[float, ...] | None = None
     ) -> Acquire | AcquireTarget | AcquireUntil:
-        """Return the task that records.
+        """Return the task that records the session.
 
         Parameters
         ----------
         plan, out
             File of the plan, and folder of the session.
         begun
-            Whether the folder holds a session that is continued, which keeps how it began.
+            Whether the folder contains a session to resume, which keeps its initial options.
         redo
-            File with positions that are recorded again; empty: none.
+            File with the positions to record again; empty: none.
         origin
-            Stage coordinates (µm) of the sensor's centre, for the plan of a target, whose file may have others.
+            Stage coordinates (µm) of the sensor centre, which replace those in the file of a target plan.
         """
         again = Path(redo) if redo else None
         if self.target:
@@ -178,7 +178,7 @@ class AcquireSettings(PageSettings):
         return replace(self, extent="whole").task("plan.json", "session").options()
 
     def goal(self) -> Goal | None:
-        """Return when to end, None where every position is recorded."""
+        """Return the goal that ends the recording; None if every position is recorded."""
         task = self.task("plan.json", "session")
         return task.goal if isinstance(task, AcquireUntil) else None
 
@@ -191,7 +191,7 @@ class AcquireSettings(PageSettings):
         return {spec.key: shown[spec.key] for spec in (*FIELDS, *MORE, *UNTIL)}
 
     def changed_on(self, plan: ScanPlan, key: str, value: Any) -> tuple[AcquireSettings, ScanPlan]:
-        """Return settings and plan with one field changed; raises `LfcalError` if it cannot be."""
+        """Return settings and plan with one field changed; raise `LfcalError` if the value is refused."""
         settings = self
         if key == "order":
             settings = replace(self, order="coarse" if value == "coarse" else None)
@@ -212,7 +212,7 @@ class AcquireSettings(PageSettings):
 
 
 def _renewed(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings of an earlier version under their present names, without its defaults."""
+    """Return settings of an earlier version under their current names, without its defaults."""
     if not {"coarse", *EARLIER}.intersection(data):
         return dict(data)
     defaults = Options().to_dict() | {"tolerance_um": (), "most": None, "suspend": ""}
@@ -230,7 +230,7 @@ def _renewed(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def moved(plan: ScanPlan, origin: tuple[float, ...] | None) -> ScanPlan:
-    """Return the plan with other stage coordinates (µm) of the sensor's centre; raises `InputError` for none."""
+    """Return the plan with other stage coordinates (µm) of the sensor centre; raise `InputError` if None."""
     if origin is None or len(origin) != 3:
         raise InputError.expected("Origin", "X,Y,Z in µm", origin or "none", "give three numbers")
     x, y, z = origin
@@ -238,7 +238,7 @@ def moved(plan: ScanPlan, origin: tuple[float, ...] | None) -> ScanPlan:
 
 
 def target_of(plan: ScanPlan, z: int) -> tuple[float, float, float]:
-    """Return the stage position of the middle of the cell in plane ``z`` (µm)."""
+    """Return the stage position of the centre of the cell in plane ``z`` (µm)."""
     if not 0 <= z < len(plan.depths_um):
         raise InputError.expected("depth plane", f"0 to {len(plan.depths_um) - 1}", z, "choose one")
     ny, nx = plan.period

@@ -1,4 +1,4 @@
-"""What a session folder holds. No Qt."""
+"""State of a session folder. No Qt."""
 
 from __future__ import annotations
 
@@ -18,31 +18,34 @@ from lfcal.frames import Position
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
-ELSEWHERE = "the folder holds a session of {}; continue it with lfcal acquire --resume"
+ELSEWHERE = (
+    "this folder contains a session of {}, which the window cannot continue; choose another "
+    "folder, or use lfcal acquire --resume"
+)
 
 
 @dataclass(frozen=True, eq=False)
 class FolderState:
-    """What a session folder holds.
+    """State of a session folder.
 
     Attributes
     ----------
     there
-        ``(nz, ny, nx)`` which positions are acknowledged; None: the folder holds no session.
+        Recorded positions ``(nz, ny, nx)`` (bool); None if the folder contains no session.
     how
-        How the last run ended.
+        How the last run ended, in words.
     problem
-        Why the folder cannot be read, or empty.
+        Why the folder cannot be read; empty if it can.
     plan, options
-        Of the session.
+        Plan and options of the session.
     chosen
-        ``(nz, ny, nx)`` the positions that were chosen to be recorded; None: all of the plan.
+        Positions chosen for recording ``(nz, ny, nx)`` (bool); None: all of the plan.
     target
-        The plan of a target whose frames are recorded: then ``there`` counts these, ``(frames,)``.
+        Plan of the target whose frames are recorded; ``there`` then refers to these frames.
     recordings
-        Names of the files with its frames, oldest first.
+        Names of the files with the frames, oldest first.
     free_bytes
-        Space on its disk; None where that is not known.
+        Free space on its disk; None if unknown.
     """
 
     there: NDArray[np.bool_] | None = None
@@ -57,7 +60,7 @@ class FolderState:
 
     @property
     def counts(self) -> tuple[int, int]:
-        """Number of positions, or frames of a target, that are safe, and number of all."""
+        """Number of recorded positions (or frames of a target), and of all."""
         if self.there is None:
             return 0, 0
         if self.chosen is None:
@@ -65,7 +68,7 @@ class FolderState:
         return int(self.there[self.chosen].sum()), int(self.chosen.sum())
 
     def known(self, but: Sequence[Position] = ()) -> EarlierRuns | None:
-        """Return what is acknowledged, without positions to record again; None: nothing is."""
+        """Return the recorded positions except those to record again; None if there are none."""
         if self.there is None or self.plan is None:
             return None
         if self.target is None:
@@ -85,7 +88,7 @@ class FolderState:
         return bool(self.there.all() if self.chosen is None else self.there[self.chosen].all())
 
     def planes(self) -> tuple[int, ...]:
-        """Return the planes of which every position is recorded."""
+        """Return the planes in which every position is recorded."""
         if self.there is None or self.target is not None:
             return ()
         return tuple(np.flatnonzero(self.there.reshape(len(self.there), -1).all(axis=1)).tolist())
@@ -106,12 +109,12 @@ class FolderState:
 
 
 def folder_state(folder: str) -> FolderState:
-    """Return what is recorded in ``folder``; a damaged session is a problem in words, not an error."""
+    """Return the state of ``folder``; a damaged session is reported in ``problem``, not raised."""
     return replace(_state_of(folder), free_bytes=_free_bytes(folder))
 
 
 def _free_bytes(folder: str) -> float | None:
-    """Return the space on the disk of a folder that may not be there yet."""
+    """Return the free space on the disk of a folder that may not exist yet."""
     path = Path(folder)
     there = next((one for one in (path, *path.parents) if one.is_dir()), None) if folder else None
     try:

@@ -1,4 +1,4 @@
-"""What the live view shows of a frame. No Qt."""
+"""Content of the live view. No Qt."""
 
 from __future__ import annotations
 
@@ -22,41 +22,41 @@ if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
 LATE_S, LATE = 1.0, 3.0
-"""A frame is late after a second, or three intervals of frames, beyond its exposure."""
+"""A frame is late one second or three frame intervals after the end of its exposure."""
 
 SAME_UM = 1.0
-"""Read-backs of one place differ by less (um)."""
+"""Largest difference between read-backs of the same position (µm)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LivePicture:
-    """A live frame as it is drawn.
+    """A live frame ready to be drawn.
 
     Attributes
     ----------
     frame
-        ``(rows, columns)``; None where none came.
+        Frame ``(rows, columns)``; None if none arrived.
     numbers, spot
-        Lines for people: levels; place and sharpness of the light.
+        Lines of text: levels; position and sharpness of the light.
     stage_um
-        Where the stage was read (µm).
+        Read-back position of the stage (µm).
     window, point
         First pixel and shape of the predicted cutout, and the predicted image (row, column).
     seen, predicted
-        ``(nt, ns)`` what the camera sees in the predicted cutout, above the background, and what it should
-        see; None where not known.
+        Measured light in the predicted cutout ``(nt, ns)``, above the background, and the expected
+        light; None if unknown.
     correlation
-        Normalised correlation of the two, NaN where there is none.
+        Normalised correlation of the two; NaN if there is none.
     first
-        Pixel (row, column) of the sensor that is the frame's first.
+        Sensor pixel (row, column) of the frame's first pixel.
     taken_s
-        When the frame was read, by `time.monotonic` (s).
+        Time at which the frame was read, by `time.monotonic` (s).
     due_s
-        Age (s) at which another frame should have come.
+        Age (s) at which the next frame is due.
     caption, readout
-        Words over the picture: what it is; rate, exposure, peak and saturated pixels.
+        Text over the image: its name; rate, exposure, peak and saturated pixels.
     target
-        ``(n, 2)`` places of the images of a target, as planned.
+        Planned image positions of a target ``(n, 2)``.
     """
 
     frame: NDArray[Any] | None
@@ -77,13 +77,13 @@ class LivePicture:
 
 
 class Pace:
-    """Rate of frames, measured over the last of them."""
+    """Frame rate, measured over the last frames."""
 
     def __init__(self) -> None:
         self._times: deque[float] = deque(maxlen=16)
 
     def add(self, now_s: float) -> None:
-        """Count a frame; after a break the rate begins again."""
+        """Count a frame; after a break the measurement restarts."""
         if self._times and now_s - self._times[-1] > 5.0:
             self._times.clear()
         self._times.append(now_s)
@@ -96,12 +96,12 @@ class Pace:
         return (len(times) - 1) / span if span > 0 else math.nan
 
     def due_s(self, exposure_s: float) -> float:
-        """Return the age (s) at which a frame should have been followed by another."""
+        """Return the age (s) of a frame at which the next one is due."""
         return exposure_s + max(LATE_S, LATE / self.rate if self.rate > 0 else 0.0)
 
 
 def readout_words(rate: float, exposure_s: float, maximum: int, saturated: int, pixels: int, plan: ScanPlan) -> str:
-    """Return two lines of numbers of a frame."""
+    """Return rate, exposure, peak and saturation of a frame as two lines of text."""
     sensor = plan.camera.sensor
     peak = (maximum - sensor.black_level) / (sensor.max_value - sensor.black_level)
     pace = f"{rate:.1f} frames/s   " if rate > 0 else ""
@@ -111,7 +111,7 @@ def readout_words(rate: float, exposure_s: float, maximum: int, saturated: int, 
 
 
 def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None, exposure_s: float, pace: Pace) -> LivePicture:
-    """Return what to draw of a live frame; ``reference`` is an H that says what a cutout should look like."""
+    """Return the drawing of a live frame; ``reference`` is an H from which cutouts are predicted."""
     state, now = look.state, time.monotonic()
     if look.frame is None or state.levels is None:
         return LivePicture(None, state.trouble or "no frame", "", state.stage_um)
@@ -135,7 +135,7 @@ def live_picture(look: Look, plan: ScanPlan, reference: PSFMatrix | None, exposu
 def recorded_picture(
     frame: LiveFrame, recorded: ScanPlan | TargetPlan, reference: PSFMatrix | None, pace: Pace
 ) -> LivePicture:
-    """Return what to draw of a frame of a recording: all of it belongs to this frame."""
+    """Return the drawing of a recorded frame; all its parts belong to this frame."""
     plan, where, now = recorded.scan, frame.position, time.monotonic()
     pace.add(now)
     point, target = places_px(recorded, where) if frame.what == "position" else (None, None)
@@ -173,7 +173,7 @@ def recorded_picture(
 def places_px(
     plan: ScanPlan | TargetPlan, position: Position | None
 ) -> tuple[tuple[float, float] | None, NDArray[np.float64] | None]:
-    """Return where a frame's image of the point is as planned, or else those of a target's points; None: not known."""
+    """Return the planned image positions (px) of the point, or of a target's points; None if unknown."""
     if position is None:
         return None, None
     if not isinstance(plan, ScanPlan):
@@ -183,16 +183,21 @@ def places_px(
 
 
 def points_px(plan: TargetPlan, position: Position) -> NDArray[np.float64]:
-    """Return where a frame's images are, as planned, ``(n, 2)`` as (row, column); positions count frames."""
+    """Return the planned image positions of a target frame ``(n, 2)`` (row, column; px)."""
     if position.z >= len(plan.offsets_px) or position.x >= len(plan.offsets_px[position.z]):
-        raise InputError.expected("frame of the target", "one of its plan", tuple(position), "open the plan's session")
+        raise InputError.expected(
+            "frame of the target",
+            "a frame of the plan of this target",
+            tuple(position),
+            "open the session of this plan",
+        )
     return plan.points(position.z, position.x).pixels
 
 
 def stage_arrows(axes: StageAxes) -> tuple[tuple[str, float, float], ...]:
-    """Return for the two stage axes that move the image sideways the words and the direction (down, right).
+    """Return label and direction (down, right) for each of the two stage axes that move the image sideways.
 
-    Each arrow shows where a move in the axis's positive sense moves the image.
+    The direction is that of the image for a move in the positive direction of the axis.
     """
     found = []
     for axis, move in ((axes.right, (0.0, 1.0)), (axes.down, (1.0, 0.0))):
@@ -211,7 +216,7 @@ def _spot_words(look: Look) -> str:
     ]
     offset = look.state.offset_px
     if offset is not None:
-        lines.append(f"seen − predicted <b>{offset[0]:+z.2f}</b>, <b>{offset[1]:+z.2f}</b> px")
+        lines.append(f"measured − predicted <b>{offset[0]:+z.2f}</b>, <b>{offset[1]:+z.2f}</b> px")
     return "<br>".join(lines)
 
 
@@ -225,7 +230,7 @@ def _with_cutout(
 
 
 def _compared(made: LivePicture, predicted: NDArray[Any] | None) -> LivePicture:
-    """Return the picture with the pattern in its window, and the correlation with the ``predicted`` pattern."""
+    """Return the drawing with the measured and ``predicted`` patterns and their correlation."""
     assert made.frame is not None and made.window is not None
     (top, left), (row, column, nt, ns) = made.first, made.window
     seen = cut(made.frame, row - top, column - left, (nt, ns)).astype(np.float32)
@@ -241,7 +246,7 @@ def _compared(made: LivePicture, predicted: NDArray[Any] | None) -> LivePicture:
 def age_words(
     seconds: float, frame_um: tuple[float, float, float], stage_um: tuple[float, float, float]
 ) -> tuple[str, bool]:
-    """Return how old a frame is (s), and whether the stage (um) has left the place that the frame shows."""
+    """Return the age of a frame as text and, if the stage has moved since, where the frame was taken (µm)."""
     age = f"{seconds:.1f} s old" if seconds < 10 else f"{format_seconds(seconds)} old"
     if not max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) > SAME_UM:
         return age, False
@@ -250,9 +255,9 @@ def age_words(
 
 
 def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
-    """Return the plane within half a step of a depth (um), None where there is none.
+    """Return the plane within half a step of a depth (µm); None if there is none.
 
-    Of a single plane the step is that of a virtual depth of one half.
+    For a single plane, the step is a virtual depth of one half.
     """
     depths = np.array(plan.depths_um)
     z = int(np.argmin(np.abs(depths - depth_um)))
@@ -267,9 +272,9 @@ def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
 
 
 def expected_words(picture: LivePicture, plan: ScanPlan) -> str:
-    """Return the agreement of a cutout with the prediction in words, or why there is no prediction."""
+    """Return the correlation of a cutout with the prediction as text, or why there is no prediction."""
     if not math.isnan(picture.correlation):
-        return f"agree to {100 * max(picture.correlation, 0.0):.1f} %"
+        return f"correlation {100 * max(picture.correlation, 0.0):.1f} %"
     near = plane_to_go(picture, plan) is None
     return "" if near else "No plane of the plan is near this depth."
 
@@ -288,10 +293,10 @@ _last: list[tuple[Any, NDArray[Any] | None]] = []
 def predicted_pattern(
     plan: ScanPlan, reference: PSFMatrix | None, stage_um: tuple[float, float, float], point: tuple[float, float]
 ) -> NDArray[Any] | None:
-    """Return what the cutout at ``point`` (row, column) should show, ``(nt, ns)``; None where it is not known.
+    """Return the pattern expected in the cutout at ``point`` (row, column), ``(nt, ns)``; None if unknown.
 
-    The nearest position of ``reference`` if it belongs to the plan, else rays through the described camera. Between
-    the planes of the plan nothing is expected: the pattern of another depth would make a sound rig look faulty.
+    It is the nearest position of ``reference`` if that matches the plan, else rays through the camera. Between
+    planes there is no prediction, because the pattern of another depth would make a correct rig look faulty.
     """
     depth = float(plan.stage.to_object(np.array(stage_um))[2])
     if plane_at(plan, depth) is None:

@@ -1,4 +1,4 @@
-"""A recording as the window follows it: run, watched, and turned into pictures and words. No Qt."""
+"""A recording in the window: its run, its monitoring, and its images and texts. No Qt."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
 QUANTITIES = (("energy", "Light by position"), ("residual", "Position residual"), ("saturated", "Saturated pixels"))
-"""What the map and the curves show."""
+"""Quantities of the map and the curves."""
 
 
 ASK_S = 0.1
-"""Interval at which a recording that waits for a person looks for a stop (s)."""
+"""Interval at which a recording that waits for the user checks for a stop request (s)."""
 
 
 class CoveredByHand:
-    """A person who covers the lens, in place of a light that can be switched.
+    """Light switched by asking the user to cover and uncover the lens.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ class CoveredByHand:
     Attributes
     ----------
     asked
-        What the person is asked to do; empty: nothing.
+        Current request to the user; empty if none.
     skippable
-        Whether dark frames may be skipped instead.
+        Whether the dark frames may be skipped instead.
     """
 
     waits = False  # no driver: a person may take any time
@@ -76,12 +76,12 @@ class CoveredByHand:
         self.asked, self.skippable, self._skipped = "", False, False
 
     def answer(self, *, skip: bool = False) -> None:
-        """Continue, or skip the dark frames."""
+        """Answer the request: continue, or skip the dark frames."""
         self._skipped = skip
         self._answered.set()
 
     def iter_wanted(self) -> Work[bool]:
-        """Return whether dark frames are wanted. The lens stays uncovered, because the stage is checked first."""
+        """Ask whether to record dark frames. The lens stays uncovered, because the stage is checked first."""
         self._ask("Dark frames need a covered lens. You will be asked to cover it.", skippable=True)
         try:
             while not self._answered.wait(ASK_S) and not self._control.stopping:
@@ -91,7 +91,7 @@ class CoveredByHand:
         return not self._skipped
 
     def switch(self, on: bool) -> None:
-        """Ask a person to uncover (``on``) or cover the lens, and wait; raises `Aborted` where the recording stops."""
+        """Ask the user to uncover (``on``) or cover the lens, and wait; raise `Aborted` if the recording stops."""
         self._ask(f"{'Uncover' if on else 'Cover'} the lens, then continue.", skippable=False)
         try:
             while not self._answered.wait(ASK_S):
@@ -108,20 +108,20 @@ class CoveredByHand:
 
 
 class Recorder:
-    """One run of a session: its requests, its frames, its quality.
+    """One run of a session, with its control, its frames and its quality data.
 
     Parameters
     ----------
     task
-        What records into which folder.
+        Task that records into a folder.
     plan, options
-        The plan is that of a scan or of a target, `plan` the scan in any case.
+        Plan of the scan or target, and options; the attribute `plan` is always the scan.
     resume
-        Whether the folder holds it already.
+        Whether the session in the folder is resumed.
     redo
-        Positions (z, y, x) to be recorded again; empty records all.
+        Positions (z, y, x) to record again; empty: record all.
     known
-        What earlier runs recorded, as `FolderState.known`; ``earlier`` reads it.
+        Positions recorded by earlier runs, as from `FolderState.known`; ``earlier`` reads their frames.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class Recorder:
         self.started = time.monotonic()
 
     def work(self, station: Station) -> Work[Outcome]:
-        """Return the recording, alone on the devices of ``station``."""
+        """Return the recording as work with exclusive use of the devices of ``station``."""
         return station.use(self._iter_session(station))
 
     def _iter_session(self, station: Station) -> Work[Outcome]:
@@ -177,7 +177,7 @@ class Recorder:
 
     @property
     def counted(self) -> str:
-        """Number of recorded positions in words."""
+        """Noun for the recorded units: positions or frames."""
         return "positions" if isinstance(self.recorded, ScanPlan) else "frames"
 
     @property
@@ -196,30 +196,30 @@ def _watching(plan: ScanPlan | TargetPlan, options: Options) -> LiveQuality | Li
 
 @dataclass(frozen=True, eq=False)
 class RecordPicture:
-    """A recording at one moment, as it is drawn.
+    """State of a recording at one time, ready to be drawn.
 
     Attributes
     ----------
     values, recorded
-        ``(ny, nx)`` of the plane shown: the quantity, NaN where not known; and which positions are safe.
+        For the shown plane ``(ny, nx)``: the quantity (NaN if unknown), and which positions are recorded.
     depth_sum
-        ``(rows, columns)`` growing sum of the plane's cutouts above the background (counts).
+        Sum of the plane's cutouts so far ``(rows, columns)``, above the background (counts).
     curves
-        For each of `QUANTITIES` number and value of the positions that are known, in the order of recording.
+        For each of `QUANTITIES`: index and value of the known positions, in the order of recording.
     alarms
-        What is out of bounds, in words.
+        Quantities outside their limits, in words.
     lamp
-        Words on the lamp's drift, or empty.
+        Drift of the lamp in words; empty if unknown.
     complete
         Whether the plane is complete.
     done, total
-        Positions that are safe, or frames of a target; and all of them.
+        Number of recorded positions (or frames of a target), and of all.
     covered
-        Whether the map shows how many frames of a target cover each position, in place of the recorded quantity.
+        Whether the map shows how many frames of a target cover each position, instead of a recorded quantity.
     reading
-        How far the frames of earlier runs are read, in words; empty: nothing is left to read.
+        Progress of reading the frames of earlier runs, in words; empty when complete.
     planes
-        Share of each plane's positions that is recorded.
+        Fraction of the positions of each plane that is recorded.
     """
 
     values: NDArray[np.float64]
@@ -236,7 +236,7 @@ class RecordPicture:
     planes: tuple[float, ...] = ()
 
     def spread(self, quantity: str) -> str:
-        """Return the range of each of `QUANTITIES` in this plane; empty if no value is known."""
+        """Return the range of a quantity of `QUANTITIES` in this plane as text; empty if no value is known."""
         known = self.values[np.isfinite(self.values)]
         if self.covered or not known.size:
             return ""
@@ -254,18 +254,18 @@ def record_picture(
     earlier: NDArray[np.bool_] | None,
     read: PlaneSum | None = None,
 ) -> RecordPicture:
-    """Return what to draw of a recording; a pure function.
+    """Return the drawing of a recording; a pure function.
 
     Parameters
     ----------
     quality
-        Of this run, with the depth sum of plane ``z`` only, and of earlier ones as far as it is read.
+        Quality data of this run and of earlier runs as far as they are read, with the depth sum of plane ``z`` only.
     order
-        Flat positions in the order of recording.
+        Flat indices of the positions in the order of recording.
     z, quantity
         Plane and key of `QUANTITIES` for the map.
     earlier
-        ``(nz, ny, nx)`` positions that earlier runs recorded.
+        Positions recorded by earlier runs ``(nz, ny, nx)`` (bool).
     read
         Sum of the frames of earlier runs in this plane.
     """
@@ -306,7 +306,7 @@ def lamp_words(lamp: NDArray[np.float64]) -> str:
 
 
 def coverage_picture(state: CoverageState, z: int) -> RecordPicture:
-    """Return what to draw of a target's recording: frames that show each position, the light of each frame."""
+    """Return the drawing of the recording of a target: number of frames per position, light of each frame."""
     shown = state.shown[z]
     seen = np.flatnonzero(np.isfinite(state.light))
     number = np.asarray(seen + 1.0, np.float64)
@@ -333,19 +333,19 @@ def coverage_picture(state: CoverageState, z: int) -> RecordPicture:
 
 
 def picture_of(made: Recorder, z: int, quantity: str, earlier: NDArray[np.bool_] | None) -> RecordPicture:
-    """Return what to draw of a recording, of single points or of a target; arguments as of `record_picture`."""
+    """Return the drawing of a recording of single points or of a target; arguments as in `record_picture`."""
     if isinstance(made.quality, LiveCoverage):
         return coverage_picture(made.quality.state(), z)
     return record_picture(made.quality.state(z), made.order, z, quantity, earlier, made.earlier.sum_of(z))
 
 
 PART, CHOICE = "record", ("error of H", "information of patterns", "choose positions")
-"""Stages of progress that count positions, and that choose them; all others are those of a fit."""
+"""Progress stages that count positions, and that choose positions; all others are those of a fit."""
 
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """Error of H as a function of the number of recorded positions, as it is drawn (%).
+    """Error of H (%) as a function of the number of recorded positions, ready to be drawn.
 
     Attributes
     ----------
@@ -375,25 +375,25 @@ class ErrorCurve:
             return ""
         limit = math.isnan(self.below[-1])
         apart = "below " * limit + format_share(self.aside[-1] / 100)
-        now = f"{self.positions[-1]} positions: {format_share(self.stated[-1] / 100)} stated"
-        return f"{now}, {apart} at positions kept aside"
+        now = f"{self.positions[-1]} positions: estimated error {format_share(self.stated[-1] / 100)}"
+        return f"{now}, {apart} at held-out positions"
 
 
 def check_goal(plan: ScanPlan, options: Options, folder: FolderState) -> None:
     """Raise `InputError` if the noise of the frames is unknown, or if the folder holds a scan of every position."""
     if folder.there is not None and folder.chosen is None:
         got, remedy = "a scan of every position", "record every position, or choose another folder"
-        raise InputError.expected("session folder", "one of chosen positions", got, remedy)
+        raise InputError.expected("session folder", "a session of chosen positions", got, remedy)
     if not options.plain:
-        got, remedy = "several that make one frame", "enter 1 for Exposures"
-        raise InputError.expected("exposures", "single ones, whose noise is known", got, remedy)
+        got, remedy = "several exposures per frame", "enter 1 for Exposures"
+        raise InputError.expected("exposures", "one exposure per frame, whose noise is known", got, remedy)
     if stated_noise(plan.camera) is None:
         remedy = "measure read noise and full well in Set up, or state them"
         raise InputError.expected("noise of the camera", "measured or stated", "assumed", remedy)
 
 
 def error_curve(steps: Sequence[AdaptiveStep], goal: Goal) -> ErrorCurve:
-    """Return what to draw of the fits that are done."""
+    """Return the error curve of the completed fits."""
     aside, below, above = [], [], []
     for step in steps:
         left = step.held_out_error
@@ -412,7 +412,7 @@ def error_curve(steps: Sequence[AdaptiveStep], goal: Goal) -> ErrorCurve:
 
 
 def until_words(record: Progress, steps: Sequence[AdaptiveStep], safe: int) -> tuple[str, str]:
-    """Return how far such a recording is, and what it is at; ``safe``: positions recorded by this run."""
+    """Return result so far and current activity as text; ``safe``: number of positions recorded by this run."""
     done = f"{steps[-1].positions} positions" if steps else f"{safe} positions"
     if record.stage == PART:
         now = f"recording {record.done} of {record.total} more" if steps else f"recording the first {record.total}"
@@ -420,7 +420,9 @@ def until_words(record: Progress, steps: Sequence[AdaptiveStep], safe: int) -> t
         now = "choosing the next positions" if steps else "choosing the first positions"
     else:
         now = f"fitting: {record.stage}"
-    known = f"H known to {format_share(steps[-1].expected_error)} from {done}" if steps else f"{done}, no fit yet"
+    known = (
+        f"H from {done}, estimated error {format_share(steps[-1].expected_error)}" if steps else f"{done}, no fit yet"
+    )
     return known, now + (f", {record.note}" if record.note and record.stage == PART else "")
 
 
@@ -431,7 +433,7 @@ def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str
         return words, _joined(detail, lamp), record.fraction if record.total else None
     rate = recorder.rate
     left = (record.total - record.done) / rate if rate > 0 else None
-    pace = f"{rate:.0f} per second, {rough_seconds(left)} to go" if left else ""
+    pace = f"{rate:.0f} per second, {rough_seconds(left)} left" if left else ""
     words = f"{record.done} of {record.total} {recorder.counted}"
     return words, _joined(record.note or pace, lamp), record.fraction
 
@@ -439,11 +441,11 @@ def progress_words(recorder: Recorder, record: Progress, lamp: str) -> tuple[str
 def asked_words(control: Control, *, stopping: bool) -> str:
     """Return the pending request of a recording (abort, stop, pause); ``stopping``: its job must stop."""
     if control.aborting:
-        return "Aborting: nothing more is taken …"
+        return "Aborting; no more frames are recorded …"
     if control.stopping or stopping:
-        return "Stopping once the position under way is safe …"
+        return "Stopping when the current position is saved …"
     if control.pausing and control.held != "paused":
-        return "Pausing once the position under way is safe …"
+        return "Pausing when the current position is saved …"
     return "Resuming …" if control.held == "paused" and not control.pausing else ""
 
 
@@ -464,8 +466,8 @@ def automatic_words(devices: Devices, options: Options) -> str:
     if not devices.automatic or options.allow_automatic:
         return ""
     return (
-        f"The camera changes frames automatically: {devices.automatic_words}. Switch this off in the program of its "
-        "maker and connect again, or tick Allow automatic."
+        f"The camera changes frames automatically: {devices.automatic_words}. Switch this off in "
+        "the manufacturer's program and connect again, or tick Allow automatic."
     )
 
 
@@ -490,12 +492,12 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     if recording:
         return "Recording continues while you use other pages."
     if folder.complete and folder.target is not None:
-        return "Complete. Assemble H uses the points that meet phases; lfcal fit uses all points at their positions."
+        return "Complete. Assemble H uses the points that coincide with phases; the command lfcal fit uses all points."
     if folder.complete and folder.chosen is not None:
         return "Fit opens the fit of the recorded positions; enter a smaller error to continue the session."
     if folder.complete:
         return "Complete. Assemble H, or choose another folder for a new session."
     if backend:
         name = "the simulator" if backend == "sim" else backend
-        return f"Start connects {name} and asks for a folder if there is none."
-    return "" if measured else "The stage axes are not measured yet: Adjust the rig measures them in seconds."
+        return f"Start connects {name}, and asks for a folder if none is chosen."
+    return "" if measured else "The stage axes are not measured yet. Adjust the rig measures them in a few seconds."

@@ -1,4 +1,4 @@
-"""The connected devices: opened once, used by one task at a time, and always closed. No Qt."""
+"""Connected devices, opened once, used by one task at a time and always closed. No Qt."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ Choice = tuple[Mapping[str, str], str]
 """Options of a backend, and the backend of the stage."""
 
 DESCRIBED = ("sim",)
-"""Backends whose frames are those of a description."""
+"""Backends that simulate frames from a camera description."""
 
 SEEN = ("camera", "period", "cutout", "depths_um", "anchor", "resample")
-"""Fields of a plan that such frames depend on; exposure and stage are set, not described."""
+"""Fields of a plan on which such frames depend; exposure and stage are set, not described."""
 
 MOVE_TIMEOUT_S = 60.0
 SETTLE_S = 0.1
 READ_S = 0.1
-"""Between two positions that are read on the way (s)."""
+"""Interval between position readings during a move (s)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """One live frame with its numbers: ``frame`` None where none came, which ``state.trouble`` explains."""
+    """One live frame with its state; ``frame`` is None if none arrived, and ``state.trouble`` says why."""
 
     frame: LiveFrame | None
     state: LiveState
@@ -51,13 +51,13 @@ class Station:
     Parameters
     ----------
     rig
-        The devices; closed with the station.
+        The devices; the station closes them.
     name
-        Of the backend, for people.
+        Displayed name of the backend.
     plan, choice
         The plan the devices were opened for; options of the backend, and the backend of the stage.
     devices
-        What they said of themselves when they were opened; None: ask them now.
+        Information of the devices when they were opened; None: query it now.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Station:
 
     @property
     def title(self) -> str:
-        """Camera and stage as they name themselves."""
+        """Names of camera and stage, as reported by the devices."""
         camera = self.rig.camera
         rows, columns = camera.sensor_shape
         title = f"{camera.name}, {columns} × {rows} px, {camera.bit_depth} bits; {self.rig.stage.name}"
@@ -92,12 +92,12 @@ class Station:
         return f"{title}. The camera changes frames automatically: {automatic}" if automatic else title
 
     def outdated(self, plan: ScanPlan, name: str, options: Mapping[str, str], stage: str) -> str:
-        """Return why these devices do not match ``plan`` and the present choice of devices; empty if they do."""
+        """Return why these devices do not match ``plan`` and the current choice of devices; empty if they do."""
         if (self.name, *self._choice) != (name, dict(options), stage):
-            return "The chosen devices are not the connected ones; connect again."
+            return "You chose other devices than those connected; connect again."
         opened = self._opened_for
         if name in DESCRIBED and any(getattr(opened, key) != getattr(plan, key) for key in SEEN):
-            return "Camera or plan changed: connect again, to use the present ones."
+            return "The camera or the plan changed; connect again to use the current ones."
         return ""
 
     # -- use -------------------------------------------------------------------------------------------
@@ -123,16 +123,16 @@ class Station:
             return Look(self._preview.latest(), state)
 
     def note(self, stage_um: Point) -> None:
-        """Note where the stage was for a frame of the session that uses it (µm)."""
+        """Store the stage position (µm) of a frame of the session that uses the stage."""
         self._seen = stage_um
 
     @property
     def seen(self) -> Point | None:
-        """Position that was read back last (µm)."""
+        """Last read-back position (µm)."""
         return self._seen
 
     def where(self) -> tuple[Point | None, bool]:
-        """Return the position read back last (µm), None before the first, and whether a move of `move` is under way.
+        """Return the last read-back position (µm; None before the first) and whether `move` is moving the stage.
 
         Never waits: while something else uses the devices, the position is that of the move, or the last one.
         """
@@ -144,7 +144,7 @@ class Station:
         return self._seen, self._under_way
 
     def position(self) -> Point:
-        """Return the position read back (µm)."""
+        """Read back and return the position (µm)."""
         with self._lock:
             return self.rig.stage.position()
 
@@ -182,7 +182,7 @@ class Station:
             self.rig.time.sleep(0.005)
 
     def move_axes(self, target: Sequence[float | None]) -> Point:
-        """Move to ``target`` (µm), an axis of None staying where it is, and return the read-back."""
+        """Move to ``target`` (µm; None leaves an axis unchanged) and return the read-back."""
         here = self.position()
         x, y, z = (now if wanted is None else wanted for now, wanted in zip(here, target, strict=True))
         return self.move((x, y, z))
@@ -207,7 +207,7 @@ class Station:
             return (yield from work)
 
     def close(self) -> None:
-        """Release the devices when the present task has ended."""
+        """Release the devices when the current task has ended."""
         self.moving.stop()
         with self._lock:
             self._stop_live()
@@ -220,7 +220,7 @@ class Station:
 
 
 def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage: str = "") -> Station:
-    """Open the devices of ``backend`` (and the stage of another one); raises what opening raises."""
+    """Open the devices of ``backend``, optionally with the stage of another backend; pass on errors of opening."""
     from lfcal.acquire import check_devices
     from lfcal.devices import open_rig
 
@@ -234,12 +234,12 @@ def open_station(plan: ScanPlan, backend: str, options: Mapping[str, str], stage
 
 
 def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
-    """Return the position (µm) that ``x, y, z`` says; an axis left empty, as in ``, , 1200``, stays where it is.
+    """Return the position (µm) in a text ``x, y, z``; an empty axis, as in ``, , 1200``, is unchanged (None).
 
     Raises
     ------
     InputError
-        If it is no position, or lies beyond the limits.
+        If it is not a position, or is outside the limits.
     """
     parts = [part.strip() for part in re.split("[,;]", words)] if re.search("[,;]", words) else words.split()
     try:
@@ -248,7 +248,10 @@ def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
         target = ()
     if len(target) != 3 or all(value is None for value in target):
         raise InputError.expected(
-            "position of the stage", "x, y, z in µm such as 100, -20, 1500 (empty: stays)", repr(words), "correct it"
+            "position of the stage",
+            "x, y, z in µm such as 100, -20, 1500 (empty: unchanged)",
+            repr(words),
+            "correct it",
         )
     middles = [(low + high) / 2 for low, high in limits]
     x, y, z = (middle if value is None else value for value, middle in zip(target, middles, strict=True))
@@ -257,7 +260,7 @@ def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
 
 
 def in_limits(target: Point, limits: Limits) -> None:
-    """Raise `LimitError` if ``target`` lies beyond ``limits`` (µm), before anything moves."""
+    """Raise `LimitError` if ``target`` is outside ``limits`` (µm); nothing moves."""
     for name, value, (low, high) in zip("xyz", target, limits, strict=True):
         if not math.isfinite(value):
             raise InputError.expected(f"stage axis {name}", "a number (µm)", value, "correct it")
@@ -271,7 +274,7 @@ def in_limits(target: Point, limits: Limits) -> None:
 
 
 def cut(frame: NDArray[np.generic], row: int, column: int, shape: tuple[int, int]) -> NDArray[np.generic]:
-    """Return the window of ``frame`` whose first pixel is (row, column); outside the frame it is zero."""
+    """Return the cutout of ``frame`` of the given shape with first pixel (row, column); zero outside the frame."""
     out = np.zeros(shape, frame.dtype)
     top, left = max(row, 0), max(column, 0)
     bottom, right = min(row + shape[0], frame.shape[0]), min(column + shape[1], frame.shape[1])

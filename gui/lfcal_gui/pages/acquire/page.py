@@ -158,12 +158,12 @@ class Page(BasePage):
         if not count or state.plan is None:
             return False
         if not state.recording:
-            self.refuse("Choose the folder of the session that H was made of, then record the positions again.")
+            self.refuse("Choose the folder of the session that H was assembled from, then record the positions again.")
         elif self.record.recording or not self.setup.free:
             self.refuse(f"The devices are in use. {count} positions can be recorded again afterwards.")
         elif self.setup.station is None:
             words = (
-                f"Connect camera and stage: {format_count(count, 'position is', 'positions are')} recorded again then."
+                f"Connect camera and stage; {format_count(count, 'position is', 'positions are')} then recorded again."
             )
             self.setup.when_connected(self.redo)
             forget = partial(self.setup.when_connected, None)

@@ -13,7 +13,7 @@ from lfcal_gui.widgets import Folded, column_area, column_of, line
 NARROW, WIDE, ROOMY = 304, 368, 1400
 """Width of the inspector, and of a page from which it is wide (px)."""
 
-SESSION = "The session as it grows: depth-plane sum, error of H, curves"
+SESSION = "Progress of the session: depth-plane sum, error of H, curves"
 
 
 class AcquirePanel(QWidget):
@@ -57,7 +57,7 @@ class AcquirePanel(QWidget):
     def _folds(self) -> tuple[Folded, ...]:
         self.devices = Folded("Devices", "Choose camera and stage, and their settings")
         self.adjust = Folded("Adjust the rig", "Scale and axis of the stage, exposures, white and dark frames")
-        self.recording = Folded("Recording", "Folder, source, order, what happens at a fault, and all buttons")
+        self.recording = Folded("Recording", "Folder, source, order, reaction to faults, and all buttons")
         for fold, widgets in (
             (self.devices, (self.setup.devices, self.setup.faults)),
             (self.adjust, (self.setup.adjust,)),

@@ -47,7 +47,8 @@ BUTTONS = (
     (
         "start",
         "Start",
-        "Record every position into the session folder, or until H is known; a frame counts once it is safe on disk",
+        "Record every position into the session folder, or until H is accurate enough. A frame "
+        "counts when it is saved to disk",
     ),
     ("pause", "Pause", "Finish the current position, then wait; Resume continues"),
     ("stop", "Stop", "Finish the current position, then stop; the session can be resumed later"),
@@ -56,7 +57,7 @@ BUTTONS = (
         "Abort",
         "Stop the stage now and discard the current frame; recorded positions are safe and the session can be resumed",
     ),
-    ("redo", "Record again", "Record the positions that the checks of H list again; the later frame is used"),
+    ("redo", "Record again", "Record again the positions listed by the checks of H. The newer frames are used"),
     (
         "assemble",
         "Assemble H …",
@@ -103,14 +104,14 @@ class RecordPanel(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        rare = "More settings of a recording", "Exposures, faults, holds, stage and drift"
+        rare = "More settings of a recording", "Exposures, faults, pauses, stage and drift"
         self.form, self.until = self.forms = FoldedForm(FIELDS, MORE, *rare), FoldedForm(UNTIL)
         self._picture: RecordPicture | None = None
         self._curve: ErrorCurve | None = None
         self._last_curve: ErrorCurve | None = None
         self._light: NDArray[np.float64] | None = None
         self.strip = Strip(_tip, SIDE, worded=True)
-        self.strip.setToolTip("Planes of the scan. Click one to look at it, and to move the stage there")
+        self.strip.setToolTip("Planes of the scan. Click one to show it and to move the stage there")
         self.progress, self.map_box = self._progress(), self._map_box()
         self.how = self._how()
         self._seen = column_of(of=self, spacing=4)
@@ -189,11 +190,11 @@ class RecordPanel(QWidget):
     def _folder_line(self) -> QLineEdit:
         folder = QLineEdit()
         folder.setPlaceholderText("folder of the session")
-        folder.setToolTip("A new or empty folder, or that of an interrupted session to resume it")
+        folder.setToolTip("A new or empty folder, or the folder of an interrupted session to resume")
         folder.editingFinished.connect(lambda: self.folder_edited.emit(folder.text().strip()))
         icon = self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)
         browse = folder.addAction(icon, QLineEdit.ActionPosition.TrailingPosition)
-        browse.setText("Choose a new folder, or that of a session to continue")
+        browse.setText("Choose a new folder, or the folder of a session to continue")
         browse.setToolTip(browse.text())
         browse.triggered.connect(lambda: self.folder_asked.emit())
         return folder

@@ -197,7 +197,7 @@ class RecordTab(QObject):
 
     def _refuse(self, words: str) -> None:
         self._refused = True
-        self.panel.show_status("Cannot begin.", words, 0.0)
+        self.panel.show_status("Cannot start.", words, 0.0)
         self.context.message.emit(words)
 
     def _folder_seen(self, found: FolderState) -> None:
@@ -483,7 +483,7 @@ class RecordTab(QObject):
             return
         asked = asked_words(recorder.control, stopping=job.stopping) or self._asked
         if job.progress is None or asked == self._asked != "":
-            self.panel.show_status(asked or "Beginning …", "", None)
+            self.panel.show_status(asked or "Starting …", "", None)
             return
         words, detail, fraction = progress_words(recorder, job.progress, self._lamp)
         said = (asked, words) if asked else (words, detail)

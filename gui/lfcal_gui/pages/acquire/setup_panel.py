@@ -72,7 +72,7 @@ AGREE = 0.9
 """Correlation from which what is seen agrees with what is expected."""
 
 WAITING = "Waiting for the first frame …"
-NO_FRAME, NO_REFERENCE = "No frame yet.", "While recording, only with a reference H."
+NO_FRAME, NO_REFERENCE = "No frame yet.", "While recording, this needs a reference H."
 UNCONNECTED = "No camera connected. Connect one, or use the simulated rig to practise."
 
 
@@ -157,18 +157,21 @@ class SetupPanel(QWidget):
             action.toggled.connect(lambda _: self._show_overlays())
             self.overlays[key] = action
         menu.setToolTipsVisible(True)
-        made.setToolTip("What is drawn over the frame")
+        made.setToolTip("Choose what is drawn over the frame")
         made.setMenu(menu)
         return made
 
     def _pair(self) -> QWidget:
         """Make the two pictures that are compared, and what is known of the light."""
         self.seen = Picture("counts above background", legend=False)
-        self.predicted = Picture("share of the light", legend=False)
+        self.predicted = Picture("fraction of the light", legend=False)
         pictures = QHBoxLayout()
         for view, tip in (
-            (self.seen, "What the camera sees in the predicted cutout, above the background"),
-            (self.predicted, "The reference H at this position, or rays through the described camera"),
+            (self.seen, "Measured image: what the camera sees in the predicted cutout, above the background"),
+            (
+                self.predicted,
+                "Expected image: from the reference H at this position, or from rays through the described camera",
+            ),
         ):
             view.setToolTip(tip)
             view.setFixedHeight(PAIR)
@@ -176,7 +179,7 @@ class SetupPanel(QWidget):
             pictures.addWidget(view, 1)
         self.correlation, self.near_words = QLabel(""), wrapped()
         self.correlation.setToolTip(
-            "Normalised correlation of the two pictures; 1 for the same pattern, whatever its brightness"
+            "Normalised correlation of the two images; 1 for the same pattern at any brightness"
         )
         nearest = "Move the stage to the nearest plane of the plan, where a pattern is expected"
         self.go = button("", nearest, lambda: self.plane_asked.emit(self._nearest))
@@ -184,12 +187,12 @@ class SetupPanel(QWidget):
         self._nearest = 0
         self.numbers, self.spot = wrapped("", "–"), wrapped("", "–")
         self.spot.setToolTip(
-            "Centroid of the light above the background; sharpness compares neighbouring pixels (larger is sharper, "
-            "whatever the brightness); seen − predicted: rows, columns"
+            "Centroid of the light above the background; sharpness compares neighbouring pixels "
+            "(larger is sharper, independent of brightness); measured − predicted: rows, columns"
         )
         for label in (self.numbers, self.spot):
             label.setTextFormat(Qt.TextFormat.RichText)
-        head = line(heading("Seen against expected"), self.correlation, stretch=0)
+        head = line(heading("Measured and expected"), self.correlation, stretch=0)
         head.addStrut(20)
         widget = QWidget()
         column_of(head, pictures, line(self.near_words, self.go, stretch=0), of=widget)

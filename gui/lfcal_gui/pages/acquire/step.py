@@ -87,5 +87,7 @@ def step(
 def assembled(folder: str, out: str, planes: Sequence[int] | None, recipe: CorrectionRecipe) -> CommandStep:
     """Return the step that assembles H of a session with the dark frames and the white image in its folder."""
     if planes is not None:
-        raise InputError.expected("planes", "all", "one of a session that is being recorded", "a command takes all")
+        raise InputError.expected(
+            "planes", "all", "single planes of a session that is being recorded", "wait until the session is complete"
+        )
     return CommandStep.of(task_of(Path(folder), Path(out), recipe))

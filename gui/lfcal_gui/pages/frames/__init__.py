@@ -27,7 +27,7 @@ def takes(path: str) -> bool:
 PAGE = PageSpec(
     "frames",
     "Folder",
-    "Import frames, correct them, take their cutouts",
+    "Import frames, correct them and extract their cutouts",
     order=40,
     package=__name__,
     state=state,
@@ -39,7 +39,7 @@ PAGE = PageSpec(
         ("Page up, Page down", "step through depth planes"),
         ("Space", "play or stop"),
         ("Esc", "stop assembling"),
-        ("L, G", "log or gamma scaling of the pictures"),
+        ("L, G", "log or gamma scaling of the images"),
     ),
 )
 

@@ -45,7 +45,7 @@ class FrameChoices(FoldedForm):
         """Show the settings; a white image is needed to divide by one."""
         own = vars(settings) | {"use_dark": settings.use_dark and self._dark}
         self.set_values({**shown_of(Assemble, settings.option_values), **own})
-        self.set_enabled("use_white", bool(settings.white), f"{WHITE_TIP}; no folder of them was found")
+        self.set_enabled("use_white", bool(settings.white), f"{WHITE_TIP}; no white frames were found")
 
     def show_positions(self, words: str) -> None:
         """Say where positions come from while no manifest is named."""
@@ -60,7 +60,9 @@ class FrameChoices(FoldedForm):
         self._dark = there
         self.set_defaults({"use_dark": there})
         self.set_values({"use_dark": wanted and there})
-        found = f"Subtracted now: {words}" if words else "" if there else "No dark frame and no black level was found"
+        found = (
+            f"Currently subtracted: {words}" if words else "" if there else "No dark frame and no black level was found"
+        )
         tip = f"{DARK_TIP}. {found}".rstrip(". ")
         self.set_enabled("use_dark", there, tip)
         box.setToolTip(tip)

@@ -7,7 +7,9 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel
 
 from lfcal.frames import split_dataset
 
-TIP = "Dataset of the file that holds the frames. All that may hold frames are listed, with their axes"
+TIP = (
+    "Dataset of the file that contains the frames. The list shows all datasets that may contain frames, with their axes"
+)
 
 
 class DatasetBox(QComboBox):

@@ -46,7 +46,7 @@ from lfcal_gui.widgets import (
     wrapped,
 )
 
-WORDS = {"": "unit found", "index": "number of position"}
+WORDS = {"": "unit found", "index": "position number"}
 NO_UNIT = (("", "no unit"),)
 SHOWN_ROWS = 3
 """Rows of the list that are shown."""
@@ -69,7 +69,7 @@ class ColumnsTable(QTableWidget):
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self.verticalHeader().hide()
         self.setAccessibleName("columns of the list")
-        self.setToolTip("Choose above a column what it holds, if that was not found or is wrong")
+        self.setToolTip("If the content of a column is missing or wrong, choose it above the column")
         self.boxes: list[tuple[QComboBox, QComboBox]] = []
         self.names: tuple[str, ...] = ()
         """Names of the columns."""
@@ -102,7 +102,7 @@ class ColumnsTable(QTableWidget):
         self.setFixedHeight(self.horizontalHeader().sizeHint().height() + heights + 18)
 
     def _add_boxes(self, k: int, column: Column | None) -> None:
-        role = choice_box(HOLDS, "What this column holds")
+        role = choice_box(HOLDS, "Content of this column")
         units = units_of("" if column is None else column.role)
         shown = tuple((name, WORDS.get(name, name)) for name in units) if len(units) > 1 else NO_UNIT
         unit = choice_box(shown, "Unit of this column")
@@ -169,8 +169,8 @@ class ImportPreviews(QWidget):
             view.apply_theme()
 
 
-FOLDER = "Choose a folder of images: each file a frame, or a stack of them"
-FILE = "Choose one file of many frames, or the list of their positions"
+FOLDER = "Choose a folder of images; each file is a frame or a stack of frames"
+FILE = "Choose one file that contains many frames, or the list of their positions"
 LIST = "Choose the table of positions that the stage program wrote"
 WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
 GROUP = "frames import survey"
@@ -178,9 +178,12 @@ WORDS_HEIGHT = 92
 """Pixels on the screen for what was found: five lines."""
 LIES = (("", "checked"), *CHOICES[1:])
 FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
-ORDER = "Scan order of numbered files without a list: rows alternate (serpentine), or all run one way (raster)"
-ORDERS = (("", "not told"), ("serpentine", "serpentine"), ("raster", "raster"))
-SHIFTS = (("auto", "found"), ("0", "as they are"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
+ORDER = (
+    "Scan order of numbered files without a list: rows alternate in direction (serpentine), "
+    "or all have the same direction (raster)"
+)
+ORDERS = (("", "not stated"), ("serpentine", "serpentine"), ("raster", "raster"))
+SHIFTS = (("auto", "found"), ("0", "unchanged"), *((str(n), f"{16 - n} of 16 bits") for n in (2, 4, 6, 8)))
 
 
 class ImportDialog(QDialog):
@@ -229,10 +232,10 @@ class ImportDialog(QDialog):
         grid = QGridLayout()
         self.frames_edit, self.list_edit = QLineEdit(), QLineEdit()
         self.frames_edit.setPlaceholderText("a folder of images, one file of many frames, or a list of frames")
-        self.list_edit.setPlaceholderText("found in the folder, or none: positions are then in the names")
+        self.list_edit.setPlaceholderText("found in the folder; none if the names contain positions")
         self.frames_edit.setToolTip("Folder or file of the frames. Press Enter to inspect it")
         self.list_edit.setToolTip(
-            "Table of positions or stage coordinates, one line per frame. Optional if names have positions"
+            "Table of positions or stage coordinates, one line per frame. Optional if the file names contain positions"
         )
         rows = (
             (
@@ -273,10 +276,10 @@ class ImportDialog(QDialog):
 
     def _options(self) -> QHBoxLayout:
         self.first = choice_box(FIRST, "Whether positions in names and lists are counted from 0 or 1")
-        self.shift = choice_box(SHIFTS, "Move left-aligned samples down by a number of bits")
-        self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour picture")
+        self.shift = choice_box(SHIFTS, "Shift left-aligned samples down by a number of bits")
+        self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour image")
         self.channel.setMinimumContentsLength(10)
-        self.orientation = choice_box(LIES, "Orientation that makes the frames upright, as on the camera")
+        self.orientation = choice_box(LIES, "Rotation or mirroring that makes the frames upright, as on the camera")
         # its words are long
         self.orientation.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.orientation.setMinimumContentsLength(12)
@@ -309,7 +312,7 @@ class ImportDialog(QDialog):
         self.open_button.setProperty("role", "primary")
         self.open_button.setEnabled(False)
         self.open_button.setDefault(True)
-        cancel = button("Cancel", "Keep the frames that the project has", self.reject)
+        cancel = button("Cancel", "Close this dialog and keep the present frames of the project", self.reject)
         cancel.setAutoDefault(False)
         return line("", cancel, self.open_button, stretch=0)
 
@@ -327,7 +330,7 @@ class ImportDialog(QDialog):
             self.look_at(path)
 
     def _ask_file(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(self, "File of many frames, or a list of frames")
+        path, _ = QFileDialog.getOpenFileName(self, "File that contains many frames, or a list of frames")
         if path:
             self.look_at(path)
 

@@ -44,7 +44,7 @@ class Noticed:
         self.context.message.emit(words)
         leave = (lambda: self._set(advised.leave)) if advised.leave else None
         if advised.apply:
-            button = f"Turn upright ({advised.apply})" if advised.apply in ORIENTATIONS else "Do not turn them"
+            button = f"Turn upright ({advised.apply})" if advised.apply in ORIENTATIONS else "Keep orientation"
             self.notice.offer(words, button, lambda: self._set(advised.apply), leave)
         else:
             self.notice.offer(words, "Plan", lambda: self.context.go.emit("setup", None), leave)

@@ -59,9 +59,7 @@ def check_ways(choice: ImportChoice) -> None:
     ways = {"List": choice.listed, "Names": choice.pattern, "Order": choice.order}
     if len(said := [name for name, value in ways.items() if value]) > 1:
         words = f"{', '.join(said[:-1])} and {said[-1]}"
-        raise InputError.expected(
-            "positions of the frames", "one of List, Names and Order", words, "clear the others above"
-        )
+        raise InputError.expected("positions of the frames", "one of List, Names and Order", words, "clear the others")
 
 
 def list_of(choice: ImportChoice) -> Path | None:
@@ -158,7 +156,8 @@ def columns_used(table: Table, columns: str) -> tuple[tuple[Column, ...], str]:
         ]
         names = " and ".join(column.name for column in held if column.role == twice[0])
         problem = (
-            f"{table.name}, column of {twice[0]}: expected one, got {names}; choose something else above the other"
+            f"{table.name}, content {twice[0]}: expected one column, got {names}; choose another "
+            "content above one of them"
         )
         return tuple(held), problem
     told = parse_columns(columns) if columns else None
@@ -170,13 +169,13 @@ def columns_used(table: Table, columns: str) -> tuple[tuple[Column, ...], str]:
 
 BOXES = (
     ("--manifest", "choose the List above"),
-    ("--columns", "choose it above its column"),
+    ("--columns", "choose the content above the column"),
     ("--pattern", "type the pattern of Names above"),
     ("--order", "choose their Order above"),
-    ("--first", "choose above what Positions count from"),
+    ("--first", "choose above whether Positions are counted from 0 or 1"),
     ("--channel", "choose a colour above"),
-    ("--orientation", "choose what makes them upright above"),
-    ("--origin", "state their First pixel in Record > Folder, once they are open"),
+    ("--orientation", "choose their Orientation above"),
+    ("--origin", "enter their First pixel in Record > Folder when they are open"),
     ("name it as", "choose their Dataset above"),
     ("lfcal plan", "choose the camera, or make the plan of the scan, in Set up"),
 )

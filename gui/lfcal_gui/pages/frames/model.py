@@ -1,4 +1,4 @@
-"""The frames of a project: imported, corrected, looked at one by one, and made into H. No Qt."""
+"""Frames of a project: import, correction, display and assembly into H. No Qt."""
 
 from __future__ import annotations
 
@@ -25,12 +25,16 @@ if TYPE_CHECKING:
     from lfcal.psf import AssemblyReport
 
 CORRECTIONS = (
-    ("use_dark", "Dark frame", "Subtract what the sensor shows without light: the mean dark frame, else a level"),
+    (
+        "use_dark",
+        "Dark frame",
+        "Subtract the signal without light: the mean dark frame or, if there is none, the black level",
+    ),
     ("use_white", "White frame", "Divide by the relative brightness of the white frame"),
-    ("use_defects", "Defect pixels", "Find defective pixels over all frames and interpolate them"),
+    ("use_defects", "Defect pixels", "Find defective pixels in all frames, and interpolate them"),
     ("use_background", "Background", "Subtract the median of each frame's border"),
 )
-"""Setting, title and meaning of each correction."""
+"""Setting, title and tooltip of each correction."""
 
 MEAN_DARK = "the mean dark frame"
 
@@ -45,28 +49,28 @@ HELD = frozenset(
 
 @dataclass(frozen=True)
 class FrameSettings(PageSettings):
-    """Settings that read, correct and cut the frames of a project.
+    """Settings for reading, correcting and cutting the frames of a project.
 
     Attributes
     ----------
     manifest, pattern, order, columns, first
-        How positions are found in a folder without a manifest: its list, name pattern or scan order. Then the meaning
+        How positions are found in a folder: by a list, a name pattern or a scan order. Then the meaning
         of the list's columns, and the first index (``"0"``, ``"1"``; empty: found automatically).
     shift, channel
-        Bits by which left-aligned samples are moved down; one colour of a mosaic or colour picture.
+        Bits by which left-aligned samples are shifted down; one colour of a mosaic or colour image.
     dark, white
-        Folders of dark and white frames, or empty.
+        Folders of dark and white frames; empty if none.
     use_dark, use_white, use_defects, use_background
-        Which corrections are made; see `CORRECTIONS`.
+        Which corrections are applied; see `CORRECTIONS`.
     skip_damaged
         Whether damaged frames are left out. Every frame is then read once when the folder is opened.
     interpolation
-        How cutouts between pixels are taken; empty: as the plan needs.
+        Interpolation of cutouts between pixels; empty: as the plan requires.
     orientation
         Orientation that makes the frames upright, one of `lfcal.frames.ORIENTATIONS`, used without a check.
         ``"check"``: frames are used unchanged, unless the check finds that they are turned.
     origin
-        Row and column on the sensor of the frames' first pixel, ``"120,64"``; empty: they are whole.
+        Row and column on the sensor of the frames' first pixel, ``"120,64"``; empty: full frames.
     options
         Pairs of name and value of all other fields of `lfcal.tasks.Assemble` that are not at their defaults.
     """
@@ -94,7 +98,7 @@ class FrameSettings(PageSettings):
 
     @property
     def option_values(self) -> dict[str, Any]:
-        """The other fields by their names, as the record has them."""
+        """Other fields of the task by name, as the record stores them."""
         return options_in(Assemble, dict(self.options))
 
     def usable(self) -> None:
@@ -106,7 +110,7 @@ class FrameSettings(PageSettings):
 
 
 def task_of(settings: FrameSettings, frames: str, out: str, plan: str = "") -> Assemble:
-    """Return how H is made of ``frames`` by the ``plan`` in a file; raises `InputError` if values do not fit."""
+    """Return the task that assembles H from ``frames`` by the ``plan`` in a file; raise `InputError` if invalid."""
     own: dict[str, Any] = {
         "frames": Path(frames),
         "out": Path(out),
@@ -139,7 +143,7 @@ def positions_words(frames: str, settings: FrameSettings) -> str:
     if settings.order:
         return f"none: frames in {settings.order} order"
     listed = list_of(ImportChoice(frames))
-    return "none: the files say where they are" if listed is None else f"{listed.name}, found"
+    return "none: positions from the files" if listed is None else f"{listed.name}, found"
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +155,7 @@ class Delivered:
     frames, corrected
         The frames, before and after the ``recipe``.
     scan
-        The plan of the whole scan, of which a colour has only a part.
+        Plan of the full scan; a single colour has only part of its pixels.
     orientation
         As in `FrameSettings`.
     """
@@ -172,19 +176,19 @@ class Opened:
     source, view
         The frames, and the corrected, upright view of them that is shown.
     delivered
-        What H is made from.
+        Input of the assembly of H.
     frames
-        Number of the frame of each position ``(nz, ny, nx)``, -1 where there is none.
+        Index of the frame of each position ``(nz, ny, nx)``; -1 if there is none.
     plan
-        The plan they were recorded by: a recorded session brings its own.
+        Plan of the recording; a recorded session includes its own.
     interpolation
-        How cutouts between pixels are taken; empty: as the plan needs.
+        Interpolation of cutouts between pixels; empty: as the plan requires.
     folder, chosen
-        What was opened, and how.
+        Opened folder, and its settings.
     dark
-        What is subtracted as no light; empty: nothing.
+        Description of the subtracted dark signal; empty if none.
     positions
-        Where positions come from while no manifest is named, in words.
+        Source of the positions if no list is named, in words.
     """
 
     source: FrameSource
@@ -199,11 +203,11 @@ class Opened:
     positions: str = ""
 
     def close(self) -> None:
-        """Close the frames, on which all views of them are."""
+        """Close the frames and all views of them."""
         self.delivered.corrected.close()
 
     def recorded(self, position: Position) -> Position:
-        """Return ``position``, or the nearest with a frame where it has none: in its plane, else in any."""
+        """Return ``position`` if it has a frame, else the nearest position with one, preferably in the same plane."""
         wanted = self.place(position)
         places = np.argwhere(self.frames >= 0)
         if self.frames[wanted] >= 0 or not len(places):
@@ -219,16 +223,16 @@ class Opened:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Frames that cannot be read and were left out, a line each: which, and why."""
+        """Frames that cannot be read, one line each with the reason."""
         return tuple(one.reason for one in self.source.metadata.left_out)
 
     def place(self, position: Position) -> Position:
-        """Return the position nearest to ``position`` that the plan has."""
+        """Return the position of the plan nearest to ``position``."""
         z, y, x = (min(max(v, 0), n - 1) for v, n in zip(position, self.frames.shape, strict=True))
         return Position(z, y, x)
 
     def step(self, position: Position, dy: int, dx: int) -> Position:
-        """Return the position ``(dy, dx)`` further, line after line within its plane."""
+        """Return the position ``(dy, dx)`` further, continuing line by line within its plane."""
         _, ny, nx = self.frames.shape
         x = position.x + dx
         y = position.y + dy + (x // nx if dx else 0)
@@ -236,7 +240,7 @@ class Opened:
 
 
 def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> Frames:
-    """Open uncorrected frames by the settings; errors of opening are raised unchanged."""
+    """Open uncorrected frames with these settings; errors of opening are raised unchanged."""
     from lfcal.frames import open_component, open_frames
 
     opening = partial(
@@ -257,7 +261,7 @@ def open_source(folder: str, settings: FrameSettings, plan: ScanPlan | None) -> 
 
 
 def open_imported(folder: str, settings: FrameSettings, plan: ScanPlan) -> Opened:
-    """Open frames and corrections by the settings; errors of opening are raised unchanged."""
+    """Open frames and corrections with these settings; errors of opening are raised unchanged."""
     from lfcal.frames import ThinnedSource, colour_scan, corrected_view
 
     source: FrameSource = open_source(folder, settings, plan)
@@ -297,7 +301,7 @@ def _recipe(settings: FrameSettings, channel: str) -> CorrectionRecipe:
 
 
 def _dark_words(chain: CorrectionChain) -> str:
-    """Return what the corrections subtract as no light; empty: nothing."""
+    """Return a description of the dark signal that the corrections subtract; empty if none."""
     from lfcal.frames import Dark
     from lfcal.frames.corrections import DarkSet
 
@@ -305,24 +309,24 @@ def _dark_words(chain: CorrectionChain) -> str:
         if isinstance(step, DarkSet):
             return f"the mean dark frame of each of {len(step.darks)} exposures" if len(step.darks) > 1 else MEAN_DARK
         if isinstance(step, Dark):
-            return MEAN_DARK if step.frame is not None else f"the level {step.level:g} that file or plan state"
+            return MEAN_DARK if step.frame is not None else f"the black level {step.level:g} from the file or the plan"
     return ""
 
 
 @dataclass(frozen=True, eq=False)
 class ImportedFrames:
-    """Content of a folder of frames, before it is imported into the project.
+    """Content of a folder of frames before its import into the project.
 
     Attributes
     ----------
     folder
-        The frames.
+        Folder of the frames.
     settings
         Corrections found in the same folder.
     plan
-        The plan they were recorded by, None where there is none.
+        Plan of the recording; None if there is none.
     opened
-        The frames, None where no plan says how.
+        The open frames; None without a plan.
     """
 
     folder: str
@@ -378,18 +382,18 @@ def _plan_in(*folders: Path) -> ScanPlan | None:
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """One frame ``(rows, columns)``, before and after correction, with its numbers.
+    """One frame ``(rows, columns)`` before and after correction, with its statistics.
 
     Attributes
     ----------
     window
         First row, first column, rows and columns of the cutout.
     point
-        Row and column of the paraxial image, where the plan has it.
+        Row and column of the paraxial image according to the plan.
     origin
-        Sensor row and column of the frame's first pixel; window and point count from it.
+        Sensor row and column of the frame's first pixel; window and point are relative to it.
     crop
-        ``(nt, ns)`` the cutout as it goes into H, before and after correction; None where it leaves the frame.
+        Cutout ``(nt, ns)`` as used for H, before and after correction; None if it leaves the frame.
     """
 
     position: Position
@@ -404,7 +408,7 @@ class Loaded:
 
 
 def load_frame(opened: Opened, position: Position) -> Loaded:
-    """Read one frame, correct it, count every pixel of it, and say where its cutout is."""
+    """Read and correct one frame; return it with the statistics of all its pixels and its cutout."""
     index = int(opened.frames[position])
     info = opened.view.info(index)
     raw = turned(opened.source, opened.plan, opened.delivered.orientation).read(index)
@@ -432,7 +436,7 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
 def _crop(
     cutout: Cutout, window: Window, frames: tuple[NDArray[Any], NDArray[Any]], origin: tuple[int, int]
 ) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """Return the cutout of both frames, whose first pixel is ``origin``; None where it leaves them."""
+    """Return the cutout of both frames, whose first sensor pixel is ``origin``; None if it leaves the frames."""
     rows, columns = cutout.region(window)
     top, left = rows.start - origin[0], columns.start - origin[1]
     bottom, right = rows.stop - origin[0], columns.stop - origin[1]
@@ -444,18 +448,18 @@ def _crop(
 
 
 def first_middle_last(opened: Opened) -> tuple[Loaded, ...]:
-    """Return the first, the middle and the last frame in scan order; none where there is no frame."""
+    """Return the first, middle and last frame in scan order; empty if there are no frames."""
     there = [p for p in opened.plan.positions() if opened.frames[p] >= 0]
     return tuple(load_frame(opened, there[k]) for k in (0, len(there) // 2, -1)) if there else ()
 
 
 def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> tuple[str, str, str]:
-    """Return a mark (``"good"``, ``"fair"``, ``"bad"`` or none), a headline and a sentence.
+    """Return the state of opened frames: merit (``"good"``, ``"fair"``, ``"bad"`` or empty), headline, sentence.
 
-    ``found`` is the orientation found for the frames, None while it is not known; ``chosen`` is the user's choice.
+    ``found`` is the orientation found for the frames, None while unknown; ``chosen`` is the user's choice.
     """
     if found is None:
-        return "", "Looking at the frames …", "Their orientation is being compared with the plan."
+        return "", "Inspecting the frames …", "Their orientation is being compared with the plan."
     if (turn := advice(found, chosen)) is not None and not turn.chosen:
         return "bad", "The frames are not oriented as in the plan", f"{turn.words}."
     if opened.left_out:
@@ -464,11 +468,11 @@ def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> t
         return "fair", "Some positions have no frame", f"{opened.missing} of {opened.frames.size} are missing."
     if not found.name:
         return "fair", "Every position has a frame", f"The orientation of the frames is unclear: {found.reason}."
-    return "good", "All of it is understood", "Every position has a frame, and their orientation is that of the plan."
+    return "good", "The frames are complete", "Every position has a frame, and the frames are oriented as in the plan."
 
 
 def facts_of(opened: Opened) -> tuple[tuple[str, str, str], ...]:
-    """Return rows of name, number and remark about the frames."""
+    """Return facts about the frames as rows (name, number, remark)."""
     nz, ny, nx = opened.frames.shape
     rows, columns = opened.view.shape
     chosen = opened.chosen
@@ -515,7 +519,7 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
 
 
 def notes_of(report: AssemblyReport) -> tuple[str, ...]:
-    """Return the verdict on an H that was assembled, and how its frames were turned and averaged, a line each."""
+    """Return notes on an assembled H, one line each: its verdict, and how frames were turned and averaged."""
     from lfcal.judge import judgement_of
 
     told = report.matrix.provenance.get("orientation", {}).get("note")

@@ -53,23 +53,23 @@ class Survey:
     Attributes
     ----------
     choice
-        The user's choice, without column roles that were given for another list.
+        The user's choice, without column roles that belong to another list.
     table, used
-        The list as text, and which columns are used for what; None and empty where there is no list.
+        The list as text, and the columns that are used; None and empty if there is no list.
     notes
         Values that were guessed, one line each.
     problem
-        Why the frames cannot be opened with this; empty where they can.
+        Why the frames cannot be opened with this choice; empty if they can.
     colours
         Channels of a mosaic.
     shift
-        Bits that samples are moved down by.
+        Bits by which samples are shifted down.
     imported
-        The frames, open; None where there is a problem.
+        The open frames; None if there is a problem.
     shown
         First, middle and last frame with their cutouts.
     datasets
-        Path and words of the datasets to choose from, if a file holds several stacks.
+        Path and description of each dataset to choose from, if a file contains several stacks.
     """
 
     choice: ImportChoice
@@ -134,7 +134,11 @@ def _with_table(found: Survey) -> Survey:
     told = path is not None and path.suffix.lower() in TABLE_SUFFIXES and not path.name.endswith("metadata.txt")
     table = read_table(path) if path is not None and told else None
     if choice.columns and (table is None or choice.header not in ((), table.columns)):
-        note = f"{OTHER_LIST}, and none is used" if table is None else f"{OTHER_LIST}, found anew in {table.name}"
+        note = (
+            f"{OTHER_LIST}, so it is ignored"
+            if table is None
+            else f"{OTHER_LIST}, so columns were identified again in {table.name}"
+        )
         found = replace(found, choice=replace(choice, columns="", header=()), notes=(note,))
     if table is None:
         return found
@@ -143,7 +147,7 @@ def _with_table(found: Survey) -> Survey:
 
 
 def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], FrameSettings]:
-    """Return a function that puts a choice into a page's settings."""
+    """Return a function that applies a choice to the settings of the page."""
 
     def apply(settings: FrameSettings) -> FrameSettings:
         return replace(
@@ -178,13 +182,13 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
             opened = open_imported(imported.folder, replace(imported.settings, shift=shift), scan)
             imported.close()
             imported = replace(imported, settings=replace(imported.settings, shift=shift), opened=opened)
-            notes.append(f"samples: left-aligned, moved down by {shift}")
+            notes.append(f"samples: left-aligned, shifted down by {shift} bits")
         beside = [Path(path) for path in (imported.settings.dark, imported.settings.white) if path]
-        notes += [f"{place.name} frames: those of the folder {place.name} in {place.parent.name}" for place in beside]
+        notes += [f"{place.name} frames: from the folder {place.name} in {place.parent.name}" for place in beside]
         if odd := other_sensor(opened.delivered.corrected, opened.plan):
             notes.append(odd)
         if choice.order:
-            notes.append(f"order: {choice.order}, {opened.source.info(0).label} is first")
+            notes.append(f"order: {choice.order}, beginning with {opened.source.info(0).label}")
         notes = [*notes, *opened.source.metadata.notes, *_range_notes(found, opened.plan)]
         shown = first_middle_last(opened)
     except BaseException:
@@ -220,7 +224,7 @@ def _own_plan(choice: ImportChoice) -> ScanPlan | None:
 
 
 def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, list[str]]:
-    """Return the plan of a list of stage coordinates, None where there is no such list."""
+    """Return the plan derived from a list of stage coordinates; None if there is no such list."""
     path = list_of(choice)
     if path is None or is_plain(path):
         return None, []
@@ -251,7 +255,7 @@ def _range_notes(found: Survey, plan: ScanPlan) -> list[str]:
 
 
 def open_choice(survey_: Survey, project: FrameSettings) -> ImportedFrames:
-    """Return the frames of a survey with the project's other settings kept."""
+    """Return the frames of a survey, keeping the other settings of the project."""
     imported = survey_.imported
     assert imported is not None
     own: dict[str, Any] = {

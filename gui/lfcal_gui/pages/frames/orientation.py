@@ -51,7 +51,7 @@ def advice(found: FoundOrientation, chosen: str) -> Advice | None:
     if found.name in ("", AS_IS if chosen == CHECK else chosen):
         return None
     if found.name == AS_IS:
-        return Advice("The frames are upright as delivered, but are turned by the settings", CHECK)
+        return Advice("The frames are upright as delivered, but the settings turn them", CHECK)
     words = found.words[0].upper() + found.words[1:]
     if chosen == AS_IS:
         return Advice(f"{words}; they are used unchanged, as chosen", chosen=True)
@@ -69,8 +69,8 @@ def other_sensor(source: FrameSource, plan: ScanPlan) -> str:
         return ""
     (rows, columns), (known_rows, known_columns) = source.shape, sensor
     return (
-        f"frames: {columns} × {rows} px, but the plan's sensor has {known_columns} × {known_rows} px: "
-        "they are cropped, binned or of another camera"
+        f"frames: {columns} × {rows} px, but the plan's sensor has {known_columns} × {known_rows} "
+        "px: they are cropped, binned, or from another camera"
     )
 
 

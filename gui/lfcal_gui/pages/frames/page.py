@@ -44,8 +44,12 @@ from lfcal_gui.saving import ask_target
 PLAY_MS = 60
 
 
-IMPORT = "A recorded session, or a folder with a list or positions in file names; a dialog asks what is unclear"
-FILE = "One file of many frames, or a list in another folder: opens the dialog with all settings of an import"
+IMPORT = (
+    "A recorded session, or a folder with a list or with positions in file names. A dialog asks about anything unclear"
+)
+FILE = (
+    "One file that contains many frames, or a list in another folder. Opens the dialog with all settings of an import"
+)
 AGAIN = "Open the same folder again, for example after repairing a file or connecting a disk"
 
 
@@ -72,7 +76,7 @@ class Page(BasePage):
         """A folder whose frames are not understood, and why."""
         self.tool_button("Import any folder …", IMPORT, self.choose_folder)
         self.assemble_button = self.tool_button(
-            "Assemble H", "Correct all frames, and make H from their cutouts", self.assemble
+            "Assemble H", "Correct all frames, and assemble H from their cutouts", self.assemble
         )
         self.play_timer = QTimer(self)
         self.play_timer.setInterval(PLAY_MS)
@@ -203,7 +207,7 @@ class Page(BasePage):
 
         def failed(words: str) -> None:
             # the dialog has the choices that frames of others may need
-            self._unread = path, f"say how the frames of {Path(path).name} are read"
+            self._unread = path, f"choose how the frames of {Path(path).name} are read"
             self._tell()
             self.refuse(words)
             self.start_import(path)
@@ -259,14 +263,15 @@ class Page(BasePage):
         self.assemble_button.setEnabled(False)
         if not state.frames:
             self.show_empty(
-                "No frames yet.\nImport a folder of frames that this or another program recorded, or drop one here.\n"
-                "Folders named dark and white in the same place, and plan.json, are found.",
+                "No frames yet.\nImport a folder of frames that this or another program recorded, or "
+                "drop one here.\nFolders named dark and white in the same folder, and plan.json, are "
+                "found automatically.",
                 {"Import any folder …": (IMPORT, self.choose_folder), "File or list …": (FILE, self.start_import)},
             )
             return
         if state.plan is None:
             self.show_empty(
-                "The frames need a scan plan: which positions, which cutout.",
+                "The frames need a scan plan: their positions and the cutout.",
                 {"Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan")},
             )
             return
@@ -290,7 +295,7 @@ class Page(BasePage):
 
     def _stop_opening(self) -> None:
         self.context.jobs.drop("frames open")
-        self._failed("The frames were not opened: stopped")
+        self._failed("The frames were not opened because you stopped it")
 
     def _failed(self, words: str) -> None:
         self._opening = False
@@ -431,7 +436,7 @@ class Page(BasePage):
     def assemble(self, path: str = "") -> None:
         """Assemble H as a job, unless the orientation of the frames is known to differ from the plan."""
         if self.opened is None:
-            self.refuse("there are no frames to assemble; open some first")
+            self.refuse("there are no frames to assemble; import some first")
             return
         if self._refused():
             return

@@ -44,11 +44,14 @@ from lfcal_gui.widgets import (
     wrapped,
 )
 
-ONE = "The frame of the position that is chosen"
-THREE = "Three frames: the image has to lie in the cutout in all of them"
-WHOLE = "Show the whole frame; the view no longer follows the cutout"
-FOLLOW = "Zoom to the cutout, and keep it in view as it moves along with the point"
-LATTICE = "Micro-image centres of the described camera, coloured by lens type; they lie on the images if it is right"
+ONE = "The frame of the selected position"
+THREE = "Three frames. The image must be inside the cutout in all of them"
+WHOLE = "Show the full frame; the view no longer follows the cutout"
+FOLLOW = "Zoom to the cutout, and follow it as it moves with the point source"
+LATTICE = (
+    "Micro-image centres of the described camera, coloured by lens type. If the description "
+    "is right, they coincide with the micro-images"
+)
 INSPECTOR, MAP, CROP = 304, 112, 112
 """Width of what stands right of the pictures, and heights in it (px)."""
 
@@ -119,7 +122,7 @@ class FramesPanel(QWidget):
         self.lattice_box.setToolTip(LATTICE)
         self.before_box = QCheckBox("As recorded")
         self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
-        whole, self.follow = button("Whole", WHOLE, self._show_whole), QPushButton("Follow")
+        whole, self.follow = button("Full", WHOLE, self._show_whole), QPushButton("Follow")
         self.follow.setCheckable(True)
         self.follow.setToolTip(FOLLOW)
         self.follow.toggled.connect(lambda _: self._zoom_cutout())
@@ -150,7 +153,7 @@ class FramesPanel(QWidget):
         self.plane_slider.setToolTip("Depth plane whose positions the map shows (page up, page down)")
         self.play_button = QPushButton("Play")
         self.play_button.setCheckable(True)
-        self.play_button.setToolTip("Step through all positions: the image has to move steadily, without jumps (space)")
+        self.play_button.setToolTip("Step through all positions. The image should move steadily, without jumps (Space)")
         self.play_button.toggled.connect(lambda on: self.play_button.setText("Stop" if on else "Play"))
         return line("Plane", self.plane_slider, self.play_button, stretch=1)
 
@@ -218,7 +221,9 @@ class FramesPanel(QWidget):
         cutout = cutout_of(row, column, (rows, columns), loaded.point)
         self.view.set_shot(Shot(frame, name="frame", overlays=cutout))
         crop = None if loaded.crop is None else loaded.crop[0 if self.before_box.isChecked() else 1]
-        words = "It leaves the frame." if crop is None else f"{crop.shape[0]} × {crop.shape[1]} px, as it goes into H"
+        words = (
+            "The cutout leaves the frame." if crop is None else f"{crop.shape[0]} × {crop.shape[1]} px, as used for H"
+        )
         self._show_crop(crop, words)
 
     def _show_crop(self, crop: NDArray[Any] | None, words: str) -> None:

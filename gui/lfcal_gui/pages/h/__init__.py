@@ -40,11 +40,11 @@ PAGE = PageSpec(
         ("Page up, Page down", "step through depth planes"),
         ("T", "HT alone, H alone, or both"),
         ("D", "difference from another H"),
-        ("W", "the fitted pattern that is explained worst"),
+        ("W", "the fitted pattern with the largest χ²"),
         ("F5", "inspect H, fit it, or compare it with another"),
         ("Backspace", "back to the verdict"),
         ("Esc", "stop"),
         ("Ctrl+C", "copy the table"),
-        ("L, G", "log or gamma scaling of the pictures"),
+        ("L, G", "log or gamma scaling of the images"),
     ),
 )

@@ -202,7 +202,7 @@ class Checking:
         if job.number != self._job:
             return
         self._job = 0
-        why = "it was left out" if job.state is JobState.DONE else job.error or "it was stopped"
+        why = "it was omitted" if job.state is JobState.DONE else job.error or "it was stopped"
         found = judged(self._kept, why)
         self._kept = InspectionRun()
         if found is not None:
@@ -263,7 +263,7 @@ class Checking:
         words = summary_of(found, asked.source)
         now = asked_of(self._stamp, self.settings, self.context.fitted, self._order)
         if now.choices != asked.choices:
-            words += " Choices changed since: press Inspect again to use them."
+            words += " The settings changed since then; press Inspect again to use them."
         view.summary.setText(words)
 
     def _look_at(self, row: int) -> None:

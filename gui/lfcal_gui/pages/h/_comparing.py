@@ -17,10 +17,10 @@ from lfcal_gui.pages.h.model_checks import QualitySettings
 from lfcal_gui.widgets import ComparedNumbers, choice_box, line
 
 FILES = "H files (*.h5 *.npy *.mat *.lfc);;All files (*)"
-NONE = "Choose a second H to compare with this one: of another day, a simulation, or the H of a fit."
+NONE = "Choose a second H to compare with this one: from another day, from a simulation, or from a fit."
 
 
-SHOWN = (("measured", "this H"), ("reference", "the other H"), ("blink", "both in turn"))
+SHOWN = (("measured", "this H"), ("reference", "the other H"), ("blink", "both, alternating"))
 """What the pictures of H and HT show, and its words."""
 
 BLINK_MS = 600
@@ -39,12 +39,12 @@ class ProjectComparing(Comparing):
         self.view = ComparedNumbers()
         super().__init__(self.view, page.context, page.spec.key)
         self._host = page
-        self.shown = choice_box(SHOWN, "Blinking shows shifts; the view Difference shows what is missing")
+        self.shown = choice_box(SHOWN, "Alternating images show shifts; the view Difference shows missing light")
         self.shown.setAccessibleName("H that is shown")
         self.shown.currentIndexChanged.connect(lambda _: self._show_other())
         column = self.view.layout()
         assert isinstance(column, QVBoxLayout)
-        column.insertLayout(3, line("Pictures show", self.shown, stretch=1))
+        column.insertLayout(3, line("Images show", self.shown, stretch=1))
         self.blinking = QTimer(self.view)
         self.blinking.setInterval(BLINK_MS)
         self.blinking.timeout.connect(self._blink)
@@ -108,7 +108,7 @@ class ProjectComparing(Comparing):
     def missing(self) -> str:
         """Return which file must be chosen, or which no longer exists."""
         state = self._context.state
-        return f"{Path(state.reference).name} is not there any more." if state.reference and state.psf else NONE
+        return f"{Path(state.reference).name} no longer exists." if state.reference and state.psf else NONE
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow both files, and the order of their axes."""
@@ -132,7 +132,7 @@ class ProjectComparing(Comparing):
     def row_words(self) -> str:
         """Which H this one is compared with, and by how much they differ."""
         found, other = self.found, Path(self._context.state.reference).name
-        return other if found is None else f"{100 * found.all.scaled:.3g} % off"
+        return other if found is None else f"difference {100 * found.all.scaled:.3g} %"
 
     def choose(self, path: str = "") -> None:
         """Take a second H, and compare with it."""

@@ -241,7 +241,7 @@ class Fitting:
         if self.found is None:
             return "failed" if self._said[1] else "not fitted"
         error = self.found.fit.held_out_error
-        return ("" if self.found.fit.complete else "▲ ") + (f"{error} off" if error.known else "below the noise")
+        return ("" if self.found.fit.complete else "▲ ") + (f"error {error}" if error.known else "below the noise")
 
     def _show_buttons(self) -> None:
         self._page.show_levels()
@@ -254,7 +254,7 @@ class Fitting:
         view.use_button.setToolTip(
             "Not available while a session is being recorded with the camera"
             if self._recording
-            else "Use the fitted camera in this project, and its effects in Record > Compute (undo restores both)"
+            else "Use the fitted camera in this project, and the fitted effects in Record > Compute. Undo restores both"
         )
         view.choices.set_running(bool(self._job))
 
@@ -266,7 +266,7 @@ class Fitting:
         changed = self.found.question.settings != self.settings
         # undo may have taken it back
         used = self._used.words if self._used is not None and self._used.holds(self.context.state) else ""
-        since = "Choices changed since this fit: press Fit to use them." if changed else ""
+        since = "The settings changed since this fit; press Fit to use them." if changed else ""
         self.view.show_found(self.found, self._rounds.rounds, "\n".join(filter(None, (used, since))))
 
     def map_at(self, z: int) -> PositionMap | None:
@@ -361,7 +361,7 @@ class Fitting:
         if self.found is None or self._job:
             return
         if self._recording:
-            self._page.refuse("The camera stays as it is while a session is being recorded")
+            self._page.refuse("The camera cannot change while a session is being recorded")
             return
         self._used = use = use_of(self.context.state, self.found.fit)
         self.context.project.update("fitted camera", **use.changes)

@@ -37,7 +37,7 @@ from lfcal_gui.widgets import (
 )
 
 COLUMNS = ("", "Check", "Value", "Good", "Bad", "Merit", "Cost")
-COST = "Estimated error of a reconstruction (NRMSE) that a fault of this size causes"
+COST = "Estimated error of a reconstruction (NRMSE) caused by a fault of this size"
 MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
 """What precedes a check; it repeats what its colour says."""
 
@@ -89,7 +89,7 @@ class ChecksView(QWidget):
         self.counts.setProperty("role", "hint")
         self.redo.setAccessibleName("record bad positions again")
         self.redo.setToolTip(
-            "Record the bad positions again, then make and judge a new H; the previous H becomes the other H"
+            "Record the bad positions again, then assemble and judge a new H. The previous H becomes the other H"
         )
         self.redo.hide()
         self.table = RowsTable(COLUMNS, 1, brief=(1, 2), spare=(3, 4, 5, 6))
@@ -141,7 +141,7 @@ class ChecksView(QWidget):
 
     def _buttons(self) -> QHBoxLayout:
         self.measure_button, self.report_button = QPushButton("Inspect again"), QPushButton("Write report …")
-        self.measure_button.setToolTip("Measure H again, and compare it with its camera (F5)")
+        self.measure_button.setToolTip("Inspect H again, and compare it with its camera (F5)")
         self.report_button.setToolTip("Save the results: an HTML page with all figures, and JSON for programs")
         return line(self.measure_button, self.report_button)
 
@@ -149,7 +149,7 @@ class ChecksView(QWidget):
         self.summary = WrappedLabel()
         self.summary.setProperty("role", "hint")
         self.every = QCheckBox("List all metrics")
-        self.every.setToolTip("List metrics that do not apply to this H, too")
+        self.every.setToolTip("Also list metrics that do not apply to this H")
         self.every.toggled.connect(self.every_toggled.emit)
         tip = "Camera, session, number of patterns and time of the inspection"
         self.form = FoldedForm(more=FIELDS, title="What H is compared with", tip=tip, framed=True)

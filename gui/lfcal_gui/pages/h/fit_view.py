@@ -63,7 +63,7 @@ from lfcal_gui.widgets import (
 )
 
 NAME = Qt.ItemDataRole.UserRole
-WAYS = (("auto", "found: those that help"), ("chosen", "those chosen below"))
+WAYS = (("auto", "automatic: those that help"), ("chosen", "as chosen below"))
 
 
 class _Groups(QListWidget):
@@ -106,7 +106,7 @@ class ChoicesPanel(QWidget):
 
     # -- building --------------------------------------------------------------------------------------
     def _start(self) -> Folded:
-        frame = Folded("Patterns and start", "Positions, noise and camera that the fit begins with")
+        frame = Folded("Patterns and start", "Positions, noise and camera with which the fit starts")
         column = frame.column
         self.source, self.use, self.start, self.noise = (_wrapped() for _ in range(4))
         some, rare = (fields_of(FitMatrix, without=HELD, more=more) for more in (False, True))
@@ -122,9 +122,9 @@ class ChoicesPanel(QWidget):
         return frame
 
     def _unknowns(self) -> Folded:
-        frame = Folded("Unknowns", "Groups of values that the fit may change in the described camera")
+        frame = Folded("Unknowns", "Groups of camera values that the fit may change")
         column = frame.column
-        self.way = choice_box(WAYS, "Found: the fit chooses groups that lower the error of held-out patterns")
+        self.way = choice_box(WAYS, "Automatic: the fit chooses the groups that lower the error of held-out patterns")
         self.way.setAccessibleName("choice of unknowns")
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = _Groups()
@@ -189,7 +189,7 @@ class ChoicesPanel(QWidget):
                 item.setCheckState(Qt.CheckState.Checked if on else Qt.CheckState.Unchecked)
             item.setFlags(flags)
             item.setText(typeset(f"{mark}{title}" + (f"\nneeds {needs}" if needs else "")))
-            always = ", always fitted where groups are found" if core else ""
+            always = ", always fitted if groups are chosen automatically" if core else ""
             item.setToolTip(f"{name}: {title}" + (f"; needs {needs}" if needs else always))
         self.groups.fit_height()
         self.legend.setText(_legend(settings, told=groups is not None))
@@ -378,7 +378,7 @@ class RoundsView(QWidget):
         super().__init__()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 6, 0, 0)
-        self.error = DecadePlot("error of left-out patterns (%)", LINES[0])
+        self.error = DecadePlot("error of held-out patterns (%)", LINES[0])
         self.chi2 = DecadePlot("χ² of fitted patterns", LINES[1])
         self._rounds: tuple[FitProgress, ...] = ()
         for plot in (self.error, self.chi2):
@@ -401,7 +401,7 @@ class RoundsView(QWidget):
             return
         parts = [f"{rounds[-1].stage}: {rounds[-1].note}."]
         if any(one.below_noise for one in rounds):
-            parts.append("Hollow: the error is below the noise; the noise limit is drawn.")
+            parts.append("Hollow symbols: the error is below the noise, and the noise limit is drawn.")
         parts.append("χ² includes the numerical error as noise; it may rise when the fit continues at finer sampling.")
         self.words.setText(" ".join(parts))
 
@@ -412,9 +412,9 @@ class RoundsView(QWidget):
         self.show_rounds(self._rounds)
 
 
-READY = "Gap, focal lengths, iris and aberrations are found from the recorded positions of H."
-LEGEND = "Crossed out in the map: left out as an outlier. In a square: held out to judge the fit."
-NO_ROUNDS = "Fitted during the recording; rounds of such a fit are not kept."
+READY = "The fit estimates gap, focal lengths, iris and aberrations from the recorded positions of H."
+LEGEND = "Crossed out in the map: left out as an outlier. In a square: held out to test the fit."
+NO_ROUNDS = "This fit was made during the recording, so its rounds were not kept."
 
 
 class FitView(QWidget):
@@ -456,11 +456,11 @@ class FitView(QWidget):
         self.fit_button, self.use_button = QPushButton("Fit"), QPushButton("Use camera")
         self.fit_button.setToolTip("Fit the recorded positions of H (F5)")
         self.worst_button = QPushButton("Worst")
-        self.worst_button.setToolTip("Show the pattern that is explained worst (W)")
+        self.worst_button.setToolTip("Show the pattern with the largest χ² (W)")
         self.model_button, self.save_button = QPushButton("Compute H …"), QPushButton("Save fit …")
-        self.model_button.setToolTip("H of the fitted camera over all positions and depths, without noise")
+        self.model_button.setToolTip("Compute H of the fitted camera at all positions and depths, without noise")
         self.save_button.setToolTip(
-            "Write camera, effects, H, numbers and report into a folder, as the command lfcal fit does"
+            "Write camera, effects, H, results and report into a folder, as the command lfcal fit does"
         )
         self.report_button = QPushButton("Report")
         self.report_button.setToolTip("Open the HTML report of the fit")
@@ -491,7 +491,7 @@ class FitView(QWidget):
     @cached_property
     def rounds(self) -> RoundsView:
         """The convergence of a fit; made when one is at work or found."""
-        folded = Folded("Convergence", "The error round by round: whether it settled, and which unknowns helped")
+        folded = Folded("Convergence", "Error after each round: whether it converged, and which unknowns helped")
         made = RoundsView()
         folded.column.addWidget(made)
         self._rounds_at.insertWidget(self._rounds_at.count() - 2, folded)

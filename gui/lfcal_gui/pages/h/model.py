@@ -1,4 +1,4 @@
-"""What the place H shows: intent in, frozen picture out. No Qt."""
+"""Content of the place H: from a request (intent) to a frozen image. No Qt."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ Pixel = tuple[int, int]
 
 @dataclass(frozen=True)
 class HIntent:
-    """Request for a picture of H.
+    """Request for an image of H.
 
     Attributes
     ----------
     z, y, x
         Depth plane and source position.
     transposed
-        Whether HT is the main picture.
+        Whether HT is the main image.
     show
-        ``"measured"``, or ``"reference"``: the H that it is compared with.
+        ``"measured"``: this H; ``"reference"``: the H with which it is compared.
     pixel
-        Pixel (t, s) the pointer is on in the main picture, None: none.
+        Pixel (t, s) of the main image under the pointer; None if there is none.
     display
         Scaling and colour map.
     view
@@ -53,7 +53,7 @@ class HIntent:
     view: str = "both"
 
     def clamped(self, shape: tuple[int, int, int, int, int], *, reference: bool = True) -> HIntent:
-        """Return the intent with every index inside a matrix of ``shape``; without a ``reference`` H alone is shown."""
+        """Return the intent with all indices inside ``shape``; without a ``reference``, only H is shown."""
         nz, ny, nx, nt, ns = shape
         z, y, x = (min(max(v, 0), n - 1) for v, n in zip((self.z, self.y, self.x), (nz, ny, nx), strict=True))
         pixel = self.pixel
@@ -65,13 +65,13 @@ class HIntent:
         )
 
     def next_view(self) -> dict[str, Any]:
-        """Return the entries of the next view: of H and HT to HT, to H, and back to both."""
+        """Return the changed fields for the next view: from both to HT, to H, and back to both."""
         if self.view == "both":
             return {"view": "one", "transposed": True}
         return {"view": "one" if self.view == "one" and self.transposed else "both", "transposed": False}
 
     def moved(self, dy: int, dx: int, period: tuple[int, int]) -> HIntent:
-        """Return the intent one or more positions further; the period wraps around."""
+        """Return the intent moved by ``dy``, ``dx`` positions; indices wrap around in the period."""
         return replace(self, y=(self.y + dy) % period[0], x=(self.x + dx) % period[1])
 
 
@@ -82,11 +82,11 @@ class LoadedPlane:
     Attributes
     ----------
     z
-        Its number.
+        Index of the plane.
     values
-        ``(ny, nx, nt, ns)``; not-a-number where a reference of another cutout has none.
+        Values ``(ny, nx, nt, ns)``; not-a-number outside the cutout of a reference.
     scale
-        Of a reference the factor that brings it to the energy of H.
+        For a reference: factor that scales it to the energy of H.
     """
 
     z: int
@@ -107,19 +107,19 @@ class LoadedPlane:
 
 @dataclass(frozen=True, eq=False)
 class PlaneData:
-    """What is known of a plane once it is read.
+    """Data of a plane that has been read.
 
     Attributes
     ----------
     plane, reference
-        The plane of H, and of the reference where there is one.
+        Plane of H, and of the reference (None if there is none).
     energy
-        ``(ny, nx)`` sum of each pattern.
+        Sum of each pattern ``(ny, nx)``.
     depth_sum
-        ``(nt, ns)`` sum of all patterns.
+        Sum of all patterns ``(nt, ns)``.
     levels
-        For what is shown of `HIntent` lowest and highest value in the plane: one scale for all its positions. The
-        lowest is at most 0; of a difference both are as far from it.
+        For each kind of image, the lowest and highest value in the plane, as one scale for all positions. The
+        lowest is at most 0; the scale of a difference is symmetric about 0.
     """
 
     plane: LoadedPlane
@@ -130,7 +130,7 @@ class PlaneData:
 
 
 def read_plane(matrix: PSFMatrix, both: Pair | None, z: int) -> PlaneData:
-    """Read plane ``z`` of H, and the plane of the reference that ``both`` pairs with it."""
+    """Read plane ``z`` of H, and the plane of the reference paired with it in ``both``."""
     plane = LoadedPlane(z, matrix.plane(z))
     energy = plane.values.sum((2, 3), dtype=np.float64)
     levels = {"measured": _levels_of(plane.values)}
@@ -141,7 +141,7 @@ def read_plane(matrix: PSFMatrix, both: Pair | None, z: int) -> PlaneData:
 
 
 def _partner(both: Pair, plane: LoadedPlane) -> LoadedPlane | None:
-    """Return the plane of the reference that shows the depth of ``plane``, its positions and cutout as those of H."""
+    """Return the plane of the reference at the depth of ``plane``, with the positions and cutout of H."""
     z = next((other for own, other in both.planes if own == plane.z), None)
     if z is None:
         return None
@@ -157,7 +157,7 @@ def _partner(both: Pair, plane: LoadedPlane) -> LoadedPlane | None:
 
 
 def _middle(cutout: tuple[int, int], part: tuple[int, int]) -> tuple[slice, ...]:
-    """Return where the ``part`` ``(nt, ns)`` about the source lies in a cutout."""
+    """Return the slices of the ``part`` ``(nt, ns)`` around the source in a cutout."""
     firsts = [centre(n) - centre(m) for n, m in zip(cutout, part, strict=True)]
     return tuple(slice(first, first + m) for first, m in zip(firsts, part, strict=True))
 
@@ -168,7 +168,7 @@ def _levels_of(values: NDArray[Any]) -> tuple[float, float]:
 
 
 def _difference_levels(plane: LoadedPlane, reference: LoadedPlane) -> tuple[float, float]:
-    """Return the ends of the scale of all differences of a plane, found row by row of positions."""
+    """Return the limits of the scale of all differences in a plane, computed row by row."""
     rows = zip(plane.values, reference.values, strict=True)
     top = max(float(np.nanmax(np.abs(_apart(own, other, reference.scale)))) for own, other in rows)
     return -(top or 1.0), top or 1.0
@@ -181,22 +181,22 @@ def _apart(own: NDArray[Any], other: NDArray[Any], scale: float) -> NDArray[np.f
 
 @dataclass(frozen=True, eq=False)
 class PositionMap:
-    """What the map of positions shows.
+    """Content of the map of positions.
 
     Attributes
     ----------
     title, values, unit
         Quantity, its value at each position ``(ny, nx)``, and its unit.
     missing, ringed, aside
-        Positions (y, x) ``(n, 2)`` that are crossed out, ringed, or in a square.
+        Positions (y, x) ``(n, 2)`` that are crossed out, ringed or framed by a square.
     name
-        What files of it are called.
+        Name for files of the map.
     levels
-        Values at the ends of the colours, None: those of the values.
+        Limits of the colour scale; None: from the values.
     note
-        Words next to the title; empty: least and greatest value.
+        Text next to the title; empty: smallest and largest value.
     lines
-        Yields the lines of a table that is copied and saved in place of the values.
+        Yields the lines of a table that is copied and saved instead of the values.
     """
 
     title: str
@@ -212,7 +212,7 @@ class PositionMap:
 
     @property
     def range_words(self) -> str:
-        """Words next to the title."""
+        """Text next to the title."""
         known = self.values[np.isfinite(self.values)]
         ends = (known.min(), known.max()) if known.size else ()
         between = " to ".join(f"{v:.3g}" if abs(v) < 1000 else f"{v / 1000:.3g}k" for v in ends)
@@ -220,18 +220,18 @@ class PositionMap:
 
 
 def light_map(data: PlaneData, worst: Iterable[tuple[int, ...]], missing: NDArray[Any], unit: str) -> PositionMap:
-    """Return the light of each pattern; positions ``missing`` ``(ny, nx)`` are crossed out, the ``worst`` ringed."""
+    """Return the map of the light of each pattern, with ``missing`` positions crossed out and ``worst`` ones ringed."""
     return PositionMap("Light by position", data.energy, unit, np.argwhere(missing), places_in(data.plane.z, worst))
 
 
 def places_in(z: int, places: Iterable[tuple[int, ...]]) -> NDArray[np.float64]:
-    """Return those of some positions (z, y, x) that are in plane ``z``, as (y, x) ``(n, 2)``."""
+    """Return those positions (z, y, x) that are in plane ``z``, as (y, x) ``(n, 2)``."""
     return np.array([place[1:] for place in places if place[0] == z], np.float64).reshape(-1, 2)
 
 
 @dataclass(frozen=True, eq=False)
 class HPicture:
-    """What is drawn: the main picture, the linked one, their titles and cursors; ``signed``: the linked one is."""
+    """Images to draw: the main and the linked one (``signed`` or not), with titles and cursors."""
 
     main: NDArray[Any]
     linked: NDArray[Any]
@@ -253,8 +253,8 @@ def linked_pixel(
 ) -> tuple[tuple[int, int], Pixel]:
     """Return the position and pixel in HT of the entry of H at ``position`` and ``pixel``.
 
-    HT[z, y', x', t', s'] = H[z, y, x, t, s] with y' = (y + t - ct) mod ny, t' = nt-1-t, and so for x and s. The
-    relation is its own inverse, so it leads from HT to H as well.
+    HT[z, y', x', t', s'] = H[z, y, x, t, s] with y' = (y + t - ct) mod ny, t' = nt-1-t, and likewise for x and s. The
+    relation is its own inverse, so it also leads from HT to H.
     """
     y = (position[0] + pixel[0] - centre(cutout[0])) % period[0]
     x = (position[1] + pixel[1] - centre(cutout[1])) % period[1]
@@ -262,9 +262,9 @@ def linked_pixel(
 
 
 def resolve(intent: HIntent, plane: LoadedPlane, reference: LoadedPlane | None = None) -> HPicture:
-    """Return what to draw for ``intent`` from the loaded plane (and that of the reference).
+    """Return the images for ``intent`` from the loaded plane (and that of the reference).
 
-    Without a pixel under the pointer, the linked picture is the other matrix at the same position. With a pixel, it is
+    Without a pixel under the pointer, the linked image is the other matrix at the same position. With a pixel, it is
     the pattern that contains this pixel in the other matrix, with the entry marked.
     """
     ny, nx, nt, ns = plane.values.shape
@@ -294,7 +294,7 @@ def _pattern(plane: LoadedPlane, at: tuple[int, int], transposed: bool) -> NDArr
 
 
 def plane_scale(own: NDArray[Any], other: NDArray[Any]) -> float:
-    """Return the factor that brings values ``(ny, nx, nt, ns)`` to the energy of ``own`` (from some positions)."""
+    """Return the factor that scales ``other`` to the energy of ``own``, estimated from some positions."""
     step = max(1, own.shape[1] // 8)
     sample = other[::step, ::step]
     known = np.isfinite(sample)
@@ -305,18 +305,18 @@ def plane_scale(own: NDArray[Any], other: NDArray[Any]) -> float:
 
 # -- words -------------------------------------------------------------------------------------------------
 def unit_of(matrix: PSFMatrix) -> str:
-    """Return what the values of H are: a simulated one has no counts."""
-    return "share of the light" if light_shares(matrix.provenance) else "intensity (counts)"
+    """Return quantity and unit of the values of H; a simulated H is not in counts."""
+    return "fraction of the light" if light_shares(matrix.provenance) else "intensity (counts)"
 
 
 def shown_unit(intent: HIntent, matrix: PSFMatrix, reference: PSFMatrix | None) -> str:
-    """Return what the values shown are; a difference is taken at the light of H."""
+    """Return quantity and unit of the values shown; a difference is scaled to the energy of H."""
     other = intent.show == "reference" and intent.view != "difference"
     return unit_of(reference if other and reference is not None else matrix)
 
 
 def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> str:
-    """Return the pixel (t, s) of the main picture in words, its value in ``unit``."""
+    """Return pixel (t, s) of the main image and its value in ``unit`` as text."""
     t, s = pixel
     apart = f", {picture.linked[t, s]:+.4g} relative to the other H" if picture.signed else ""
     return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}{apart}"
@@ -332,7 +332,7 @@ def _virtual_words(camera: Camera | None, depth_um: float) -> str:
 
 
 def place_words(matrix: PSFMatrix, intent: HIntent) -> tuple[str, str]:
-    """Return plane and position in words."""
+    """Return the names of plane and position."""
     depth = float(matrix.known_depths[intent.z])
     known = f"z = {format_length(depth)}{_virtual_words(matrix.camera, depth)}"
     at = known if matrix.knows_depths else "depth not stated"
@@ -351,7 +351,7 @@ GAP = "style='padding-right:6px'"
 
 
 def expected_in(matrix: PSFMatrix, z: int) -> Aperture | None:
-    """Return the aperture expected from the camera in plane ``z``; None if no camera is known."""
+    """Return the aperture expected from the camera in plane ``z``; None without a camera."""
     from lfcal.psf.aperture import expected_aperture
 
     if matrix.camera is None:
@@ -360,13 +360,13 @@ def expected_in(matrix: PSFMatrix, z: int) -> Aperture | None:
 
 
 MAIN = ("Shape", "Blades", "Rotation", "Apothem", "Confidence")
-"""Numbers that matter most."""
+"""Names of the most important numbers of an aperture."""
 
 
 def aperture_words(aperture: Aperture, expected: Aperture | None = None, names: Collection[str] = MAIN) -> str:
-    """Return numbers of a fitted aperture as rich text, next to those that are expected; all for no ``names``.
+    """Return numbers of a fitted and an expected aperture as rich text; empty ``names``: all.
 
-    What the fit refuses to say comes first.
+    If the fit refuses a result, the reason comes first.
     """
     from lfcal.psf.aperture import REFUSALS
 
@@ -387,7 +387,7 @@ def aperture_words(aperture: Aperture, expected: Aperture | None = None, names: 
 
 
 def _bare(text: str) -> str:
-    """Return a number without the unit that its neighbour has as well."""
+    """Return a number without its unit, if the neighbouring number shows the same unit."""
     return text.removesuffix(" px").removesuffix(" px²")
 
 
@@ -425,7 +425,7 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
 
 
 def aperture_tip(z: int, depth_um: float, count: int, fitted: Aperture | None, expected: Aperture | None) -> str:
-    """Return what is known of the aperture of plane ``z`` of ``count`` planes, in lines."""
+    """Return a description of the aperture of plane ``z`` of ``count`` planes, as lines of text."""
     told = [plane_words(z, count) + (f": z = {format_length(depth_um)}" if math.isfinite(depth_um) else "")]
     told += [f"{what}: {one.describe()}" for what, one in (("fitted", fitted), ("expected", expected)) if one]
     return "\n".join(told)

@@ -1,4 +1,4 @@
-"""The checks of H: settings, rows, words, what shows each of them, and the work that finds them. No Qt."""
+"""Checks of H: settings, table rows, texts, images, and the work that makes them. No Qt."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ SECONDS_0_1 = 10.0
 """Default limit of version 0.1 (s)."""
 
 CAMERAS = (("fitted", "fitted, else described"), ("own", "as H describes it"))
-"""Which camera patterns are compared with; the folder of a saved fit is a third choice."""
+"""Cameras with which patterns are compared; the folder of a saved fit is a third choice."""
 
 HELD = frozenset({"source", "mat_order", "report", "reference", "fit", "every", "strict"})
-"""Fields of `lfcal.tasks.Inspect` that other widgets show, or that have no meaning in a window."""
+"""Fields of `lfcal.tasks.Inspect` that other widgets show, or that do not apply in the window."""
 
 ROWS = {row.name: row for row in rows(Inspect) if row.name not in HELD}
 
@@ -52,37 +52,37 @@ FIELDS = (
         kind="choice",
         choices=CAMERAS,
         default="fitted",
-        tip="The camera that patterns are compared with: as the fit of this H found it, or as H describes it.",
+        tip="Camera that the patterns are compared with: as fitted to this H, or as described in H",
     ),
 )
 
 MARKED = 2000
-"""Positions of a plane up to which each is marked."""
+"""Largest number of positions in a plane that are marked individually."""
 
 RANK = {"bad": 0, "fair": 1, "unknown": 2, "good": 3}
-"""Order of the checks: what failed comes first."""
+"""Order of the checks: failed ones first."""
 
 ERRORS = ("position", "step")
-"""Metrics that say how far a position is off, the first that was measured: by its place, or by its neighbours."""
+"""Metrics that give the error of a position, in order of preference: from its position, from its neighbours."""
 
-NO_CURVE = "One value for the whole of H: no curve over depth."
-NO_PICTURE = "There is no picture of this fault."
+NO_CURVE = "This check has one value for all of H, so there is no curve over depth."
+NO_PICTURE = "There is no image for this fault."
 
 
 @dataclass(frozen=True)
 class QualitySettings(PageSettings):
-    """What the user chose.
+    """Settings of the checks.
 
     Attributes
     ----------
     seconds, patterns, session
-        As of `lfcal.tasks.Inspect`; an empty session: none.
+        As in `lfcal.tasks.Inspect`; an empty session: none.
     camera
-        One of `CAMERAS`, or ``"saved"``: that of ``fit``.
+        One of `CAMERAS`, or ``"saved"``: the camera of ``fit``.
     fit
-        Folder of a fit that was saved.
+        Folder of a saved fit.
     by_number
-        Whether planes of two H belong together by their numbers, not by their depths.
+        Whether planes of two H are paired by number instead of depth.
     """
 
     page: ClassVar[str] = "quality"
@@ -95,13 +95,13 @@ class QualitySettings(PageSettings):
     by_number: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON types; the limit has another name than in 0.1."""
+        """Return the settings as plain JSON types; the time limit has another name than in version 0.1."""
         stored = super().to_dict()
         return {**stored, "most_s": stored.pop("seconds")}
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
-        """Return the settings in ``data``, of 0.1 too."""
+        """Return the settings in ``data``, which may be of version 0.1."""
         if isinstance(data, Mapping):
             # 10 s was the default of 0.1, for a part of H; now it ends before H is fully judged
             old = {} if data.get("seconds") == SECONDS_0_1 else {key: data[key] for key in ("seconds",) if key in data}
@@ -110,7 +110,7 @@ class QualitySettings(PageSettings):
         return super().from_dict(data)
 
     def changed(self, key: str, value: Any) -> Self:
-        """Return the settings with one field changed; an emptied one has no text."""
+        """Return the settings with one field changed; an empty value becomes an empty text."""
         return super().changed(key, "" if value is None else value)
 
     def __post_init__(self) -> None:
@@ -123,20 +123,20 @@ class QualitySettings(PageSettings):
 
 @dataclass(frozen=True, eq=False)
 class CheckRow:
-    """A fault of the camera's model, or a metric that needs no model, as a row.
+    """A fault found with the camera model, or a metric without a model, as a table row.
 
     Attributes
     ----------
     found
-        The fault or metric.
+        Fault or metric.
     title, value
-        Name and value; of a fault the value is its weight: error of a reconstruction, or share of the light.
+        Name and value; for a fault the value is its error of a reconstruction or its fraction of the light.
     good, bad
-        Limits of the value, empty for a fault.
+        Limits of the value; empty for a fault.
     merit
-        Merit of H that follows from it.
+        Resulting merit of H.
     rating, cost
-        The merit in a word, or how sure a fault is; and the error of a reconstruction that it makes.
+        Merit in a word, or confidence of a fault; and the error of a reconstruction that it causes.
     words
         Meaning and remedy, as rich text.
     """
@@ -153,18 +153,18 @@ class CheckRow:
 
     @property
     def positions(self) -> NDArray[np.intp]:
-        """Positions (z, y, x) that it concerns ``(n, 3)``."""
+        """Affected positions (z, y, x) ``(n, 3)``."""
         found: NDArray[np.intp] = np.asarray(self.found.positions, np.intp).reshape(-1, 3)
         return found
 
     @property
     def plane(self) -> int | None:
-        """The plane that has most of these positions, None where there are none."""
+        """Plane with most of the affected positions; None if there are none."""
         return int(np.bincount(self.positions[:, 0]).argmax()) if len(self.positions) else None
 
 
 def checks_of(inspection: Inspection, *, every: bool = False) -> tuple[CheckRow, ...]:
-    """Return faults and metrics, failed ones first; with ``every`` also metrics that do not apply."""
+    """Return faults and metrics, failed ones first; ``every`` includes metrics that do not apply."""
     metrics = (m for m in inspection.quality.metrics if every or m.applies)
     found = [
         *(_of_fault(inspection, one) for one in inspection.faults),
@@ -183,7 +183,7 @@ def _of_fault(inspection: Inspection, one: FoundFault) -> CheckRow:
     sure = f"{100 * one.confidence:.1f} %" if 100 * one.confidence <= 99.9 else "> 99.9 %"  # never 100 %
     parts = [f"<b>{capital(one.title)}</b>: {one.detail}"]
     where = place_words(one)
-    parts.append(f"It changes {share} of the light, {min(one.sigmas, 999):.0f} sigma above the noise. {where}")
+    parts.append(f"It affects {share} of the light, {min(one.sigmas, 999):.0f} sigma above the noise. {where}")
     if one.cost is not None:
         parts.append(f"Error of a reconstruction (NRMSE), noise alone → with the fault: {cost}.")
     parts.append(f"<b>What to do:</b> {one.fault.advice} {_atlas_link(one.name)}")
@@ -193,14 +193,14 @@ def _of_fault(inspection: Inspection, one: FoundFault) -> CheckRow:
 
 
 def _atlas_link(name: str) -> str:
-    """Return a link to the fault's section of the atlas: its path is the fault's name."""
+    """Return a link to the fault's section of the fault atlas."""
     return f"<a href='fault:{name}'>See it in the fault atlas</a>"
 
 
 def place_words(one: FoundFault) -> str:
-    """Return how many positions and pixels a fault concerns."""
+    """Return the number of positions and pixels that a fault affects, as text."""
     many, pixels = len(one.positions), len(one.pixels)
-    where = f"{many} position{'s' * (many != 1)} concerned" if many else "All positions are concerned"
+    where = f"{many} position{'s' * (many != 1)} affected" if many else "All positions are affected"
     more = f", {pixels} pixel{'s' * (pixels != 1)} of the sensor" if pixels else ""
     again = "; record again" if one.redo and many else ""
     return f"{where}{more}{again}."
@@ -208,7 +208,7 @@ def place_words(one: FoundFault) -> str:
 
 # -- metrics -----------------------------------------------------------------------------------------------
 def count_words(inspection: Inspection) -> str:
-    """Return how many metrics are good, and how many do not apply."""
+    """Return the number of good metrics and of metrics that do not apply, as text."""
     from lfcal.judge.quality import counted_words
 
     return capital(counted_words(inspection.quality.metrics))
@@ -223,7 +223,7 @@ def _of_metric(inspection: Inspection, m: Metric) -> CheckRow:
 
 
 def _told_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
-    """Return the merit of a metric and the word for it; a fault may cause it, or the camera may refute it."""
+    """Return the merit of a metric and its word; a fault may explain it, or the camera may refute it."""
     from lfcal.judge.quality import merit_of, merit_word
 
     if metric.merit in ("bad", "fair"):
@@ -243,7 +243,7 @@ def _metric_words(inspection: Inspection, metric: Metric) -> str:
         if cause is not None:
             parts.append(f"<b>See the fault “{cause.title}”</b>, which causes it. {_atlas_link(cause.name)}")
         elif inspection.withdrawn(metric):
-            parts.append("<b>Not confirmed</b>: the comparison with the camera measured it and did not find it.")
+            parts.append("<b>Not confirmed</b>: the comparison with the camera tested for it and did not find it.")
         else:
             parts.append(f"<b>What to do:</b> {metric.spec.advice}")
     return "<br>".join(parts)
@@ -252,16 +252,16 @@ def _metric_words(inspection: Inspection, metric: Metric) -> str:
 # -- what shows a check ------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class CheckPicture:
-    """The picture of a check.
+    """Image or curve of a check.
 
     Attributes
     ----------
     title
-        What it shows; where there are no ``values``, why not.
+        Title; without ``values``, why there are none.
     axes, unit
-        Names of the axes (down and across for a map), and what the values are.
+        Names of the axes (vertical, horizontal for a map), and quantity of the values.
     values
-        A curve ``(n,)`` at ``across``, a map ``(rows, columns)`` numbered from ``origin``; None: neither.
+        Curve ``(n,)`` at ``across``, or map ``(rows, columns)`` with first index ``origin``; None: neither.
     """
 
     title: str
@@ -273,7 +273,7 @@ class CheckPicture:
 
 
 def picture_of(inspection: Inspection, check: CheckRow) -> CheckPicture:
-    """Return the picture of a fault, or the curve of a metric over depth."""
+    """Return the image of a fault, or the curve of a metric over depth."""
     from lfcal.judge.quality import Metric
 
     one = check.found
@@ -315,7 +315,7 @@ def map_of(inspection: Inspection, check: CheckRow, z: int) -> PositionMap | Non
 def error_map(
     inspection: Inspection, z: int, worst: Iterable[tuple[int, ...]], missing: NDArray[Any]
 ) -> PositionMap | None:
-    """Return how far each position of a plane is off; None if that was not measured.
+    """Return the map of the error of each position of a plane; None if it was not measured.
 
     Positions ``missing`` ``(ny, nx)`` are crossed out, the ``worst`` (z, y, x) are ringed.
     """
@@ -335,7 +335,7 @@ def _metric_map(metric: Metric, z: int, ringed: NDArray[Any]) -> PositionMap | N
 
 # -- the whole ---------------------------------------------------------------------------------------------
 def summary_of(inspection: Inspection, source: str) -> str:
-    """Return how much was compared, with which camera, or why nothing was."""
+    """Return how many patterns were compared with which camera, or why none were, as text."""
     from lfcal.judge import compared_words
 
     words = capital(compared_words(inspection))
@@ -343,12 +343,12 @@ def summary_of(inspection: Inspection, source: str) -> str:
 
 
 def worst_positions(inspection: Inspection) -> tuple[tuple[int, int, int], ...]:
-    """Return the positions that should be recorded again, each once, in the order of the scan."""
+    """Return the positions to record again, without duplicates, in scan order."""
     return tuple(place for place, _ in inspection.redo())
 
 
 def kept_of(inspection: Inspection) -> Verdict:
-    """Return the verdict that the project keeps."""
+    """Return the verdict to store in the project."""
     from lfcal.judge import judgement_of
 
     _, ny, nx = inspection.shape[:3]
@@ -357,7 +357,7 @@ def kept_of(inspection: Inspection) -> Verdict:
 
 
 def camera_choices(settings: QualitySettings) -> tuple[tuple[str, str], ...]:
-    """Return the cameras to compare with: also that of a fit whose folder was chosen."""
+    """Return the cameras to choose from, including that of a chosen fit folder."""
     return (*CAMERAS, ("saved", f"of the fit {Path(settings.fit).name}")) if settings.fit else CAMERAS
 
 
@@ -368,15 +368,15 @@ class InspectionRequest:
     Attributes
     ----------
     stamp
-        File of H as it was when it was asked for.
+        Stamp of the file of H at the time of the request.
     seconds, patterns
-        Time for the comparison with the camera, 0: none; and how many patterns are compared.
+        Time limit (s) of the comparison with the camera (0: none), and number of patterns compared.
     session
-        Session whose control frames are looked at; empty: none.
+        Session whose control frames are checked; empty: none.
     setup
-        The camera as the fit found it, None: another.
+        Camera found by the fit; None: another camera is used.
     folder
-        Folder of the fit whose camera is taken; empty: none.
+        Folder of the fit whose camera is used; empty: none.
     mat_order
         As in `lfcal.psf.open_psf`.
     """
@@ -391,7 +391,7 @@ class InspectionRequest:
 
     @property
     def choices(self) -> tuple[object, ...]:
-        """All but the file."""
+        """All fields except the file."""
         return self.seconds, self.patterns, self.session, self.setup, self.folder, self.mat_order
 
     @property
@@ -401,7 +401,7 @@ class InspectionRequest:
 
     @property
     def source(self) -> str:
-        """Which camera H is compared with, in words."""
+        """Camera with which H is compared, in words."""
         if self.setup is not None:
             return "The camera is as the fit found it"
         if self.folder:
@@ -416,11 +416,11 @@ class InspectionRun:
     Attributes
     ----------
     report, depths
-        The metrics that need no camera, and the depths of the planes (µm).
+        Metrics that need no camera, and depths of the planes (µm).
     camera
         Whether H states a camera.
     inspection
-        The results of the comparison with the camera.
+        Result of the comparison with the camera.
     """
 
     report: QualityReport | None = None
@@ -441,7 +441,7 @@ def asked_of(
 
 
 def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
-    """Measure H and compare it with its camera; what is found is in ``kept``, as jobs are remembered long."""
+    """Measure H and compare it with its camera; ``kept`` stores the result, as the job list outlives the jobs."""
     from lfcal.judge import fitted_setup, iter_inspection
     from lfcal.judge.quality import control_frames, iter_inspect
     from lfcal.psf import open_psf
@@ -460,7 +460,7 @@ def iter_judge(asked: InspectionRequest, kept: InspectionRun) -> Work[None]:
 
 @dataclass(frozen=True, eq=False)
 class JudgedH:
-    """What was found of an H, what was asked, and the verdict that the project keeps."""
+    """Result of judging an H, its request, and the verdict to store in the project."""
 
     asked: InspectionRequest
     inspection: Inspection
@@ -468,19 +468,19 @@ class JudgedH:
 
 
 def iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[JudgedH]:
-    """Judge the H of a project by its settings."""
+    """Judge the H of a project with its settings."""
     stamp, kept = stamp_of(project.psf), InspectionRun()
     if stamp is None:
         raise InputError.expected("H", "a file", project.psf or "none", "open or assemble one")
     asked = asked_of(stamp, QualitySettings.of(project), fitted, stated_order(project, project.psf))
     yield from iter_judge(asked, kept)
-    found = judged(kept, "it was left out")
+    found = judged(kept, "it was omitted")
     assert found is not None  # it has ended
     return JudgedH(asked, found, kept_of(found))
 
 
 def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
-    """Return what is known: the comparison, or the metrics alone with the reason; None before these are."""
+    """Return the inspection so far: with the comparison, or with metrics only and the reason; None if neither."""
     from lfcal.judge import Inspection
 
     if kept.inspection is not None or kept.report is None:
@@ -490,7 +490,7 @@ def judged(kept: InspectionRun, why_not: str) -> Inspection | None:
 
 
 def iter_write_report(psf: str, folder: str, inspection: Inspection | None, mat_order: str = "") -> Work[Path]:
-    """Write the report of the H in a file; what was found is not measured again."""
+    """Write the report of the H in a file, reusing the results of ``inspection``."""
     from lfcal.judge.report import iter_report
     from lfcal.psf import open_psf
 
@@ -500,5 +500,5 @@ def iter_write_report(psf: str, folder: str, inspection: Inspection | None, mat_
 
 
 def report_files(folder: str) -> list[Path]:
-    """Return the paths of the files that a report writes into ``folder``, where they may exist already."""
+    """Return the paths of the report files in ``folder``, some of which may already exist."""
     return [Path(folder) / name for name in ("index.html", "report.pdf", "quality.json", "redo.json")]

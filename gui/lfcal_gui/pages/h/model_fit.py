@@ -1,4 +1,4 @@
-"""The fit of the optics: what the user chose, and what an H offers to it. No Qt."""
+"""Fit of the optics: settings, and the data that an H offers to a fit. No Qt."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, Field, PageSettings, Projec
 from lfcal_gui.models import stamp_of as file_stamp
 
 STARTS = (("psf", "H's own camera"), ("window", "camera of this window"))
-"""Which camera a fit starts from."""
+"""Cameras from which a fit can start."""
 
 START = Field("camera", "Start from", kind="choice", choices=STARTS, tip="Camera description that the fit starts from")
 
 CORE = ("geometry", "focal_lengths", "iris")
-"""Groups that are fitted by default, before the user has chosen."""
+"""Groups of unknowns that are fitted by default."""
 
 HELD = frozenset({"sources", "out", "camera", "plan", "unknowns", "write_h"})
 """Fields of `lfcal.tasks.FitMatrix` that the form does not show.
 
-H, camera and plan are those of the project, unknowns have a list, and buttons decide what is written."""
+H, camera and plan are those of the project, unknowns are in a list, and buttons determine the output."""
 
 ROWS = tuple(row for row in rows(FitMatrix) if row.name not in HELD)
 
@@ -40,16 +40,16 @@ HELD_OUT = 0.2
 
 @dataclass(frozen=True)
 class FitSettings(PageSettings):
-    """What the user chose; `HELD` apart as in `lfcal.tasks.FitMatrix`.
+    """Settings of the fit; fields not listed are as in `lfcal.tasks.FitMatrix`.
 
     Attributes
     ----------
     camera
         ``"psf"`` or ``"window"``, see `STARTS`.
     auto
-        Whether groups of unknowns are found, or are those of ``groups``.
+        Whether groups of unknowns are chosen automatically instead of by ``groups``.
     groups
-        Names of groups; those of a distribution that is not installed are kept.
+        Names of groups; those of a package that is not installed are kept.
     """
 
     page: ClassVar[str] = "fit"
@@ -73,45 +73,45 @@ class FitSettings(PageSettings):
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
-        """Return the settings in ``data``; earlier versions wrote constant and slope of the noise apart."""
+        """Return the settings in ``data``; earlier versions stored constant and slope of the noise separately."""
         if isinstance(data, Mapping) and (apart := [data.get("constant"), data.get("slope")]) != [None, None]:
             data = {"noise": apart, **data}
         return super().read(data)
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Groups that are asked for: those that are installed."""
+        """Chosen groups that are installed."""
         return tuple(name for name in self.groups if name in GROUPS)
 
 
 def group_rows() -> tuple[tuple[str, str, bool], ...]:
-    """Return name, title, and whether it is fitted in any case, of every group of unknowns."""
+    """Return name, title and whether it is always fitted, for every group of unknowns."""
     return tuple((group.name, group.title, group.core) for group in GROUPS)
 
 
 # -- what an H offers --------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What an H offers to a fit.
+    """Data that an H offers to a fit.
 
     Attributes
     ----------
     shape
-        Of H.
+        Shape of H.
     recorded
-        Patterns that were recorded.
+        Number of recorded patterns.
     camera
-        Name of H's own camera, None where it has none.
+        Name of the camera stated in H; None if there is none.
     noise
-        Mean (constant, slope) of the variance that H or its provenance states, None where neither does.
+        Mean (constant, slope) of the variance stated in H or its provenance; None if not stated.
     problem
-        Why what H states of its noise cannot be used; empty where it can, or where it states none.
+        Why the noise stated in H cannot be used; empty if it can, or if there is none.
     plan
-        The scan with H's own camera, None where it has none.
+        Scan plan with the camera of H; None if there is none.
     unfit
-        Why H and its own camera do not go together, or empty.
+        Why H and its camera do not match; empty if they do.
     aside
-        Number of positions that the session kept from its fits.
+        Number of positions held out by the session.
     """
 
     shape: tuple[int, ...]
@@ -124,7 +124,7 @@ class Offer:
     aside: int = 0
 
     def source_words(self, name: str) -> str:
-        """Return a line on the positions of H, which is called ``name``."""
+        """Return a line of text on the positions of the H called ``name``."""
         nz, ny, nx = self.shape[:3]
         planes, positions = f"{nz} plane{'s' * (nz > 1)}", nz * ny * nx
         if self.recorded == positions:
@@ -132,44 +132,46 @@ class Offer:
         return f"{name}: {self.recorded:,} of {positions:,} positions recorded, {planes}"
 
     def use_words(self, positions: int | None) -> str:
-        """Return a line on how many are used of how many were asked for."""
+        """Return a line of text on the number of positions that are used, for the requested number."""
         most = most_taken(positions, range(self.aside))
         used = min(most or self.recorded, self.recorded)
         aside = self.aside if self.aside and used == self.recorded else round(HELD_OUT * used)
-        return f"{used:,} are used, {aside:,} of them kept aside to judge the fit."
+        return f"{used:,} are used, {aside:,} of them held out to test the fit."
 
     def noise_words(self, settings: FitSettings) -> tuple[str, str]:
-        """Return a line on the noise, and its role: ``"hint"``, or ``"error"`` where something is missing."""
+        """Return a line of text on the noise, and its role: ``"hint"``, or ``"error"`` if something is missing."""
         if settings.noise is not None:
-            over = ", not what H states" if self.noise is not None else ""
+            over = ", not as stated in H" if self.noise is not None else ""
             return f"Noise as given here{over}.", "hint"
         if self.problem:
             return self.problem, "error"
         if self.noise is None:
-            return "H does not state its noise: give constant and slope of the variance.", "error"
+            return "H does not state its noise: enter the constant and slope of the variance.", "error"
         constant, slope = self.noise
-        return f"Noise as H states: variance about {constant:.3g} + {slope:.3g} × value.", "hint"
+        return f"Noise as stated in H: variance about {constant:.3g} + {slope:.3g} × value.", "hint"
 
     def camera_words(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> tuple[str, str]:
-        """Return a line on the camera that the fit starts from, and its role as of `noise_words`.
+        """Return a line of text on the camera from which the fit starts, and its role as in `noise_words`.
 
         ``window`` and ``plan`` are those of the window.
         """
         if self.unfit:
-            return f"H does not fit its own camera: {self.unfit}.", "error"
+            return f"H does not match its own camera: {self.unfit}.", "error"
         if self.camera is None:
             if plan is None or plan.shape != self.shape:
                 return f"H states no camera: make a plan of its shape {self.shape} in Set up.", "error"
-            return f"H states no camera: uses camera, depths and anchor of the plan, {window.name}.", "hint"
+            return (
+                f"H states no camera. The fit uses the camera {window.name}, the depths and the anchor of the plan."
+            ), "hint"
         if settings.camera == "window":
             _, refused = self._by_window(window)
             if refused:
-                return f"H does not fit {window.name}, the camera of this window: {refused}.", "error"
+                return f"H does not match {window.name}, the camera of this window: {refused}.", "error"
             return f"Starts from {window.name}, the camera of this window.", "hint"
-        return f"Starts from {self.camera}, as H was made with.", "hint"
+        return f"Starts from {self.camera}, the camera of H.", "hint"
 
     def lacking(self, settings: FitSettings, window: Camera, plan: ScanPlan | None) -> dict[str, str]:
-        """Return the groups that the fitted camera has no unknowns for, each with the reason.
+        """Return the groups for which the fitted camera has no unknowns, each with the reason.
 
         ``window`` and ``plan`` are those of the project. The result is empty if neither H nor plan states a camera.
         """
@@ -181,7 +183,7 @@ class Offer:
         return {} if own is None else lacking_of(own)
 
     def _by_window(self, window: Camera) -> tuple[ScanPlan | None, str]:
-        """Return the plan of H with the camera of the window; None, and why, where its sensor has no room for it."""
+        """Return the plan of H with the camera of the window, or None and the reason if its sensor is too small."""
         assert self.plan is not None
         try:
             return replace(self.plan, camera=window), ""
@@ -190,12 +192,12 @@ class Offer:
 
 
 def lacking_of(plan: ScanPlan) -> dict[str, str]:
-    """Return the groups that a fit of a scan's patterns has no unknowns of, by name, and what it would need."""
+    """Return the groups without unknowns in a fit of this scan, by name, with what they would need."""
     return lacking(Setup(plan.camera, starting_effects(plan), (0.0,) * plan.shape[0]), plan)
 
 
 def offer_of(matrix: PSFMatrix) -> Offer:
-    """Return what an H or HT offers; looks at its facts and not at its patterns."""
+    """Return what an H or HT offers to a fit, from its metadata, without reading patterns."""
     matrix = matrix.T if matrix.is_transposed else matrix
     recorded = np.asarray(matrix.recorded) > 0
     noise, problem = _noise(matrix, recorded)
@@ -218,7 +220,7 @@ def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float,
         return None if said is None else (said.floor, said.slope), ""
     # samples that include a black level have a negative variance at 0
     if (own[:, 0] < 0).any():
-        return None, "H was assembled with its black level: assemble it with a dark frame, or give the noise here."
+        return None, "H was assembled with its black level: assemble it with a dark frame, or enter the noise here."
     constant, slope = own.mean(0).tolist()
     return (constant, slope), ""
 
@@ -227,9 +229,9 @@ def _noise(matrix: PSFMatrix, recorded: NDArray[np.bool_]) -> tuple[tuple[float,
 def task_of(
     settings: FitSettings, project: ProjectState, offer: Offer | None, out: Path = Path("fit"), where: Path = Path()
 ) -> FitMatrix:
-    """Return how a camera is fitted to the H of a project, whose camera and plan are in files in the folder ``where``.
+    """Return the task that fits a camera to a project's H; camera and plan are files in the folder ``where``.
 
-    Groups that the page greys out are not asked for; None as the ``offer``: H is not there yet.
+    Groups that the page greys out are not fitted. ``offer`` is None if H is not read yet.
     """
     files = dict(task_files(settings, project, offer))
     without = {} if offer is None else offer.lacking(settings, project.camera, project.plan)
@@ -237,7 +239,7 @@ def task_of(
     if not settings.auto and not groups:
         lost = next((f"{name}, which needs {without[name]}" for name in settings.unknowns), "none")
         wanted = "one group or more that the camera has" if settings.unknowns else "one group or more"
-        raise InputError.expected("unknowns", wanted, lost, "choose others, or those that help")
+        raise InputError.expected("unknowns", wanted, lost, "choose other groups, or the automatic choice")
     return FitMatrix(
         sources=(Path(project.psf),),
         out=out,
@@ -249,14 +251,14 @@ def task_of(
 
 
 def task_files(settings: FitSettings, project: ProjectState, offer: Offer | None) -> tuple[tuple[str, str], ...]:
-    """Return the files that the task reads besides H, by name and text."""
+    """Return name and content of the files that the task reads in addition to H."""
     bare = offer is not None and offer.camera is None
     camera = ((CAMERA_FILE, project.camera.to_json()),) if settings.camera == "window" else ()
     return (*camera, (PLAN_FILE, needed_plan(project).to_json())) if bare else camera
 
 
 def stamp_of(project: ProjectState) -> Stamp | None:
-    """Return the project's H as its file is now, None where there is none."""
+    """Return the current stamp of the project's H; None if there is none."""
     return file_stamp(project.psf)
 
 
@@ -268,28 +270,28 @@ class FitUse:
     Attributes
     ----------
     changes
-        Entries that change.
+        Changed entries of the project.
     words
-        What changed, and what did not.
+        Description of what changed and what did not.
     """
 
     changes: Mapping[str, Any]
     words: str
 
     def holds(self, project: ProjectState) -> bool:
-        """Return whether a project still has this camera: it was not changed or undone."""
+        """Return whether a project still uses this camera."""
         camera = self.changes["camera"]
         return bool(project.camera == camera and project.camera.marks == camera.marks)
 
 
 def use_of(project: ProjectState, fit: Fit) -> FitUse:
-    """Return what the project becomes with the camera and effects as found.
+    """Return the changes of the project that use the fitted camera and effects.
 
     The plan keeps its positions on the sensor, its depths and its exposures; one that does not go with the camera is
     dropped.
     """
     camera = measured_camera(fit)
-    words = [f"In use: camera {camera.name} as found"]
+    words = [f"In use: fitted camera {camera.name}"]
     plan = project.plan
     if plan is not None:
         try:
@@ -299,14 +301,14 @@ def use_of(project: ProjectState, fit: Fit) -> FitUse:
             plan = None
             words.append(f"the plan does not fit this camera and was removed ({error})")
     settings = {**project.settings, "simulate": _simulate(project, fit)}
-    words.append("Record > Compute has the effects of the fit")
+    words.append("Record > Compute now uses the effects of the fit")
     if any(fit.setup.depth_errors_um) or fit.setup.stage_scale:
-        words.append("fitted depths and stage scale are not part of a camera: the plan keeps its own")
+        words.append("fitted depths and stage scale are not part of a camera: the plan keeps its values")
     return FitUse({"camera": camera, "plan": plan, "settings": settings}, "; ".join(words) + ".")
 
 
 def _simulate(project: ProjectState, fit: Fit) -> dict[str, Any]:
-    """Return the settings of Record > Compute with the effects of the fit in the place of all others that act on H."""
+    """Return the settings of Record > Compute with the effects on H replaced by those of the fit."""
     own = project.settings.get("simulate")
     kept: dict[str, Any] = dict(own) if isinstance(own, Mapping) else {}
     overrides = [list(one) for one in _entries(kept, "overrides") if _on_frames(one[0])]
@@ -326,5 +328,5 @@ def _entries(settings: Mapping[str, Any], name: str) -> list[Any]:
 
 
 def _on_frames(name: object) -> bool:
-    """Return whether an effect leaves H as it is; those that are not installed are kept, too."""
+    """Return whether an effect does not change H; True also for effects that are not installed."""
     return not isinstance(name, str) or name not in CATALOGUE or not CATALOGUE.get(name).acts_on.enters_h

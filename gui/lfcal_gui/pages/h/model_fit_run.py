@@ -1,4 +1,4 @@
-"""A fit as work for the window: its request, its progress and its results, also in words and as a map. No Qt."""
+"""A fit in the window: its request, progress and results, as text and as a map. No Qt."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class FitRequest:
     Attributes
     ----------
     project, stamp
-        The project, and the file of its H as it was when the fit was asked for.
+        The project, and the stamp of its H at the time of the request.
     settings
-        What the user chose.
+        Settings of the fit.
     offer
-        What H offers, once it is read.
+        Data that H offers; None until it is read.
     """
 
     project: ProjectState
@@ -66,14 +66,14 @@ class FitRequest:
         return Path(self.project.psf).name
 
     def task_in(self, folder: Path) -> FitMatrix:
-        """Return the task that fits this and writes into a folder, which then has the files that it reads."""
+        """Write the input files of the fit into a folder and return the task, which also writes there."""
         folder.mkdir(parents=True, exist_ok=True)
         for name, text in task_files(self.settings, self.project, self.offer):
             (folder / name).write_text(text, encoding="utf-8")
         return task_of(self.settings, self.project, self.offer, folder, folder)
 
     def check(self) -> None:
-        """Raise `InputError` where H lacks what a fit needs, in words of the page."""
+        """Raise `InputError`, in the terms of the page, if H lacks something that a fit needs."""
         assert self.offer is not None
         project = self.project
         for words, role in (
@@ -86,14 +86,14 @@ class FitRequest:
 
 @dataclass(frozen=True, eq=False)
 class FoundFit:
-    """Result of a fit, with pictures of every pattern that it used.
+    """Result of a fit, with images of every pattern that it used.
 
     Attributes
     ----------
     question
         The request.
     fit, measured
-        As of `lfcal.fit`.
+        As in `lfcal.fit`.
     known
         Provenance of H, and numbers on the fit.
     unit
@@ -130,11 +130,11 @@ class FoundFit:
 
     @property
     def is_taken(self) -> bool:
-        """Whether the fit was made elsewhere, and not by the task of the page."""
+        """Whether the fit was made elsewhere, such as during a recording, instead of on this page."""
         return self.question.offer is None
 
     def iter_saved(self, folder: Path) -> Work[list[Path]]:
-        """Write everything that the fit makes into a folder, as the task does."""
+        """Write all files of the fit into a folder, as the task does."""
         if self.is_taken:
             files, _ = yield from iter_write_fit(self.fit, self.measured, folder, self.known)
             return files
@@ -143,18 +143,18 @@ class FoundFit:
         return list(outcome.files)
 
     def iter_model(self, path: Path) -> Work[Path]:
-        """Write H of the fitted camera, which keeps the task that fitted it."""
+        """Write H of the fitted camera, with the task of the fit in its provenance."""
         told = {} if self.is_taken else self.question.task_in(path.parent).told
         return (yield from iter_write_model(self.fit, path, provenance={**self.known, **told}))
 
     def fate(self, place: Place) -> str:
-        """Return whether a pattern was fitted, kept aside, or left out as unlike the others."""
+        """Return whether a pattern was fitted, held out, or left out as an outlier."""
         if place not in self.fit.residuals:
             return "left out"
-        return "kept aside" if place in self.aside else "fitted"
+        return "held out" if place in self.aside else "fitted"
 
     def worst(self) -> Place:
-        """Return the pattern that is explained worst."""
+        """Return the position of the pattern with the largest χ²."""
         return max(self.places, key=lambda place: self.chi2[place])
 
 
@@ -175,7 +175,7 @@ def asked_of(project: ProjectState, settings: FitSettings) -> FitRequest:
     Raises
     ------
     InputError
-        Where something is missing that is known without reading H.
+        If something is missing that is known without reading H.
     """
     stamp = stamp_of(project)
     if stamp is None:
@@ -185,7 +185,7 @@ def asked_of(project: ProjectState, settings: FitSettings) -> FitRequest:
 
 
 def iter_fit(asked: FitRequest, kept: FitRun) -> Work[None]:
-    """Fit the recorded positions of H as the task does; what comes out is in ``kept``, as jobs are remembered long."""
+    """Fit the recorded positions of H as the task does; the result is stored in ``kept``."""
     start = time.perf_counter()
     # H is closed again: others may want to replace it
     with open_psf(asked.project.psf) as matrix:
@@ -205,13 +205,13 @@ def iter_fit(asked: FitRequest, kept: FitRun) -> Work[None]:
                 yield record
         finally:
             work.close()
-    yield Progress(0, 1, "what is left of each pattern", time.perf_counter() - start)
+    yield Progress(0, 1, "residual of each pattern", time.perf_counter() - start)
     kept.found = _found(asked, made, unit)
-    yield Progress(1, 1, "what is left of each pattern", time.perf_counter() - start)
+    yield Progress(1, 1, "residual of each pattern", time.perf_counter() - start)
 
 
 def iter_taken(asked: FitRequest, fit: Fit, kept: FitRun) -> Work[None]:
-    """Take over a ``fit`` of these patterns that was made elsewhere: they are read and compared with it."""
+    """Take over a ``fit`` of these patterns that was made elsewhere: read the patterns and compare them with it."""
     start = time.perf_counter()
     yield Progress(0, 1, "patterns of the fit", 0.0)
     places = sorted({*fit.residuals, *((one.z, one.y, one.x) for one in fit.outliers)})
@@ -222,13 +222,13 @@ def iter_taken(asked: FitRequest, fit: Fit, kept: FitRun) -> Work[None]:
         unit = _unit(matrix.provenance)
     if measured.plan.shape != fit.planned.shape:
         got, want = measured.plan.shape, fit.planned.shape
-        raise InputError.expected(f"{asked.name}, patterns", f"those of the fit, {want}", got, "press Fit")
+        raise InputError.expected(f"{asked.name}, patterns", f"the patterns of the fit, {want}", got, "press Fit")
     kept.found = _found(asked, FittedPatterns(measured, {"source": asked.name}, fit), unit)
     yield Progress(1, 1, "patterns of the fit", time.perf_counter() - start)
 
 
 def _unit(provenance: Mapping[str, Any]) -> str:
-    return "share of the light" if light_shares(provenance) else "counts"
+    return "fraction of the light" if light_shares(provenance) else "counts"
 
 
 def _found(asked: FitRequest, made: FittedPatterns, unit: str) -> FoundFit:
@@ -264,7 +264,7 @@ def _place(at: NDArray[np.intp]) -> Place:
 
 
 def _outliers(fit: Fit, measured: Measured) -> tuple[dict[Place, F4], dict[Place, F4], dict[Place, float]]:
-    """Return the predictions for patterns that were left out as outliers, and their deviation from them."""
+    """Return the predictions for patterns left out as outliers, and the deviations of the patterns from them."""
     rows = [k for k, at in enumerate(measured.index) if _place(at) not in fit.residuals]
     if not rows:
         return {}, {}, {}
@@ -287,24 +287,24 @@ def _outliers(fit: Fit, measured: Measured) -> tuple[dict[Place, F4], dict[Place
     )
 
 
-COLUMNS = ("Parameter", "Found", "± σ", "Stated", "Unit", "Off (σ)", "Group")
+COLUMNS = ("Parameter", "Found", "± σ", "Stated", "Unit", "Offset (σ)", "Group")
 NUMBERS = (1, 2, 3, 5)
 """Columns that are sorted by their numbers."""
 
 SPARE = (2, 3, 4, 6)
-"""Columns that a narrow table hides."""
+"""Columns hidden in a narrow table."""
 
 
 MOST = 6
 """Largest number of planes that are listed one by one."""
 
 LEAST_CHI2 = (0.8, 1.5)
-"""χ² at the ends of the colours, at least: scatter by noise alone is no pattern."""
+"""Smallest range of χ² of the colour scale, so that pure noise does not look like a pattern."""
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter as a row: what is shown, and the numbers that columns are sorted by (NaN where it has none)."""
+    """One parameter as a table row: displayed texts, and the sort keys of its columns (NaN if none)."""
 
     texts: tuple[str, ...]
     numbers: tuple[float, ...]
@@ -312,7 +312,7 @@ class ParameterRow:
 
 
 def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
-    """Return a row for each parameter, in the fit's order."""
+    """Return a table row for each parameter, in the order of the fit."""
     return tuple(_row(one) for one in fit.parameters.values())
 
 
@@ -332,7 +332,7 @@ def _plain(name: str) -> str:
 
 
 def _rounded(value: float, sigma: float) -> str:
-    """Return a value with the digits that its standard deviation gives it: two of that."""
+    """Return a value rounded to two significant digits of its standard deviation."""
     if not (math.isfinite(sigma) and sigma > 0):
         return f"{value:.6g}"
     digits = 1 - math.floor(math.log10(sigma))
@@ -341,7 +341,7 @@ def _rounded(value: float, sigma: float) -> str:
 
 # -- verdict -----------------------------------------------------------------------------------------------
 def merit_of(fit: Fit) -> str:
-    """Return the colour of the verdict: bad where the model does not suffice, fair where a question is open."""
+    """Return the merit of the verdict: bad if the model is incomplete, fair if a question is open."""
     if not fit.complete:
         return "bad"
     return "fair" if fit.answers or fit.unidentified else "good"
@@ -351,9 +351,9 @@ def verdict_of(fit: Fit) -> str:
     """Return one sentence on how reliable the fit is."""
     error = fit.held_out_error
     off = (
-        f"H of this camera is {error} off"
+        f"H of this camera has an error of {error}"
         if error.known
-        else f"H of this camera is off by less than {format_share(error.limit)}"
+        else f"H of this camera has an error below {format_share(error.limit)}"
     )
     if fit.complete:
         return f"The model explains the patterns: χ² {fit.chi2:.3f}. {off}."
@@ -362,20 +362,20 @@ def verdict_of(fit: Fit) -> str:
 
 
 def detail_of(found: FoundFit) -> str:
-    """Return the data behind the verdict: patterns fitted and held out, and unsteadiness of the setup."""
+    """Return the data behind the verdict as text: patterns fitted and held out, and stability of the setup."""
     fit = found.fit
     fates = [found.fate(place) for place in found.places]
-    fitted, aside, out = (fates.count(fate) for fate in ("fitted", "kept aside", "left out"))
-    by = f"error from {aside} held out" if aside else "none held out: the error is from the fitted ones"
+    fitted, aside, out = (fates.count(fate) for fate in ("fitted", "held out", "left out"))
+    by = f"error from {aside} held out" if aside else "none held out: the error is that of the fitted patterns"
     parts = [f"{fitted} patterns fitted, {by}"]
     if out:
-        parts.append(f"{out} left out as unlike the others")
+        parts.append(f"{out} left out as outliers")
     if fit.spread.stage_px > 0:
-        parts.append(f"sources {fit.spread.stage_px:.2g} px (rms) off their positions")
+        parts.append(f"source position error {fit.spread.stage_px:.2g} px (rms)")
     if fit.spread.lamp > 0:
-        parts.append(f"lamp unsteady by {format_share(fit.spread.lamp)}")
+        parts.append(f"lamp varies by {format_share(fit.spread.lamp)}")
     if fit.spread.response > 0:
-        parts.append(f"pixels respond unevenly by {format_share(fit.spread.response)}")
+        parts.append(f"pixel response varies by {format_share(fit.spread.response)}")
     parts += [f"{question}: {answer}" for question, answer in fit.answers.items()]
     return f"{found.question.name}: {'; '.join(parts)}."
 
@@ -383,7 +383,7 @@ def detail_of(found: FoundFit) -> str:
 # -- findings, also on what the scan does not determine ----------------------------------------------------
 @dataclass(frozen=True)
 class FitFinding:
-    """A line on the fit; ``place`` (z, y, x) is the pattern that it is about, None where it is about none."""
+    """A finding of a fit; ``place`` is the position (z, y, x) of its pattern, None if it has none."""
 
     kind: str
     text: str
@@ -396,7 +396,7 @@ def findings_of(fit: Fit) -> tuple[FitFinding, ...]:
     found += [_outlier(one) for one in fit.outliers]
     found += [FitFinding("not measured", fit.unseen_words)] if fit.unseen else []
     found += [FitFinding("this scan does not distinguish", one) for one in fit.unidentified]
-    found += [FitFinding("held", one) for one in fit.held]
+    found += [FitFinding("fixed", one) for one in fit.held]
     found += [FitFinding("fitted", _title(name)) for name in fit.groups]
     found += [FitFinding("tried, did not help", _title(name)) for name in fit.unhelpful]
     return tuple(found)
@@ -412,7 +412,7 @@ def _title(name: str) -> str:
 
 
 def place_words(found: FoundFit, place: Place) -> str:
-    """Return a pattern in words: where it is, what became of it, and how well it is explained."""
+    """Return position, fate and χ² of a pattern as text."""
     z, y, x = place
     depth = found.measured.plan.depths_um[z]
     virtual = found.fit.camera.virtual_depth(depth)
@@ -421,7 +421,7 @@ def place_words(found: FoundFit, place: Place) -> str:
 
 
 def chi2_map(found: FoundFit, z: int) -> PositionMap | None:
-    """Return χ² of each pattern of a plane; those left out are crossed out, those kept aside are in a square."""
+    """Return the map of χ² in a plane; outliers are crossed out, held-out patterns are in a square."""
     places = [place for place in found.places if place[0] == z]
     if not places:
         return None
@@ -430,7 +430,7 @@ def chi2_map(found: FoundFit, z: int) -> PositionMap | None:
         values[y, x] = found.chi2[z, y, x]
     at = {
         fate: np.array([place[1:] for place in places if found.fate(place) == fate], float).reshape(-1, 2)
-        for fate in ("left out", "kept aside")
+        for fate in ("left out", "held out")
     }
     kept = [value for place, value in found.chi2.items() if found.fate(place) != "left out"]
 
@@ -443,7 +443,7 @@ def chi2_map(found: FoundFit, z: int) -> PositionMap | None:
         "χ² of fitted patterns",
         values,
         missing=at["left out"],
-        aside=at["kept aside"],
+        aside=at["held out"],
         name="chi2",
         # colours mean the same in all planes
         levels=(min(LEAST_CHI2[0], *kept), max(LEAST_CHI2[1], *kept)) if kept else LEAST_CHI2,
@@ -453,7 +453,7 @@ def chi2_map(found: FoundFit, z: int) -> PositionMap | None:
 
 
 def chi2_words(found: FoundFit) -> str:
-    """Return chi² of each plane and lens type in lines."""
+    """Return χ² of each plane and of each lens type as lines of text."""
     lines = []
     for name, values in (("plane", found.by_plane), ("lens type", found.by_type)):
         parts = [f"{k}: {value:.2f}" for k, value in enumerate(values.tolist()) if not math.isnan(value)]

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 FILES = "PSF matrices (*.h5 *.mat *.npy *.lfc)"
 
 
-OPEN = "An H file, another code's (.mat, .lfc), or an .npy array"
+OPEN = "An H file, a file of another program (.mat, .lfc), or a NumPy array (.npy)"
 
 
 class Page(BasePage):
@@ -301,7 +301,7 @@ class Page(BasePage):
             return
         self._offering = True
         taken, other = orders
-        words = f"The axes of H in {Path(path).name} are read {_plain(taken)}, which the file does not state."
+        words = f"{Path(path).name} is read {_plain(taken)}, but the file does not state the order of the axes of H."
         self.notice.offer(
             words,
             f"Read {_plain(other)}",
@@ -324,7 +324,7 @@ class Page(BasePage):
         stale = self.reference is not None and self.reference.camera not in (None, state.camera)
         self.context.attention.emit("simulate", stale)
         if stale:
-            notes.append("the reference is of another camera than the one described now: simulate it again")
+            notes.append("the reference was simulated for another camera than the one described now; simulate it again")
         self.hint.setText("; ".join(notes))
 
     def _comparable(self, matrix: PSFMatrix, path: str) -> Pair | None:
@@ -346,11 +346,11 @@ class Page(BasePage):
         self.hint.setText(self.spec.hint)
         self.show_no_matrix(
             path,
-            "No H yet.\nMake H from the frames of a scan or of a folder, compute it from the camera, or open a file.",
+            "No H yet.\nAssemble H from the frames of a scan or a folder, compute it from the camera, or open a file.",
             {
                 "Open H …": (OPEN, self.choose_file),
-                "Folder": self.lead("frames", "Make H of recorded frames"),
-                "Compute": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
+                "Folder": self.lead("frames", "Assemble H from recorded frames"),
+                "Compute": self.lead("simulate", "Compute H from the camera and the plan; no recording is needed"),
             },
         )
 
@@ -533,7 +533,7 @@ class Page(BasePage):
         ends = (None, None) if own else (self._levels.get(show), self._levels.get("difference"))
         self.panel.show_picture(picture, self.intent, ends, unit)
         if self.reference_plane is None and "difference" in (self.intent.view, show):
-            self.panel.readout.setText("The other H has no plane of this depth.")
+            self.panel.readout.setText("The other H has no plane at this depth.")
 
     def _show_aperture(self, loaded: PlaneData, found: dict[str, Any]) -> None:
         if self.matrix is not None and loaded.plane is self.plane:  # else it is of a plane that was looked at before

@@ -104,7 +104,7 @@ class Apertures(QDialog):
         self.grid.apply_theme()
 
 
-HOVER = "Point at a pixel of H to see its HT. Click: hold it."
+HOVER = "Point at a pixel of H to see its HT. Click to keep it."
 Levels = tuple[float, float] | None
 
 NO_LINE = np.empty((0, 2))
@@ -119,9 +119,12 @@ VIEWS = (
 )
 
 LEVELS = {
-    "checks": ("Checks", "All checks of H, failed ones first: meaning, remedy and picture of each"),
-    "fit": ("Fit of the optics", "Find gap, focal lengths, iris and aberrations from the recorded positions"),
-    "compare": ("Compare with another H", "Another day, a simulation, or the H of a fit, position by position"),
+    "checks": ("Checks", "All checks of H, failed ones first, with the meaning, remedy and image of each"),
+    "fit": ("Fit of the optics", "Estimate gap, focal lengths, iris and aberrations from the recorded positions"),
+    "compare": (
+        "Compare with another H",
+        "Compare position by position with the H of another day, of a simulation or of a fit",
+    ),
 }
 """Levels below the verdict: titles, and when one would open them."""
 
@@ -231,11 +234,13 @@ class HPanel(QWidget):
         self.readout = ElidedLabel(sentence=True)
         self.readout.setProperty("role", "hint")
         self.own_scale = QCheckBox("Own scale")
-        self.own_scale.setToolTip("Each picture fills the colours; off: all positions of a plane share one scale")
+        self.own_scale.setToolTip(
+            "Each image uses the full colour scale. Off: all positions of a plane share one scale"
+        )
         self.own_scale.toggled.connect(lambda _: self.own_scale_toggled.emit())
 
     def _inspector(self) -> QWidget:
-        self.verdict = VerdictCard("All checks of H: failed ones first, with meaning and remedy of each")
+        self.verdict = VerdictCard("Show all checks of H, failed ones first, with the meaning and remedy of each")
         self.verdict.why_asked.connect(lambda: self.level_asked.emit("checks"))
         self.levels = QStackedWidget()
         self.levels.addWidget(_scrolled(self.verdict, self._aperture_card(), self._profiles()))
@@ -287,7 +292,7 @@ class HPanel(QWidget):
         self.profile = LinePlot("pixel from the cutout's centre (px)", "intensity (counts)")
         self.profile.setFixedHeight(PROFILE)
         self.profile_title = QLabel()
-        profiles = Folded("Profiles", "Values along the row and the column of the pixel that is pointed at")
+        profiles = Folded("Profiles", "Values along the row and the column of the pixel under the pointer")
         profiles.column.addWidget(self.profile_title)
         profiles.column.addWidget(self.profile)
         return profiles
@@ -334,9 +339,11 @@ class HPanel(QWidget):
     def _aperture_card(self) -> QWidget:
         panel, column = card()
         self.legend, larger = QLabel(), QPushButton("Larger …")
-        self.legend.setToolTip("Outline fitted to the depth-plane sum, and the outline expected from the camera")
+        self.legend.setToolTip(
+            "Show the outline fitted to the depth-plane sum and the outline expected from the camera"
+        )
         larger.setProperty("role", "tight")
-        larger.setToolTip("The apertures of all planes in a separate window, large enough to compare their blades")
+        larger.setToolTip("Show the apertures of all planes in a separate window, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())
         self.aperture_text = QLabel()
         self.aperture_text.setTextFormat(Qt.TextFormat.RichText)

@@ -41,20 +41,20 @@ class MultiplexPictures(QWidget):
         self.sample = QComboBox()
         self.sample.setMinimumWidth(120)
         self.sample.setAccessibleName("colour or view")
-        self.sample.setToolTip("Which of the colours or views that were multiplexed is shown in all pictures")
+        self.sample.setToolTip("Colour or view shown in all images")
         self.sample.currentIndexChanged.connect(lambda _: self.sample_chosen.emit(self.sample_index))
         self.right = QComboBox()
         for key, text in RIGHT:
             self.right.addItem(text, key)
-        self.right.setAccessibleName("third picture")
+        self.right.setAccessibleName("third image")
         self.right.setToolTip(
-            "Third picture, below on the left: the spatial minus the Fourier route, or the true scene, which is not "
-            "known for recorded frames"
+            "Third image, below on the left: the spatial minus the Fourier route, or the true scene, "
+            "which is unknown for recorded frames"
         )
         self.right.currentIndexChanged.connect(lambda _: self.right_chosen.emit(self.right.currentData()))
         self.readout = QLabel("")
         self.readout.setProperty("role", "hint")
-        outer.addLayout(line("Shown", self.sample, "Third picture", self.right, self.readout, stretch=4))
+        outer.addLayout(line("Shown", self.sample, "Third image", self.right, self.readout, stretch=4))
         self.heads = [QLabel(title) for title in HEADS]
         self._grid = QGridLayout()
         self._grid.setSpacing(8)
@@ -161,7 +161,7 @@ class MultiplexPictures(QWidget):
         for head, title in zip(self.heads, HEADS, strict=True):
             head.setText(title)
         before = any(view.values is not None for view in self.views)
-        self.show_status("reconstructing …" + "; the pictures are of the settings before" * before)
+        self.show_status("reconstructing …" + "; the images show the previous settings" * before)
 
     def show_status(self, text: str, *, bad: bool = False) -> None:
         """Say what is shown, or why nothing is."""
@@ -189,7 +189,7 @@ class MultiplexPictures(QWidget):
 def _titles(found: Reconstructions, signed: bool) -> tuple[str, str]:
     """Return what the second and the third picture are."""
     if found.fourier is None:
-        return "No second route", "Truth" if found.truth is not None else "Truth: not known of frames"
+        return "No second route", "Truth" if found.truth is not None else "Truth: unknown for frames"
     if not signed:
         return found.fourier.words, "Truth"
     rms = float(np.sqrt(np.mean((found.spatial.samples - found.fourier.samples) ** 2)))

@@ -1,4 +1,4 @@
-"""What the Multiplexing page asks for, field by field, and its modulators as pictures. No Qt."""
+"""Settings of the Multiplexing page, field by field, and images of its modulators. No Qt."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from lfcal.multiplex import (
 from lfcal_gui.models import Field, PageSettings
 
 TYPED = "typed"
-"""In place of the name of a pattern: the user's own letters."""
+"""Choice of a pattern that the user types as letters."""
 
 MAX_SIZE = 31
 
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
-"""Kinds of files that hold images."""
+"""File filter for images."""
 
 
 def _named(names: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
@@ -44,20 +44,20 @@ FAMILIES = (
     ("cfa", "colour filters"),
     ("mask", "mask or lenslets"),
     ("both", "mask over filters"),
-    ("written", "as written"),
+    ("written", "expression"),
 )
 FIELDS = (
-    Field("family", "Family", kind="choice", choices=FAMILIES, tip="What lies in front of the sensor"),
+    Field("family", "Family", kind="choice", choices=FAMILIES, tip="What is in front of the sensor"),
     Field(
         "cfa",
         "Filters",
         kind="choice",
-        choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "own pattern")),
-        tip="Colour filter array; own pattern: the letters below",
+        choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "custom pattern")),
+        tip="Colour filter array. Custom pattern: the letters below",
     ),
     Field(
         "pattern",
-        "Own pattern",
+        "Custom pattern",
         kind="text",
         tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
         "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
@@ -70,31 +70,37 @@ FIELDS = (
         f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
         kind="int",
     ),
-    Field("written", "Written", kind="text", tip=f"Any modulator: {GRAMMAR}"),
+    Field("written", "Expression", kind="text", tip=f"Any modulator: {GRAMMAR}"),
     Field(
         "reference_written",
-        "Over",
+        "Reference",
         kind="text",
-        tip="Reference, written in the same way; gains are relative to it",
+        tip="Reference as an expression. Gains are relative to it",
         group="Reference",
     ),
     Field(
         "reference_cfa",
-        "Over filters",
+        "Ref. filters",
         kind="choice",
         choices=_named(tuple(CFA_PATTERNS)),
-        tip="Filters of the reference; gains are relative to it",
+        tip="Filters of the reference. Gains are relative to it",
         group="Reference",
     ),
     Field(
         "reference_mask",
-        "Over mask",
+        "Ref. mask",
         kind="choice",
         choices=_named(MASKS),
-        tip="Mask of the reference, of the same size; gains are relative to it",
+        tip="Mask of the reference, of the same size. Gains are relative to it",
         group="Reference",
     ),
-    Field("gain", "Amplifier", "×", "Amplifier gain: full scale is reached at full well over gain", group="Noise"),
+    Field(
+        "gain",
+        "Amplifier",
+        "×",
+        "Amplifier gain. Full scale is reached at the full well divided by the gain",
+        group="Noise",
+    ),
     Field(
         "scene",
         "Scene",
@@ -113,9 +119,10 @@ FIELDS = (
     ),
     Field(
         "weighted",
-        "Leave out clipped",
+        "Ignore clipped",
         kind="bool",
-        tip="Spatial route of opened and live frames: ignore saturated pixels, and weight others by the camera's noise",
+        tip="Spatial route of opened and live frames: ignore saturated pixels, and weight the others "
+        "by the noise of the camera",
         group="Reconstruction",
     ),
     Field(
@@ -161,7 +168,7 @@ FIELDS = (
         "spacing",
         "Node spacing",
         "px",
-        "Distance of the grid nodes of the general route, 0.5 or more; empty: from the number of measuring pixels",
+        "Distance between grid nodes of the general route, 0.5 or more; empty: from the number of measuring pixels",
         optional=True,
         empty="auto",
         group="Reconstruction",
@@ -178,14 +185,14 @@ FIELDS = (
         "noise",
         "Camera noise",
         kind="bool",
-        tip="Add shot and read noise of the project's camera to a built-in "
-        "scene; its brightest pixel fills the full well",
+        tip="Add shot and read noise of the project's camera to a built-in scene, whose brightest "
+        "pixel reaches the full well",
         group="Noise",
     ),
 )
 
 BASIC = ("family", "cfa", "pattern", "mask", "size", "written", "scene")
-"""Keys of `FIELDS` that are in view where they matter; the others are folded."""
+"""Keys of `FIELDS` that are shown if they apply; the others are folded."""
 
 SEARCH_FIELDS = (
     Field(
@@ -193,19 +200,20 @@ SEARCH_FIELDS = (
         "Search for",
         kind="choice",
         choices=(("filters", "filters, 2 × 2"), ("filters 2x3", "filters, 2 × 3"), ("mask", "printed mask")),
-        tip="All layouts of filters are tried. All masks are tried if there are few, else the best found is given",
+        tip="All filter layouts are tried. If there are too many masks to try them all, the result "
+        "is the best mask found",
     ),
     Field("search_size", "Mask side", "px", "Pixels along a side of the mask, 2 to 13", kind="int"),
     Field("levels", "Levels", "", "Transmissions that can be printed: 2 for open and closed", kind="int"),
-    Field("kinds", "Kinds", "", "Largest number of different filters", kind="int"),
-    Field("crosstalk", "Crosstalk", "", "Share of the light that pixels lose to their four neighbours, 0 to 0.4"),
-    Field("least_light", "Least light", "", "Share of the light that must pass, 0 to below 1"),
+    Field("kinds", "Filter kinds", "", "Largest number of different filters", kind="int"),
+    Field("crosstalk", "Crosstalk", "", "Fraction of the light that a pixel loses to its four neighbours, 0 to 0.4"),
+    Field("least_light", "Minimum light", "", "Smallest fraction of the light that must pass, 0 to below 1"),
 )
 
 
 RANGES = {"search_size": (2, 13), "levels": (2, 16), "kinds": (1, 6), "crosstalk": (0, 0.4), "least_light": (0, 0.99)}
 MAX_ENTRIES = 350_000
-"""Entries of the matrix A of a mask over colour filters."""
+"""Largest number of entries of the matrix A of a mask combined with colour filters."""
 Array = NDArray[np.float64]
 
 
@@ -231,14 +239,14 @@ _USES: dict[str, Callable[[MultiplexSettings], bool]] = {
 
 
 LINEAR = (
-    "Clipped or dead pixels are left out, so the spatial route interpolates linearly. To choose a filter, use all "
-    "pixels: switch Leave out clipped off, and name no dead pixels"
+    "Clipped or dead pixels are left out, so the spatial route interpolates linearly. To "
+    "choose a filter, use all pixels: untick Ignore clipped, and clear Dead pixels"
 )
-"""Why there is no filter to choose."""
+"""Reason why no filter can be chosen."""
 
 
 def used_by(settings: MultiplexSettings, key: str, *, colour: bool = False) -> bool:
-    """Return whether the field ``key`` matters; ``colour``: the opened image is in colour, a scene and no frame."""
+    """Return whether the field ``key`` applies; ``colour``: whether the opened image is a colour scene, not a frame."""
     if key == "weighted":
         return settings.scene == "live" or (settings.scene == "image" and not colour)
     if key == "filter":
@@ -247,36 +255,36 @@ def used_by(settings: MultiplexSettings, key: str, *, colour: bool = False) -> b
 
 
 def weighs(settings: MultiplexSettings, *, colour: bool = False) -> bool:
-    """Return whether pixels of the frame have weights; ``colour`` as in `used_by`."""
+    """Return whether the pixels of the frame are weighted; ``colour`` as in `used_by`."""
     clipped = settings.weighted and used_by(settings, "weighted", colour=colour)
     return clipped or (bool(settings.dead) and used_by(settings, "dead"))
 
 
 def why_unused(settings: MultiplexSettings, key: str, *, colour: bool = False) -> str:
-    """Return the reason why `used_by` refuses a field, if its tip does not explain it."""
+    """Return why a field does not apply, if its tooltip does not explain it; else empty."""
     linear = key == "filter" and settings.route != "general" and weighs(settings, colour=colour)
     return LINEAR if linear else ""
 
 
 @dataclass(frozen=True)
 class MultiplexSettings(PageSettings):
-    """What the user chose; see `FIELDS`.
+    """Settings of the page; see `FIELDS`.
 
     Attributes
     ----------
     compared
-        Names of filter arrays and masks whose gain is compared with that of the modulator.
+        Names of filter arrays and masks whose gain is compared with that of the chosen modulator.
     image
-        Opened image, or empty.
+        Path of the opened image; empty if none.
     right
-        Third picture: ``"difference"`` of the routes or ``"truth"``.
+        Third image: ``"difference"`` of the routes or ``"truth"``.
     figure, own_camera
-        Which figure of the paper is shown (0: a map of gains), and whether with the project's camera in place of
+        Number of the figure of the paper (0: map of gains), and whether to use the project's camera instead of
         the paper's.
     route, dead, white, transmissions, spacing, smoothness
-        How samples are found (`lfcal_gui.pages.multiplex.model_scene`); files are paths, or empty.
+        Method of reconstruction (`lfcal_gui.pages.multiplex.model_scene`); files are paths or empty.
     sought, search_size, levels, kinds, crosstalk, least_light
-        Of the search (`lfcal_gui.pages.multiplex.model_compare`).
+        Settings of the search (`lfcal_gui.pages.multiplex.model_compare`).
     """
 
     page: ClassVar[str] = "multiplex"
@@ -338,7 +346,7 @@ class MultiplexSettings(PageSettings):
                 raise InputError.expected(labels[what], f"{low} to {high}", getattr(self, what), "correct it")
 
     def changed(self, key: str, value: Any) -> MultiplexSettings:
-        """Return the settings with one field changed; a mask without this size gets its nearest size."""
+        """Return the settings with one field changed; the size is adjusted to one that the mask supports."""
         if key == "mask":
             return replace(self, mask=value, size=_fitting(value, self.size))
         return replace(self, **{key: value})
@@ -350,7 +358,7 @@ class MultiplexSettings(PageSettings):
         return self._made(self.pattern if self.cfa == TYPED else self.cfa, self.mask)
 
     def named(self) -> str:
-        """Return the chosen modulator as the command line writes it."""
+        """Return the chosen modulator in the notation of the command line."""
         filters = self.pattern if self.cfa == TYPED else self.cfa
         shadow = f"{self.mask}:{self.size}"
         return {"written": self.written, "cfa": filters, "mask": shadow, "both": f"{shadow}*{filters}"}[self.family]
@@ -375,7 +383,7 @@ class MultiplexSettings(PageSettings):
         return mask(kind, self.size) * array
 
     def others(self) -> tuple[Modulator, ...]:
-        """Return the modulators to be compared with, of the family and the size of the chosen one."""
+        """Return the modulators for comparison, of the same family and size as the chosen one."""
         found = []
         for name in choices_to_compare(self.family):
             if name in self.compared:
@@ -388,7 +396,7 @@ class MultiplexSettings(PageSettings):
 
 
 def _fitting(kind: str, size: int) -> int:
-    """Return the size nearest to ``size`` at which such a mask exists."""
+    """Return the supported size of this mask nearest to ``size``."""
     for candidate in sorted(range(1, MAX_SIZE + 1), key=lambda n: abs(n - size)):
         try:
             mask_pattern(kind, candidate)
@@ -408,7 +416,7 @@ def _small(modulator: Modulator) -> Modulator:
 
 
 def choices_to_compare(family: str) -> tuple[str, ...]:
-    """Return the names that can be compared within a family."""
+    """Return the names of modulators that can be compared within a family."""
     if family == "written":
         return ()
     return tuple(CFA_PATTERNS) if family == "cfa" else MASKS
@@ -421,12 +429,12 @@ class ModulatorPicture:
     Attributes
     ----------
     name
-        Its name.
+        Name of the modulator.
     pattern, colours
         Transmission ``(rows, columns)`` for the middle view: the mean over colours, or that of unmodulated light if
         samples are not colours. The same as colours ``(rows, columns, 3)``; None for a light field of one colour.
     spectrum
-        Magnitude of its Fourier weights, mean over colours, zero frequency in the middle.
+        Magnitude of the Fourier weights, averaged over colours, with zero frequency in the middle.
     sigma, pi
         Real parts of Sigma ``(K, J)`` and Pi ``(N, J)``.
     real
@@ -443,7 +451,7 @@ class ModulatorPicture:
 
 
 def picture(settings: MultiplexSettings) -> ModulatorPicture:
-    """Return the chosen modulator as pictures."""
+    """Return the images of the chosen modulator."""
     modulator = settings.modulator()
     pattern = modulator.pattern()
     coloured = modulator.colours == ("R", "G", "B")

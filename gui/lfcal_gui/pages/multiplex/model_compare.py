@@ -1,4 +1,4 @@
-"""What the Multiplexing page says of a modulator in numbers and curves, and its searches for a better one. No Qt."""
+"""Numbers and curves of a modulator on the Multiplexing page, and the search for a better one. No Qt."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from lfcal.multiplex import (
 from lfcal_gui.pages.multiplex.model import TYPED, MultiplexSettings
 
 MAX_SEEN = 1000
-"""Pixels times samples of a modulator whose MTF is shown: larger ones take seconds."""
+"""Largest product of pixels and samples for which the MTF is computed; more would take seconds."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModulatorComparison:
-    """Numbers of the modulator and gains of all.
+    """Numbers of the chosen modulator, and gain curves of all compared ones.
 
     Attributes
     ----------
     rows
         Name, value with unit, and meaning of each number.
     curves
-        Gains over chi^2; the first is the chosen modulator's.
+        Gains as functions of χ²; the first is that of the chosen modulator.
     left_out
         Names of modulators that do not recover every sample.
     chi2
-        Of the user's camera.
+        χ² of the user's camera.
     reason
-        Why there are no curves, or empty.
+        Why there are no curves; empty if there are some.
     """
 
     rows: tuple[tuple[str, str, str], ...]
@@ -76,7 +76,7 @@ def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera")
 def _merits(
     settings: MultiplexSettings, modulator: Modulator, reference: Modulator, sensor: Sensor
 ) -> tuple[tuple[str, str, str], ...]:
-    """Return figures of merit of the modulator: gain with the camera's noise, contrast of detail, colour error."""
+    """Return figures of merit of the modulator: gain for the camera's noise, MTF, colour error."""
     pattern = (settings.pattern if settings.cfa == TYPED else settings.cfa) if settings.family == "cfa" else ""
     noise = sensor_noise(sensor, gain=settings.gain)
     how: dict[str, Any] = {"pattern": pattern, "most_entries": MAX_SEEN}
@@ -86,23 +86,29 @@ def _merits(
         found = merits(modulator, noise, **how)
     rows = []
     for name, key, gain in (
-        ("Gain, own noise", "plain", found.gain_plain_db),
-        ("Gain, least noise", "optimal", found.gain_optimal_db),
+        ("Gain, plain", "plain", found.gain_plain_db),
+        ("Gain, optimal", "optimal", found.gain_optimal_db),
     ):
         if gain is not None:
-            tip = f"Over {reference.name}, read, dark, quantisation and shot noise of each pixel; {key} decorrelation"
+            tip = (
+                f"Relative to {reference.name}, with the read, dark, quantisation and shot noise of each "
+                f"pixel; {key} decorrelation"
+            )
             rows.append((name, number(gain, "+.2f", "dB"), tip))
     if found.mtf_low is not None:
-        tip = "Mean over samples: contrast at 0.1 and 0.25 cycles per pixel, and false detail at the finer one"
+        tip = "Mean over samples: contrast at 0.1 and 0.25 cycles per pixel, and false detail at 0.25 cycles per pixel"
         rows.append(("MTF", f"{found.mtf_low:.2f}, {found.mtf_high:.2f}; false {found.false_detail:.2f}", tip))
     if found.delta_e is not None:
-        tip = "CIEDE2000 of 100 smooth reflectances in D65, with the built-in model filters; then the part of the noise"
+        tip = (
+            "CIEDE2000 of 100 smooth reflectances in D65, with the built-in model filters; then the "
+            "contribution of noise"
+        )
         rows.append(("Colour error", f"{found.delta_e:.1f} ΔE, noise {number(found.delta_e_noise, '.1f')}", tip))
     return tuple(rows)
 
 
 def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
-    """Return a number for people; infinite and missing ones in words."""
+    """Return a number as text; ∞ for infinite and a dash for missing ones."""
     if value is None:
         return "–"
     if math.isinf(value):
@@ -113,20 +119,28 @@ def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
 
 def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, str, str], ...]:
     return (
-        ("Super-pixel", f"{n.side[1]} × {n.side[0]} px", "K pixels that measure the same samples"),
-        ("Samples N", str(n.samples), "Colours, views, or both, that are multiplexed"),
-        ("Rank", f"{n.rank} of {n.samples}", "Independent combinations of the samples that are measured"),
-        ("Condition number", number(n.condition), "Largest over smallest singular value of A = Σ Πᵀ"),
+        ("Super-pixel", f"{n.side[1]} × {n.side[0]} px", "Size; its K pixels measure the same samples"),
+        ("Samples N", str(n.samples), "Number of colours, views, or both that are multiplexed"),
+        ("Rank", f"{n.rank} of {n.samples}", "Number of independent combinations of samples that are measured"),
+        ("Condition number", number(n.condition), "Ratio of the largest to the smallest singular value of A = Σ Πᵀ"),
         ("Transmission τ", number(n.transmission), "Mean fraction of the light that reaches the sensor (equation 12)"),
-        ("Amplification α", number(n.amplification), "Rms noise of a sample per noise of a pixel (equation 13)"),
+        (
+            "Amplification α",
+            number(n.amplification),
+            "Ratio of the rms noise of a sample to that of a pixel (equation 13)",
+        ),
         (
             f"Gain at χ² = {number(chi2, '.3g')}",
             number(n.gain_db, "+.2f", "dB"),
-            f"Signal to noise over {reference} at the project's camera (equation 14), 10 log₁₀",
+            f"Signal-to-noise ratio relative to {reference} for the project's camera (equation 14), 10 log₁₀",
         ),
-        ("Gain, additive noise", number(n.gain_additive_db, "+.2f", "dB"), f"Over {reference} at χ² = 0"),
-        ("Gain, photon noise", number(n.gain_photon_db, "+.2f", "dB"), f"Over {reference} at χ² = ∞"),
-        ("Not recoverable", _lost(n.lost), "Samples of which a part is not measured; it is reconstructed as zero"),
+        ("Gain, additive noise", number(n.gain_additive_db, "+.2f", "dB"), f"Relative to {reference} at χ² = 0"),
+        ("Gain, photon noise", number(n.gain_photon_db, "+.2f", "dB"), f"Relative to {reference} at χ² = ∞"),
+        (
+            "Not recoverable",
+            _lost(n.lost),
+            "Samples that are not fully measured; the missing part is reconstructed as zero",
+        ),
     )
 
 
@@ -139,7 +153,7 @@ def _lost(lost: Mapping[str, float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class FoundDesign:
-    """What a search found: the design, chi^2 it was made for, and lines for people."""
+    """Result of a search: the design, the χ² for which it is optimal, and lines of text."""
 
     design: Design
     chi2: float
@@ -147,7 +161,7 @@ class FoundDesign:
 
 
 def iter_search(settings: MultiplexSettings, sensor: Sensor) -> Work[FoundDesign]:
-    """Search as a job."""
+    """Search for the design with the largest gain, as a job."""
     clock = Clock("search", 1)
     yield clock.at(0, settings.sought)
     chi2 = camera_chi2(sensor, gain=settings.gain)
@@ -181,7 +195,7 @@ def _words(found: Design, settings: MultiplexSettings, chi2: float) -> tuple[tup
     return (
         ("Best", found.modulator.name.replace("_", " ")),
         (f"Gain over {over}", f"{found.gain_db:+.3f} dB at χ² = {chi2:.4g}"),
-        ("How sure", found.certificate),
+        ("Certainty", found.certificate),
         ("Tried", f"{found.tried}"),
         ("Transmission τ", f"{light:.4g}"),
     )

@@ -42,35 +42,35 @@ SCENE_SIDE = 240
 SCENE_CELLS = 12
 FEWEST_CELLS = 6
 MOST_SHARES = 10_000_000
-"""Transmissions of a built-in scene on the lattice."""
+"""Largest number of transmissions of a built-in scene on the lattice."""
 
 MOST_SOLVED = 64_000_000
-"""Transmissions that the general route takes here: half a gigabyte."""
+"""Largest number of transmissions for the general route (half a gigabyte)."""
 
 OF_FRAMES = "frames:"
-"""Before the path of a white image that is that of Record > Folder: it counts for frames of its size only."""
+"""Prefix of the path of a white image from Record > Folder, which is used only for frames of its size."""
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class FramePart:
-    """Where a frame lies in the whole one: its first pixel (row, column), and the whole's shape."""
+    """Position of a part in the full frame: its first pixel (row, column), and the shape of the full frame."""
 
     corner: tuple[int, int]
     whole: tuple[int, int]
 
     def cut(self, image: Array, shape: tuple[int, ...]) -> Array:
-        """Return the same part of a whole image or of a stack of them."""
+        """Return the same part of a full image or of a stack of images."""
         (top, left), (rows, columns) = self.corner, shape
         return image[..., top : top + rows, left : left + columns]
 
 
 def dead_pixels(path: str, part: FramePart, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return where the map at ``path`` marks dead pixels of a frame that is a part of the whole."""
+    """Return the dead pixels of a part of the frame (bool), from the map at ``path``."""
     marked = read_image(path)
     if marked.shape != part.whole:
-        raise InputError.expected("dead pixels", f"{part.whole} px", marked.shape, "use the frame's own camera's")
+        raise InputError.expected("dead pixels", f"{part.whole} px", marked.shape, "choose the image of this camera")
     return np.asarray(part.cut(marked, shape) != 0)
 
 
@@ -85,7 +85,9 @@ def shares_of(
     if part is None:
         part = FramePart(_middle(found.shape[1:], shape), (found.shape[1], found.shape[2]))
     if found.shape[1:] != part.whole:
-        raise InputError.expected("transmissions", f"(N, {part.whole})", found.shape, "one per pixel of the frame")
+        raise InputError.expected(
+            "transmissions", f"(N, {part.whole})", found.shape, "choose an array with one value per pixel of the frame"
+        )
     _check_count(len(found), shape)
     shares = np.asarray(part.cut(found, shape), float)
     if not np.isfinite(shares).all():
@@ -97,14 +99,19 @@ def _check_count(samples: int, shape: tuple[int, ...]) -> None:
     if samples * math.prod(shape) > MOST_SOLVED:
         most = MOST_SOLVED // math.prod(shape)
         raise InputError.expected(
-            "samples of the general route", f"up to {most} for this frame", samples, "copy the command and run it"
+            "samples of the general route",
+            f"up to {most} for this frame",
+            samples,
+            "open a smaller frame, or run the copied command",
         )
 
 
 def _transmissions(path: str) -> Array:
     found = map_npy(path)
     if found.ndim != 3 or not found.size:
-        raise InputError.expected("transmissions", "(N, rows, columns)", found.shape, "one plane per sample")
+        raise InputError.expected(
+            "transmissions", "(N, rows, columns)", found.shape, "choose an array with one plane per sample"
+        )
     return found
 
 
@@ -113,7 +120,7 @@ def _middle(whole: tuple[int, ...], shape: tuple[int, ...]) -> tuple[int, int]:
 
 
 def scene_behind(settings: MultiplexSettings, modulator: Modulator) -> tuple[Array, Array]:
-    """Return a built-in scene ``(N, rows, columns)`` and its frame behind the middle of the file's transmissions."""
+    """Return a built-in scene ``(N, rows, columns)``, and its frame for the central part of the transmissions."""
     whole = _transmissions(settings.transmissions).shape
     shape = (min(whole[1], SCENE_SIDE), min(whole[2], SCENE_SIDE))
     shares = np.asarray(shares_of(settings, modulator, None, shape))
@@ -123,13 +130,13 @@ def scene_behind(settings: MultiplexSettings, modulator: Modulator) -> tuple[Arr
 
 
 def at_nodes(scene: Array, nodes: tuple[int, ...]) -> Array:
-    """Return a scene at the nodes of the general route, which lie in the middle of their pixels."""
+    """Return a scene at the nodes of the general route, which are at the centres of their cells."""
     places = [(np.arange(n) + 0.5) * size / n - 0.5 for n, size in zip(nodes, scene.shape[1:], strict=True)]
     return _sampled(scene, np.stack(np.meshgrid(*places, indexing="ij"), -1).reshape(-1, 2), nodes)
 
 
 def at_samples(scene: Array, grid: ViewGrid) -> Array:
-    """Return a scene at the samples of views."""
+    """Return a scene at the sample positions of the views."""
     return _sampled(scene, sample_places(grid), grid.shape)
 
 
@@ -166,15 +173,15 @@ def measured_in(project: ProjectState) -> str:
 def frame_lattice(
     white: str, camera: Camera, part: FramePart | None, shape: tuple[int, int]
 ) -> tuple[FrameLattice, str]:
-    """Return the lattice under a frame, and in words where it comes from.
+    """Return the lattice of a frame, and its source in words.
 
-    It is measured in a white image where there is one (`white_of`), and else the camera's; a built-in scene lies in the
+    It is measured in a white image if there is one (`white_of`), else taken from the camera; a built-in scene is in the
     middle of the sensor.
 
     Raises
     ------
     InputError
-        If the frame is not the camera's, or the white image of another size or without a lattice.
+        If the frame is not of this camera, or the white image has another size or no lattice.
     """
     path = white.removeprefix(OF_FRAMES)
     if part is not None and path:
@@ -183,7 +190,7 @@ def frame_lattice(
             return cropped(fit, shape, part.corner), f"lattice measured in {Path(path).name}"
         if path == white:
             raise InputError.expected(
-                "white image", f"the {part.whole} px of the frame", fit.shape, "choose one of the same camera"
+                "white image", f"the {part.whole} px of the frame", fit.shape, "choose a white image of the same camera"
             )
     sensor = camera.sensor.shape
     if part is not None and part.whole != sensor:
@@ -201,7 +208,7 @@ def _stamp(path: str) -> int:
 
 @lru_cache(maxsize=2)
 def _measured(path: str, _: int) -> LatticeFit:
-    """Return the lattice of a white image or of the mean of a folder of them, measured once while it is unchanged."""
+    """Return the lattice of a white image, or of the mean of a folder of them; cached until the file changes."""
     return fit_lattice(read_average(path))
 
 
@@ -210,7 +217,7 @@ def lattice_scene(settings: MultiplexSettings, modulator: Modulator, camera: Cam
     if modulator.side != modulator.cell or modulator.views[0] != modulator.views[1]:
         raise InputError.expected(
             "modulator on a lattice",
-            "a square super-pixel that samples views alone",
+            "a square super-pixel that samples only views",
             modulator.name,
             "choose a mask or lenslets",
         )
@@ -227,14 +234,14 @@ def lattice_scene(settings: MultiplexSettings, modulator: Modulator, camera: Cam
 
 
 def _gathered(light: Array, lattice: FrameLattice) -> Array:
-    """Return what a lenslet gives each pixel behind it: the mean over its area, here that of a box."""
+    """Return the light in each pixel behind a lenslet: the mean over its area, approximated by a box."""
     from scipy.ndimage import uniform_filter
 
     return np.asarray(uniform_filter(light, (0, round(lattice.row_pitch_px), round(lattice.pitch_px)), mode="nearest"))
 
 
 def _scene_shape(modulator: Modulator, camera: Camera) -> tuple[int, int]:
-    """Return rows and columns of a dozen super-pixels, fewer where there are many views."""
+    """Return rows and columns of a scene of a dozen super-pixels, or fewer if there are many views."""
     lattice, sensor = lattice_of(camera), camera.sensor.shape
     pitch = max(lattice.pitch_px, lattice.row_pitch_px)
     most = min(SCENE_CELLS * pitch, math.sqrt(MOST_SHARES / modulator.count))
@@ -261,15 +268,15 @@ class Seen:
     Attributes
     ----------
     frame
-        ``(rows, columns)``, less the level of no light.
+        Frame ``(rows, columns)`` minus the black level.
     words
-        What it is.
+        Description of the frame.
     truth
-        The scene at every pixel, None where it is not known.
+        True scene at every pixel; None if unknown.
     part
-        Of what it is a part; None for built-in scenes.
+        Position in the full frame; None for built-in scenes.
     level
-        Level of no light that was subtracted: a number, or one per pixel.
+        Subtracted black level: a number, or one per pixel.
     """
 
     frame: Array = field(repr=False)
@@ -286,7 +293,7 @@ def recorded(
     live: tuple[Array, tuple[int, int]] | None,
     camera: Camera | None,
 ) -> Seen:
-    """Return what the sensor recorded behind the modulator; parameters as in `model_scene`."""
+    """Return the frame recorded behind the modulator; parameters as in `iter_reconstruct`."""
     if settings.scene == "live":
         if live is None:
             raise InputError("scene: no live frame yet; switch on the live view in Record > Rig")
@@ -339,9 +346,9 @@ def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
 
 
 def _told_apart(shown: NDArray[np.float64], modulator: Modulator) -> NDArray[np.float64]:
-    """Return one plane per sample of a direction, all with different shapes, made from planes of three colours.
+    """Return one plane with a distinct shape for each sample, made from planes of three colours.
 
-    Stokes parameters are a share of S0, so that the light exists.
+    Stokes parameters are fractions of S0, so that the light is physical.
     """
     names = modulator.colours or ("light",)
     planes = np.stack([np.roll(shown[k % 3], 7 * (k // 3), axis=1) for k in range(len(names))])
@@ -352,13 +359,13 @@ def _told_apart(shown: NDArray[np.float64], modulator: Modulator) -> NDArray[np.
 
 
 def opened(path: str) -> tuple[Array | None, Array | None, str]:
-    """Return an image file as a scene ``(3, rows, columns)`` in 0 … 1 or as a frame, and what the file says of it."""
+    """Return an image file as a scene ``(3, rows, columns)`` in 0 … 1 or as a frame, with its metadata."""
     seen = _opened(path, (1, 1))
     return (None, seen.frame, seen.words) if seen.truth is None else (seen.truth, None, seen.words)
 
 
 def is_frame(path: str) -> bool:
-    """Return whether a file is there and holds grey values as a sensor records them."""
+    """Return whether a file exists and contains grey values, as a sensor records them."""
     from lfcal.frames import open_image
 
     try:
@@ -369,7 +376,7 @@ def is_frame(path: str) -> bool:
 
 
 def _opened(path: str, side: tuple[int, int], dark: float = 0.0) -> Seen:
-    """Return the middle of an image file, from a whole super-pixel on; ``dark``: black level where it states none."""
+    """Return the central part of an image file, aligned to super-pixels; ``dark``: black level if none is stated."""
     from lfcal.frames import open_image, read_image
 
     try:
@@ -394,9 +401,9 @@ def _opened(path: str, side: tuple[int, int], dark: float = 0.0) -> Seen:
 
 
 def _part(shape: tuple[int, ...], first: tuple[int, int], side: tuple[int, int]) -> FramePart:
-    """Return the middle part of a frame, from a whole super-pixel on; these begin at the sensor's corner.
+    """Return the central part of a frame, aligned to super-pixels, which begin at the corner of the sensor.
 
-    ``first`` is the sensor's pixel of the frame's first one.
+    ``first`` is the sensor pixel (row, column) of the frame's first pixel.
     """
     start = [max(0, n - LARGEST) // 2 for n in shape]
     top, left = (s + -(s + f) % p for s, f, p in zip(start, first, side, strict=True))
@@ -437,7 +444,7 @@ def _from_file(settings: MultiplexSettings, modulator: Modulator, dark: float) -
 
 
 def noisy(frame: Array, sensor: Sensor, gain: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return ``frame`` with shot and read noise of a sensor whose full scale its brightest pixel fills."""
+    """Return ``frame`` with shot and read noise of a sensor, scaled so that its brightest pixel reaches full scale."""
     scale = sensor.full_well_e / gain / (float(frame.max()) or 1.0)
     electrons = rng.poisson(np.maximum(frame, 0) * scale) + sensor.read_noise_e * rng.standard_normal(frame.shape)
     return np.asarray(electrons / scale)
@@ -445,7 +452,7 @@ def noisy(frame: Array, sensor: Sensor, gain: float, rng: np.random.Generator) -
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """Samples ``(N, rows, columns)`` by one route, rms error as a share of the scene's range, and seconds."""
+    """Samples ``(N, rows, columns)`` of one route, rms error relative to the range of the scene, and time (s)."""
 
     name: str
     samples: Array = field(repr=False)
@@ -461,24 +468,24 @@ class Route:
 
 @dataclass(frozen=True, eq=False)
 class Reconstructions:
-    """Both routes of one frame.
+    """Reconstructions of one frame by both routes.
 
     Attributes
     ----------
     spatial, fourier
-        The routes; the general one has no second.
+        The two routes; the general route has no second one.
     truth
-        The scene at the same places, None where it is not known.
+        True scene at the same positions; None if unknown.
     frame
-        What the sensor recorded.
+        Recorded frame.
     names
-        Of the samples.
+        Names of the samples.
     words
-        What was recorded.
+        Description of the frame.
     step
-        Pixels of the frame from one sample to the next.
+        Distance between samples (pixels of the frame).
     origin
-        Place (row, column) of the first sample on the frame (pixels); None: samples fill the frame.
+        Position (row, column) of the first sample in the frame (pixels); None: samples fill the frame.
     """
 
     spatial: Route
@@ -497,7 +504,7 @@ def iter_reconstruct(
     live: tuple[Array, tuple[int, int]] | None = None,
     camera: Camera | None = None,
 ) -> Work[Reconstructions]:
-    """Record the scene and reconstruct it by the routes chosen.
+    """Record the scene and reconstruct it by the chosen routes.
 
     ``live`` is a frame of the camera, with the sensor coordinates (row, column) of its first pixel: super-pixels begin
     at the sensor's corner. ``camera`` states the lattice for the route by lattice.
@@ -505,7 +512,7 @@ def iter_reconstruct(
     Raises
     ------
     InputError
-        If the scene does not fit the modulator, or a file not the frame.
+        If the scene does not match the modulator, or a file does not match the frame.
     """
     modulator = settings.modulator()
     seen = recorded(settings, modulator, sensor, live, camera)
@@ -600,7 +607,7 @@ def _finite(seen: Seen, settings: MultiplexSettings) -> Array:
 
 
 def _weights(settings: MultiplexSettings, seen: Seen, sensor: Sensor) -> Array | None:
-    """Return the weights of a recorded frame, None where all pixels count alike."""
+    """Return the weights of a recorded frame; None if all pixels have the same weight."""
     weighted = settings.weighted and seen.truth is None
     if seen.part is None or not (weighted or settings.dead):
         return None
@@ -613,7 +620,7 @@ def _weights(settings: MultiplexSettings, seen: Seen, sensor: Sensor) -> Array |
 
 
 def rms_error(found: Array, truth: Array, side: tuple[int, int]) -> float:
-    """Return the rms error over the scene's range, away from the border by four super-pixels or a quarter."""
+    """Return the rms error relative to the range of the scene, without a border of four super-pixels or a quarter."""
     cut = [min(4 * s, n // 4) for n, s in zip(truth.shape[1:], side, strict=True)]
     inner = (slice(None), *(slice(c, n - c) for c, n in zip(cut, truth.shape[1:], strict=True)))
     span = float(np.ptp(truth)) or 1.0
@@ -621,11 +628,11 @@ def rms_error(found: Array, truth: Array, side: tuple[int, int]) -> float:
 
 
 def shown(found: Reconstructions, sample: int, right: str) -> tuple[Array, Array | None, Array | None]:
-    """Return three pictures: one sample by both routes, and their difference (spatial - Fourier) or the truth.
+    """Return three images: one sample by both routes, and their difference (spatial - Fourier) or the truth.
 
-    With a single route the second picture is None, and the truth replaces the difference.
+    With a single route, the second image is None and the truth replaces the difference.
 
-    Sample -1 is the colour picture ``(rows, columns, 3)`` in 0 … 1; it requires three samples.
+    Sample -1 is the colour image ``(rows, columns, 3)`` in 0 … 1; it requires three samples.
     """
     second = None if found.fourier is None else found.fourier.samples
     truth = found.truth if right == "truth" or second is None else None  # not known of an opened frame

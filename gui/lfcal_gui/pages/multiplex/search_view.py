@@ -43,16 +43,16 @@ class SearchView(QWidget):
         frame, column = card("Search")
         frame.setFixedWidth(270)
         self.form = FoldedForm(
-            SEARCH_FIELDS[:1], SEARCH_FIELDS[1:], "Constraints", "What can be made, and what must pass"
+            SEARCH_FIELDS[:1], SEARCH_FIELDS[1:], "Constraints", "Limits of manufacturing and transmission"
         )
         column.addWidget(self.form)
         self.buttons: dict[str, QPushButton] = {}
         tips = (
-            ("Search", "Find the design with the largest gain for the project's camera", self.search_asked),
+            ("Search", "Search for the design with the largest gain for the project's camera", self.search_asked),
             ("Use", "Use the design as the modulator of this page", self.use_asked),
             (
                 "Save …",
-                "Write it to a file: .json keeps its views, .npy its transmissions (rows, columns, samples) alone",
+                "Save the design: .json with its views, .npy with its transmissions only (rows, columns, samples)",
                 self.save_asked,
             ),
         )
@@ -85,8 +85,10 @@ class SearchView(QWidget):
     def view(self) -> Picture:
         """The picture of the design; made when it is first shown."""
         made = Picture("transmission (1)", axes=("column (px)", "row (px)"))
-        made.setToolTip("Transmission of each pixel of the super-pixel, for the middle view; filters in their colour")
-        made.blank.words = "Press Search to look for a design."
+        made.setToolTip(
+            "Transmission of each pixel of the super-pixel for the middle view; filters are shown in their colour"
+        )
+        made.blank.words = "Press Search to find a design."
         self._design.insertWidget(1, made, 1)
         name_controls(self)
         return made
@@ -134,7 +136,7 @@ class SearchView(QWidget):
             self.view.apply_theme()
 
 
-DESIGNS = "With views and colours (*.json);;Transmissions alone (*.npy)"
+DESIGNS = "With views and colours (*.json);;Transmissions only (*.npy)"
 
 
 class Searching(QObject):

@@ -19,7 +19,9 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
         if chosen.route == "general" or chosen.dead or chosen.weighted or is_frame(chosen.image):
             return _recovered(project, chosen, out or "samples.tif")
     if chosen.family == "both":
-        raise InputError.expected("modulator", "filters or a mask", "a mask over filters", "the command knows either")
+        raise InputError.expected(
+            "modulator", "filters or a mask", "a mask combined with filters", "choose one of the two families"
+        )
     if chosen.family == "written":
         own, other = chosen.written, chosen.reference_written
         made, over = f"modulator_of({own!r})", f"modulator_of({other!r})"

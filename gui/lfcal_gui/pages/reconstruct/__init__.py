@@ -36,5 +36,5 @@ PAGE = PageSpec(
     place="use",
     needs="lfcal.reconstruct",
     takes=takes,
-    keys=(("Page up, Page down", "step through depth planes"), ("Home", "first view of the volume")),
+    keys=(("Page up, Page down", "step through depth planes"), ("Home", "initial view of the volume")),
 )

@@ -102,11 +102,12 @@ class ExportCard(QWidget):
         return grid
 
     def _other(self) -> Folded:
-        self.other = Folded("Other formats", "MATLAB, HDF5, NumPy and TIFF with all their options")
+        self.other = Folded("Other formats", "MATLAB, HDF5, NumPy and TIFF, with all options")
         self.kind = choice_box(
-            [(suffix, f"{words} ({suffix})") for suffix, (_, words) in KINDS.items()], "By the program that reads it"
+            [(suffix, f"{words} ({suffix})") for suffix, (_, words) in KINDS.items()],
+            "Choose by the program that reads the file",
         )
-        self.kind.setAccessibleName("kind of file")
+        self.kind.setAccessibleName("file format")
         self.kind.setMinimumWidth(LEAST)
         self.kind.currentIndexChanged.connect(lambda _: self.edited.emit("suffix", self.kind.currentData()))
         self.form = FoldedForm(tuple(OPTIONS.values()))

@@ -102,8 +102,8 @@ class SolidPicture(Picture):
         super().__init__(quantity, legend=False)
         self.setAccessibleName(name)
         self.setToolTip(
-            "Drag or arrow keys: turn; wheel or + and -: zoom; Shift and drag: move; click: put the cross on the "
-            "brightest voxel behind the pointer; Home: first view"
+            "Drag or arrow keys: rotate. Wheel or + and -: zoom. Shift and drag: move. Click: put "
+            "the cross on the brightest voxel under the pointer. Home: initial view"
         )
         self._prepared: Prepared | None = None
         self._view = View(BEGIN)

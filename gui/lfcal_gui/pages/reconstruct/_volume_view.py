@@ -23,18 +23,22 @@ from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, link, name_co
 VALUE = "brightness (counts)"
 
 VIEWS = (
-    "The brightest value along each line of sight. Drag to turn, wheel to zoom",
+    "The brightest value along each line of sight. Drag to rotate, wheel to zoom",
     "Slices through the cross",
     "The brightest voxel along each axis",
 )
 """Tips of `MODES`."""
 
 TICKS = (
-    ("by_depth", "Colour by depth", "Colours of the 3-D view: depth, with brightness by value; off: by value alone"),
+    (
+        "by_depth",
+        "Colour by depth",
+        "3-D view: the colour shows depth, the brightness shows the value. Off: the colour shows the value",
+    ),
     ("box", "Box and axes", "Edges of the volume, and the directions of its axes"),
-    ("cross", "Cross", "The voxel that the slices go through"),
-    ("own_scale", "Own scale of each plane", "Slices: each depth plane has its own colour scale"),
-    ("truth", "Truth", "The phantom that the light field was made from, turned together with the reconstruction"),
+    ("cross", "Cross", "The voxel through which the slices pass"),
+    ("own_scale", "Scale each plane", "Slices: use a separate colour scale for each depth plane"),
+    ("truth", "Truth", "The phantom from which the light field was made, rotated together with the reconstruction"),
 )
 """Field of the intent, words and meaning of each entry of the menu."""
 
@@ -197,7 +201,7 @@ class VolumeView(QWidget):
         self.contrasts = [self._contrast(self.solid)]
         self.strip = Strip(self._tip, TILE)
         self.strip.setAccessibleName("depth planes of the volume")
-        self.strip.setToolTip("Depth planes of the volume. Click to put the cross into one (Page up, Page down)")
+        self.strip.setToolTip("Depth planes of the volume. Click one to move the cross to it (Page up, Page down)")
         self.strip.chosen.connect(lambda z: self.set_cross(z=z))
         for picture in (*self._volumes(), self.light_field):
             picture.graphics.setMinimumSize(*LEAST)
@@ -279,7 +283,7 @@ class VolumeView(QWidget):
         self.brightest, self.overlay = QPushButton("Brightest voxel"), QPushButton("Overlay")
         self.brightest.setToolTip("Put the cross on the brightest voxel")
         self.brightest.clicked.connect(lambda: self.go_to_brightest())
-        self.overlay.setToolTip("What is drawn, and how")
+        self.overlay.setToolTip("Choose what is drawn, and how")
         menu = QMenu(self.overlay)
         menu.setToolTipsVisible(True)
         self.ticks: dict[str, QAction] = {}

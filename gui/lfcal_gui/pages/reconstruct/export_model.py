@@ -1,4 +1,4 @@
-"""What the export of H asks for: a code, or a kind of file with its options. No Qt."""
+"""Settings of the export of H: a reconstruction code, or a file format with its options. No Qt."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ if TYPE_CHECKING:
 
 KINDS = {
     ".mat": (ExportMat, "MATLAB v7.3, H and Ht"),
-    ".h5": (ExportH5, "H file, with all that is known of it"),
+    ".h5": (ExportH5, "H file, with all metadata"),
     ".npy": (ExportNpy, "NumPy array"),
-    ".tif": (ExportTiff, "ImageJ hyperstack, to look at"),
+    ".tif": (ExportTiff, "ImageJ hyperstack, to view"),
 }
-"""Tasks by the suffix of their file, and what it is for."""
+"""Export tasks by file suffix, with the purpose of each format."""
 
 ELSEWHERE = ("source", "out", "region", "mat_order")
-"""Fields of the tasks that no form shows: which H, how it is read, and where it goes."""
+"""Fields of the tasks that no form shows: the H, its axis order and the output file."""
 
 OPTIONS: dict[str, Field] = {
     field.key: field for task, _ in KINDS.values() for field in fields_of(task, without=ELSEWHERE)
 }
-"""Every option of these tasks, by name."""
+"""All options of these tasks, by name."""
 
 OF_LENS = ("lens_centred", "interpolation")
 
@@ -63,7 +63,7 @@ class ExportSettings(PageSettings):
     code
         One of `CODE_NAMES`; empty: the first that can use H.
     suffix
-        Other kind of file, one of `KINDS`.
+        Other file format, one of `KINDS`.
     no_ht, rows_first, lens_centred, interpolation, uncompressed, allow_missing, transposed, dtype, position
         As in the tasks of `KINDS`.
     """
@@ -87,7 +87,7 @@ class ExportSettings(PageSettings):
         if self.code not in ("", *CODE_NAMES):
             code_of(self.code)
         if self.suffix not in KINDS:
-            raise InputError.expected("kind of file", " ".join(KINDS), repr(self.suffix), "choose one")
+            raise InputError.expected("file format", " ".join(KINDS), repr(self.suffix), "choose one")
         for name in ("interpolation", "dtype"):
             allowed = dict(OPTIONS[name].choices)
             if getattr(self, name) not in allowed:
@@ -97,11 +97,11 @@ class ExportSettings(PageSettings):
 
     @classmethod
     def of_path(cls, path: str) -> Self:
-        """Return what the name of a file asks for."""
+        """Return the settings for a file name."""
         return cls(suffix=Path(path).suffix.lower())
 
     def changed(self, key: str, value: Any) -> Self:
-        """Return the settings with one value changed; patterns are moved only where a lens is centred."""
+        """Return the settings with one value changed; interpolation applies only if a lens is centred."""
         if key == "position":
             value = value_in(ExportTiff, key, value) or ()
         changes: dict[str, Any] = {key: value}
@@ -113,11 +113,11 @@ class ExportSettings(PageSettings):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Options of the kind of file."""
+        """Options of the chosen file format."""
         return tuple(row.name for row in rows(KINDS[self.suffix][0]) if row.name not in ELSEWHERE)
 
     def shown(self) -> dict[str, Any]:
-        """Return what a form of `OPTIONS` shows."""
+        """Return the values shown in a form of `OPTIONS`."""
         values = {one.name: getattr(self, one.name) for one in fields(self) if one.name in OPTIONS}
         values["position"] = self.position or None
         return {
@@ -125,13 +125,13 @@ class ExportSettings(PageSettings):
         }
 
     def open_to(self, H: PSFMatrix) -> set[str]:
-        """Return the options that can be chosen for H: a lens is centred where it is known."""
+        """Return the options that can be chosen for H; a lens can be centred only if its centre is known."""
         unknown = set(OF_LENS) if lens_centre_of(H) is None else set()
         complete = set() if len(empty_positions(H)) else {"allow_missing"}
         return set(self.names) - unknown - complete
 
     def task(self, psf: str, out: str, mat_order: str = "", code: str = "", quality: str = "") -> Task:
-        """Return the task that exports the H of a file, of several regions the one that is shown.
+        """Return the task that exports the H of a file; of several regions, the one that is shown.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class ExportSettings(PageSettings):
         return task_set("export").make({name: value for name, value in {**where, **given}.items() if value}, str)
 
     def suffix_for(self, code: str) -> str:
-        """Return the suffix of the file for a code; of none: that of the kind of file."""
+        """Return the file suffix for a code; without a code, that of the chosen format."""
         return CODES[code].suffix if code else self.suffix
 
     def refusal(self, H: PSFMatrix, code: str = "") -> str:
@@ -180,27 +180,27 @@ class ExportSettings(PageSettings):
         return export_files(task.exported(H), path, task.options().position)
 
     def code_for(self, H: PSFMatrix) -> str:
-        """Return the code that is chosen, else the first that can use H, else the first of all."""
+        """Return the chosen code, else the first one that can use H, else the first one."""
         usable = codes_for(H)
         return self.code or (usable[0].name if usable else CODE_NAMES[0])
 
 
 def facts_of(H: PSFMatrix, code: str, quality: str) -> ExportFacts:
-    """Return size, order and quality of a file for a code."""
+    """Return size, axis order and quality of the file for a code."""
     reader = CODES[code]
     stored = reader.stored.removeprefix("cells of ").removesuffix(" 7.3")
     size, _, unit = format_bytes(H.nbytes * (2 if reader.one_lens else 1)).partition(" ")
     return ExportFacts(
         (size, f"{unit}, {stored}"),
         (reader.order, f"as {reader.title} reads"),
-        (quality or "not judged", "written into the file" if quality else ""),
+        (quality or "not judged", "stored in the file" if quality else ""),
     )
 
 
 def iter_exported(task: Task, path: str) -> Work[Path]:
-    """Write the H of a file, opened again, as the window may close its own meanwhile.
+    """Export the H of a file, which is reopened because the window may close its own in the meantime.
 
-    An export of planes continues from those that are done; one for a code begins again.
+    An export of planes continues after the completed ones; an export for a code starts again.
     """
     from lfcal.tasks import RunSettings
 

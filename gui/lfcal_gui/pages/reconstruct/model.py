@@ -1,4 +1,4 @@
-"""The settings of a reconstruction, and how they become the task. No Qt."""
+"""Settings of a reconstruction, and their conversion to a task. No Qt."""
 
 from __future__ import annotations
 
@@ -41,19 +41,20 @@ DEVICE = Field(
 )
 
 NO_DEVICE = (
-    "Greyed out: this machine has no accelerator that PyTorch or CuPy can use, so all is computed on the processor. "
-    "With a graphics card, install torch or cupy and array-api-compat."
+    "Greyed out because this machine has no accelerator that PyTorch or CuPy can use. The "
+    "processor computes everything. If there is a graphics card, install torch, or cupy and "
+    "array-api-compat."
 )
 
 ENDS = {end: words for words, end in SOLVER_ENDS.items()}
-"""What a task is given in place of a number of iterations, by what ends a run."""
+"""Value of the task's number of iterations for each stopping rule."""
 
 ROWS = {one.key: one for one in fields_of(Reconstruct)}
-"""Entries that are as the task declares them."""
+"""Fields that are used as the task declares them."""
 
 
 def _short(key: str, empty: str) -> Field:
-    """Return an entry of the task with the meaning of an empty value in its tip, because the field is short."""
+    """Return a field of the task with the meaning of an empty value in its tooltip, because the field is short."""
     return replace(ROWS[key], empty=empty, tip=f"{ROWS[key].tip}; empty: {ROWS[key].empty}")
 
 
@@ -63,7 +64,7 @@ CHECKED = tuple(
     if row.name in ("background", "read_noise", "saturation", "strength", "subsets", "gain", "goal")
     or row.name in ("threshold", "within", "tolerance", "memory")
 )
-"""Fields of the task that are checked as it checks them, whether the solver uses them or not."""
+"""Fields of the task that are always checked, even if the solver does not use them."""
 
 FIELDS: tuple[Field, ...] = (
     Field(
@@ -73,14 +74,15 @@ FIELDS: tuple[Field, ...] = (
         choices=tuple((name, name) for name in SOLVERS.names()),
         tip="; ".join(f"{solver.name}: {solver.title}" for solver in SOLVERS),
     ),
-    Field("iterations", "Iterations", "", "Number of iterations; the button adds as many", kind="int"),
+    Field("iterations", "Iterations", "", "Number of iterations. The button Run more adds the same number", kind="int"),
     Field(
         "stop",
         "End at",
         kind="choice",
-        choices=(("", "count"), ("left-out", "left-out"), ("discrepancy", "noise")),
-        tip="Count: after the number of iterations. Left-out: when the prediction of held-out pixels (1 in 25) no "
-        "longer improves; the best volume is kept. Noise: when the residual is as large as photon and read noise",
+        choices=(("", "count"), ("left-out", "held-out"), ("discrepancy", "noise")),
+        tip="Count: after the number of iterations. Held-out: when the prediction of held-out pixels "
+        "(1 in 25) no longer improves; the best volume is kept. Noise: when the residual is as "
+        "small as photon and read noise",
     ),
     ROWS["goal"],
     replace(ROWS["gain"], optional=False),
@@ -95,28 +97,29 @@ FIELDS: tuple[Field, ...] = (
         "Projector",
         kind="choice",
         choices=tuple((m, m) for m in ("auto", *METHODS)),
-        tip="How H is applied. auto: the method with the lowest predicted cost",
+        tip="Method that applies H. auto: the method with the lowest predicted cost",
     ),
     DEVICE,
     Field(
         "threshold",
         "Threshold",
         "% of peak",
-        "Entries of H below this share of their plane's peak count as zero: faster, less exact",
+        "Entries of H below this percentage of the peak of their plane are set to zero, which is faster but less exact",
         scale=0.01,
     ),
     Field(
         "within",
         "Within",
         "% of light",
-        "Share of the light that projections may miss: 0.5 % of a simulated or fitted H is several times quicker",
+        "Percentage of the light that projections may miss. With 0.5 %, a simulated or fitted H "
+        "is several times faster",
         scale=0.01,
     ),
     Field(
         "margin",
         "Margin",
         "px",
-        "Pixels by which the volume extends beyond the light field, for light from outside it; empty: automatic",
+        "Number of pixels by which the volume extends beyond the light field, for light from outside; empty: automatic",
         kind="int",
         optional=True,
         empty="auto",
@@ -125,8 +128,9 @@ FIELDS: tuple[Field, ...] = (
         "voxel",
         "Voxel size",
         "µm",
-        "Side of the voxels in a saved volume, the same for all planes; light is distributed by area. auto: the "
-        "smallest size of all planes. Empty: no resampling; behind a main lens the size differs between planes",
+        "Side of the voxels in a saved volume, the same in all planes. auto: the smallest size "
+        "of all planes. Empty: no resampling; with a main lens, the size then differs between "
+        "planes",
         kind="text",
         empty="by pixel",
     ),
@@ -136,14 +140,14 @@ FIELDS: tuple[Field, ...] = (
         "as_is",
         "As is",
         kind="bool",
-        tip="Use the light field as it is. By default it is resampled to H's period where the camera's lattice drifts "
-        "by more than 0.5 px over the frame",
+        tip="Use the light field without resampling. By default, it is resampled to the period of H "
+        "if the lattice of the camera drifts by more than 0.5 px over the frame",
     ),
     Field(
         "region",
         "Region",
         "px",
-        "row, column, rows, columns of the light field; empty: all of it",
+        "First row, first column, rows and columns of the light field; empty: all of it",
         kind="floats",
         empty="all",
     ),
@@ -151,7 +155,7 @@ FIELDS: tuple[Field, ...] = (
         "anchor",
         "Anchor",
         "px",
-        "row, column at which H's position (0, 0) is imaged; empty: that of H",
+        "Row and column at which position (0, 0) of H is imaged; empty: the anchor of H",
         kind="floats",
         empty="of H",
     ),
@@ -165,13 +169,13 @@ FIELDS: tuple[Field, ...] = (
 FIELDS = tuple(replace(one, group=ROWS[one.key].group if one.key in ROWS else one.group) for one in FIELDS)
 
 BASIC = ("solver", "iterations")
-"""Entries that are always seen."""
+"""Keys of fields that are always visible."""
 
 
 def device_reason() -> str:
-    """Return why no accelerator can be chosen here, empty where one can; libraries are loaded, so it may take seconds.
+    """Return why no accelerator can be chosen; empty if one can. Loads libraries, which may take seconds.
 
-    One that computes wrongly counts as none.
+    An accelerator that computes wrong results is ignored.
     """
     from lfcal.reconstruct.projectors import find_device
 
@@ -180,37 +184,37 @@ def device_reason() -> str:
 
 
 def used_by(solver: str, key: str) -> bool:
-    """Return whether the field ``key`` matters to ``solver``; one that takes no weights knows no margin."""
+    """Return whether the field ``key`` applies to ``solver``; solvers without weights have no margin."""
     key = "weights" if key == "margin" else key
     return key not in OPTIONS or key in SOLVERS.get(solver).honours
 
 
 @dataclass(frozen=True)
 class ReconstructSettings(PageSettings):
-    """What the user chose.
+    """Settings of the page.
 
     Attributes
     ----------
     solver, iterations, background, read_noise, saturation, strength, subsets, gain, tolerance
         As in `lfcal.reconstruct.solvers.choice.SolverChoice`.
     stop
-        The same, and as many iterations as it takes; empty: ``iterations``.
+        Stopping rule, as in `SolverChoice`; empty: stop after ``iterations``.
     memory
-        Largest memory (GB); None: 80 % of what is free.
+        Largest memory (GB); None: 80 % of the free memory.
     method, device, threshold, within, double
         As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
     margin
         Pixels of the volume beyond each edge of the region; None: `lfcal.reconstruct.margin.usual_margin`.
     voxel
-        Side of the voxels of a saved volume (µm), ``"auto"`` the smallest of all planes; empty: pixel by pixel.
+        Side of the voxels of a saved volume (µm); ``"auto"``: the smallest of all planes; empty: one voxel per pixel.
     region
         First row and column, rows and columns of the light field; empty: all.
     anchor
         Pixel (row, column) of the whole light field at which H's position (0, 0) is imaged; empty: that of H.
     goal
-        As in `SolverChoice`; for the end by held-out pixels alone.
+        As in `SolverChoice`; only for stopping by held-out pixels.
     as_is
-        Whether the light field is not resampled, however far the lattice drifts against H's period.
+        Whether the light field is used without resampling, even if the lattice drifts relative to the period of H.
     dark, white, mask, lattice, regions
         As in `lfcal.tasks.Reconstruct`; several regions have a semicolon between them.
     """
@@ -246,9 +250,9 @@ class ReconstructSettings(PageSettings):
     regions: str = ""
 
     def __post_init__(self) -> None:
-        """Check values that the library would refuse only after the work has begun."""
+        """Check values that the library would refuse only after the work has started."""
         if self.stop not in ("", *STOPS):
-            raise InputError.expected("end", f"nothing, {' or '.join(STOPS)}", repr(self.stop), "choose one")
+            raise InputError.expected("end", f"no value, {' or '.join(STOPS)}", repr(self.stop), "choose one")
         for row in CHECKED:
             row.check(getattr(self, row.name), row.label)
         if not 1 <= self.iterations <= 100_000:
@@ -259,16 +263,21 @@ class ReconstructSettings(PageSettings):
             _side(self.voxel)
         if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:
             raise InputError.expected(
-                "region", "row, column, rows, columns in whole pixels", self.region, "for example 0, 0, 400, 400"
+                "region",
+                "first row, first column, rows and columns in whole pixels",
+                self.region,
+                "enter them, for example 0, 0, 400, 400",
             )
         if self.device not in dict(DEVICE.choices):
             raise InputError.expected("device", "auto, cpu or cuda", repr(self.device), "choose one")
         if len(self.anchor) not in (0, 2):
-            raise InputError.expected("anchor", "row, column in pixels", self.anchor, "for example 12, 7")
+            raise InputError.expected("anchor", "row, column in pixels", self.anchor, "enter them, for example 12, 7")
         if self.lattice and self.as_is:
-            raise InputError.expected("lattice", "none where the light field is used as is", self.lattice, "clear one")
+            raise InputError.expected(
+                "lattice", "no lattice file if As is is ticked", self.lattice, "clear one of them"
+            )
         if self.lattice and self.other_regions:
-            raise InputError.expected("lattice", "H of one region", self.regions, "clear one of them")
+            raise InputError.expected("lattice", "an H of one region", self.regions, "clear one of them")
 
     @classmethod
     def from_dict(cls, data: object) -> Self:
@@ -279,15 +288,15 @@ class ReconstructSettings(PageSettings):
 
     @property
     def ends_by_itself(self) -> bool:
-        """Whether the solver takes as many iterations as it needs: one without weights cannot leave out pixels."""
+        """Whether the solver stops automatically; one without weights cannot hold out pixels."""
         return bool(self.stop) and (self.stop != STOPS[0] or used_by(self.solver, "weights"))
 
     def usable(self) -> None:
-        """Raise `InputError` where solver and settings do not go together."""
+        """Raise `InputError` if solver and settings do not match."""
         self.choice()
 
     def solver_fields(self) -> SolverFields:
-        """Return the solver with the settings it uses; those the page greys out stay as they are, for another one."""
+        """Return the solver with the settings it uses; greyed-out settings are kept for other solvers."""
         options = ("background", "read_noise", "saturation", "strength", "subsets", "tolerance")
         used = {key: getattr(self, key) for key in options if used_by(self.solver, key)}
         if self.ends_by_itself:
@@ -310,13 +319,13 @@ class ReconstructSettings(PageSettings):
 
     @property
     def other_regions(self) -> tuple[str, ...]:
-        """H of other regions, as the task names them."""
+        """H files of other regions, as in the task."""
         named: tuple[str, ...] = value_in(Reconstruct, "regions", self.regions)
         return named
 
     @property
     def projection(self) -> ProjectionSettings:
-        """How H is applied."""
+        """Settings of the projector, which applies H."""
         return ProjectionSettings(
             method=self.method,
             device=self.device,
@@ -331,7 +340,7 @@ class ReconstructSettings(PageSettings):
         return SharedOptics(Path(psf), self.other_regions, mat_order, self.light_field, self.projection)
 
     def choice_for(self, H: PSFMatrix, shape: tuple[int, int]) -> SolverChoice:
-        """Return the solver for the used region of images of ``shape``, its margin found where none is said."""
+        """Return the solver choice for the used region of images of ``shape``; the margin is automatic if not set."""
         choice = self.choice()
         if self.margin is not None or not used_by(self.solver, "margin"):
             return choice
@@ -340,7 +349,7 @@ class ReconstructSettings(PageSettings):
         return replace(choice, margin=usual_margin(H.period, (H.shape[3], H.shape[4]), used))
 
     def grid(self, H: PSFMatrix, shape: tuple[int, int], view: Resampling | None = None) -> MetricGrid | None:
-        """Return the voxels of one size for the used region of images of ``shape``; None: as the pixels are.
+        """Return the grid of equal voxels for the used region of images of ``shape``; None: one voxel per pixel.
 
         ``view``: how the light field was resampled to these images.
 
@@ -363,13 +372,13 @@ class ReconstructSettings(PageSettings):
         return MetricGrid.for_matrix(H, used, anchor, side)
 
     def place(self, H: PSFMatrix, view: Resampling | None) -> tuple[float, float]:
-        """Return the pixel (row, column) of all of an image at which H's position (0, 0) is imaged."""
+        """Return the pixel (row, column) of the full image at which position (0, 0) of H is imaged."""
         if self.anchor:
             return self.anchor[0], self.anchor[1]
         return H.anchor if view is None else view.anchor(lattice_anchor_of(H))
 
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
-        """Return how a light field of ``shape`` is resampled to H's period; None: it is used as it is."""
+        """Return how a light field of ``shape`` is resampled to the period of H; None: not resampled."""
         placed = next((name for name in ("regions", "anchor", "region") if getattr(self, name)), "")
         return resampling_for(H, shape, self.light_field, placed)
 
@@ -389,7 +398,7 @@ class ReconstructSettings(PageSettings):
 
 
 def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, mat_order: str = "") -> Reconstruct:
-    """Return how a light field in a file becomes a volume; the task knows no region of it."""
+    """Return the task that reconstructs a volume from a light field in a file; it cannot select a region."""
     margin = settings.margin if used_by(settings.solver, "margin") else 0
     side = settings.voxel if settings.voxel in ("", "auto") else _side(settings.voxel)
     row, column = settings.anchor or (0.0, 0.0)
@@ -411,7 +420,7 @@ def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, mat_o
 
 
 def _side(text: str) -> float:
-    """Return the side of a voxel that a text means (µm)."""
+    """Return the side of a voxel (µm) given as text; raise `InputError` if it is invalid."""
     try:
         side = float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""A reconstruction as the window runs it: light field, forecast, and a run that is stopped and continued. No Qt."""
+"""A reconstruction in the window: light field, forecast, and a run that can be stopped and continued. No Qt."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def make_light_field(
     image = P.forward(volume)
     top = float(image.max())
     if not top > 0:
-        raise InputError.expected("light field", "light", "none", "H is empty: assemble it again")
+        raise InputError.expected("light field", "light", "none", "this H is empty; assemble it again")
     scale = counts / top
     noisy = np.random.default_rng(seed).poisson(np.maximum(image * scale, 0))
     write_tiff(path, np.minimum(noisy, 65535).astype(np.uint16))
@@ -126,14 +126,14 @@ def projector_for(
 
 
 class SolvingForecast(NamedTuple):
-    """What a reconstruction will cost: seconds, and all of it as rich text."""
+    """Forecast of a reconstruction: time (s), and all costs as rich text."""
 
     seconds: float
     words: str
 
 
 def forecast_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSettings) -> SolvingForecast:
-    """Return what it will cost to reconstruct a light field of ``shape``."""
+    """Return the forecast for a reconstruction of a light field of ``shape``."""
     view = settings.view(H, shape)
     shape = shape if view is None else view.shape
     with ExitStack() as stack:
@@ -142,7 +142,7 @@ def forecast_for(H: PSFMatrix, shape: tuple[int, int], settings: ReconstructSett
 
 
 def outlook_of(P: Any, choice: SolverChoice) -> SolvingForecast:
-    """Return what the reconstruction with a projector will cost."""
+    """Return the forecast for a reconstruction with a projector."""
     from lfcal.reconstruct import run_memory
 
     found, iterations, memory = P.forecast(), choice.iterations, run_memory(P, choice)
@@ -153,7 +153,7 @@ def outlook_of(P: Any, choice: SolverChoice) -> SolvingForecast:
     rows = [
         ("Volume", f"{nx - 2 * margin} × {ny - 2 * margin} × {nz} voxels"),
         ("Margin", f"{margin} px around" if margin else "none"),
-        ("Projector", cost.method + ("" if cost.resident else ", prepared each time")),
+        ("Projector", cost.method + ("" if cost.resident else ", prepared for each projection")),
         ("Device", "processor" if P.device is None else P.device.name),
         ("Set-up", format_seconds(cost.prepare_s)),
         ("Forward, adjoint", f"{format_seconds(cost.forward_s)}, {format_seconds(cost.adjoint_s)}"),
@@ -170,7 +170,7 @@ def outlook_of(P: Any, choice: SolverChoice) -> SolvingForecast:
 
 # -- run ------------------------------------------------------------------------------------------------
 class Placed(NamedTuple):
-    """A volume ``(nz, Y, X)`` as it is saved, the sides of its voxels (rows, columns; µm), and how it came to be."""
+    """A volume ``(nz, Y, X)`` to save, the sides of its voxels (rows, columns; µm) and its provenance."""
 
     volume: NDArray[Any]
     voxel_um: tuple[float, float] | None
@@ -185,13 +185,13 @@ class Solving:
     Parameters
     ----------
     psf
-        H file; opened by the work itself, which reads it while others do.
+        H file; the work opens it itself.
     image
         The whole light field ``(rows, columns)``.
     settings
-        What to do.
+        Settings of the reconstruction.
     truth
-        The volume ``(nz, rows, columns)`` behind the whole light field, where it was made from one.
+        True volume ``(nz, rows, columns)`` of a synthetic light field; None if unknown.
     mat_order
         As in `lfcal.psf.open_psf`.
     """
@@ -225,12 +225,12 @@ class Solving:
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """Rows and columns of the light field, resampled where that is needed, that are used."""
+        """Used rows and columns of the light field, after resampling if necessary."""
         return self.settings.window(self._shape)
 
     @property
     def _shape(self) -> tuple[int, int]:
-        """Rows and columns of the light field, resampled where that is needed."""
+        """Shape (rows, columns) of the light field, after resampling if necessary."""
         rows, columns = self.image.shape[:2] if self._view is None else self._view.shape
         return rows, columns
 
@@ -251,12 +251,12 @@ class Solving:
 
     @property
     def volume(self) -> NDArray[Any]:
-        """The volume ``(nz, rows, columns)`` under the region, without margin; of a run that has begun."""
+        """Volume ``(nz, rows, columns)`` of the region without margin; requires a started run."""
         assert self.state is not None
         return cropped(self.state.volume, self._margin)
 
     def words(self) -> str:
-        """Return how it went, in lines of rich text; empty before the first iteration."""
+        """Return a summary of the run as lines of rich text; empty before the first iteration."""
         if not self.history or self.state is None:
             return ""
         last, truth = self.history[-1], self.truth
@@ -267,16 +267,16 @@ class Solving:
         if math.isfinite(self.chi2):
             lines.append(f"chi2 per pixel {self.chi2:.3g}")
         if truth is not None and truth.any():
-            lines.append(f"error against the truth: NRMSE {nrmse(self.volume, truth):.3f}")
+            lines.append(f"error relative to the truth: NRMSE {nrmse(self.volume, truth):.3f}")
         return "<br>".join((*lines, *((self.stopped,) if self.stopped else ()), *self.notes))
 
     def stop(self) -> None:
-        """Stop after the present iteration. The volume is kept, and `work` continues from it."""
+        """Stop after the current iteration. The volume is kept, and `work` continues from it."""
         self._stop.set()
 
     @property
     def stopping(self) -> bool:
-        """Whether it was asked to end."""
+        """Whether a stop was requested."""
         return self._stop.is_set()
 
     def fits(self, psf: str, settings: ReconstructSettings, mat_order: str = "") -> bool:
@@ -349,7 +349,7 @@ class Solving:
         self._projector = projector
 
     def placed(self, settings: ReconstructSettings) -> Placed:
-        """Return the volume as it is saved, with voxels of the size that ``settings`` ask for.
+        """Return the volume to save, with the voxel size of ``settings``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What the volume viewer shows: the volume turned, three slices, or three projections, with one cross. No Qt."""
+"""Content of the volume viewer: rotated volume, three slices or three projections, with one cross. No Qt."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from lfcal_gui.models import DisplaySettings, Label, Levels, Outline, Overlay, S
 MODES = ("3-D", "Slices", "Projections")
 
 MOST_ROWS = 2048
-"""Of a picture from the side: what is deeper is drawn with fewer pixels."""
+"""Largest number of rows of a side view; deeper volumes are drawn with fewer pixels."""
 
 NEAR, FAR = "#9eabba", "#59636f"
-"""Edges of the volume that lie in front and behind."""
+"""Colours of the front and back edges of the volume."""
 
 FRONT = 1e-6
 
 TILE = 96
-"""Most pixels of a side of a small picture."""
+"""Largest side of a thumbnail (pixels)."""
 
 
 @dataclass(frozen=True)
 class VolumeIntent:
-    """What the user asked for.
+    """Requested view of the volume.
 
     Attributes
     ----------
     z, y, x
-        The cross, in planes and voxels.
+        Position of the cross: plane, row and column.
     mode
         One of `MODES`.
     own_scale
-        Whether each depth plane has its own colour scale; else the whole volume shares one.
+        Whether each depth plane has its own colour scale; else all planes share one.
     by_depth
-        Whether the turned volume has the colours of depths.
+        Whether the colours of the rotated volume show depth.
     box, cross
-        Whether edges and axes, and the cross, are drawn.
+        Whether edges and axes are drawn, and whether the cross is drawn.
     truth
-        Whether the known volume is shown as well, where there is one.
+        Whether the true volume is also shown, if known.
     display
         Scaling and colour map.
     """
@@ -66,26 +66,26 @@ class VolumeIntent:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A volume and what is found once of it.
+    """A volume with data that are computed once.
 
     Attributes
     ----------
     volume
-        ``(Z, Y, X)``.
+        Volume ``(Z, Y, X)``.
     solid
-        The same in space.
+        Volume with its position in space.
     most
-        Its maximum along z, y and x.
+        Maximum along z, y and x.
     brightest
         Plane, row and column of its brightest voxel.
     levels
-        Its lowest value, or zero, and its highest.
+        Lowest value or zero, whichever is smaller, and highest value.
     depths
-        Depth of each plane (µm), not-a-number where it is not known.
+        Depth of each plane (µm); not-a-number if unknown.
     tiles
-        A small picture of each plane.
+        Thumbnail of each plane.
     shares
-        Share of all light in each plane.
+        Fraction of all light in each plane.
     """
 
     volume: NDArray[Any]
@@ -98,7 +98,7 @@ class Prepared:
     shares: NDArray[np.float64]
 
     def words_at(self, z: int, y: int, x: int) -> str:
-        """Return the place and value of a voxel."""
+        """Return position and value of a voxel as text."""
         depth = f" ({format_length(float(self.solid.given[z]))})" if self.solid.measured else ""
         return f"plane {z}{depth}, y {y}, x {x}: {self.volume[z, y, x]:.4g} counts"
 
@@ -106,7 +106,7 @@ class Prepared:
 def prepare(
     volume: NDArray[Any], depths_um: NDArray[np.float64] | None, voxel_um: tuple[float, float] | None
 ) -> Prepared:
-    """Find what is needed to show a volume ``(Z, Y, X)`` from any side."""
+    """Return the data needed to show a volume ``(Z, Y, X)`` from any side."""
     solid = Solid.of(volume, depths_um, voxel_um)
     known = np.isfinite(volume)
     whole = volume if known.all() else np.where(known, volume, -np.inf)
@@ -123,7 +123,7 @@ def prepare(
 
 
 def _small(plane: NDArray[Any]) -> NDArray[Any]:
-    """Return a plane of at most about `TILE` pixels a side, each the brightest of its block."""
+    """Return a thumbnail of at most about `TILE` pixels per side, with the maximum of each block."""
     step = max(1, -(-max(plane.shape) // TILE))
     rows, columns = (max(1, n // step) * min(step, n) for n in plane.shape)
     blocks = plane[:rows, :columns].reshape(-1, min(step, plane.shape[0]), columns).max(1)
@@ -132,7 +132,7 @@ def _small(plane: NDArray[Any]) -> NDArray[Any]:
 
 
 class Side(NamedTuple):
-    """A picture at true scale: values, place of its first pixel (down, across), and the length of a pixel."""
+    """An image at true scale: values, position of its first pixel (down, across), and side of a pixel."""
 
     values: NDArray[Any]
     origin: tuple[float, float]
@@ -140,7 +140,7 @@ class Side(NamedTuple):
 
 
 def sides(intent: VolumeIntent, shown: Prepared) -> dict[str, Side]:
-    """Return the slices through the cross, or the maximum along each axis, from the front (xy) and both sides."""
+    """Return slices through the cross, or maxima along each axis: from the front (xy) and from two sides."""
     volume, (x, y, z) = shown.volume, shown.solid.axes
     if intent.mode == MODES[2]:
         xy, xz, yz = shown.most
@@ -151,14 +151,14 @@ def sides(intent: VolumeIntent, shown: Prepared) -> dict[str, Side]:
 
 
 def _even(image: NDArray[Any], down: NDArray[np.float64], across: NDArray[np.float64], pixel: float) -> Side:
-    """Return a picture of square pixels, each of the nearest row and column of ``image``, which lie anywhere."""
+    """Return ``image``, whose rows and columns may be unevenly spaced, resampled to square pixels (nearest)."""
     rows, top = _nearest(down, pixel)
     columns, left = _nearest(across, pixel)
     return Side(image[np.ix_(rows, columns)], (top, left), pixel)
 
 
 def _nearest(places: NDArray[np.float64], pixel: float) -> tuple[NDArray[np.intp], float]:
-    """Return which of ``places``, in any order, is nearest to each pixel, and where the first pixel is."""
+    """Return the index of the nearest of ``places`` for each pixel, and the position of the first pixel."""
     order = np.argsort(places, kind="stable")
     ordered = places[order]
     gaps = np.diff(ordered)
@@ -171,7 +171,7 @@ def _nearest(places: NDArray[np.float64], pixel: float) -> tuple[NDArray[np.intp
 
 
 def box_of(solid: Solid, turn: NDArray[np.float64]) -> tuple[Overlay, ...]:
-    """Return the edges of a volume as they are seen, those behind first and darker."""
+    """Return the visible edges of a volume; back edges come first and are darker."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     seen = (signs * solid.half) @ turn.T
     farthest = int(np.argmax(seen[:, 2]))
@@ -186,7 +186,7 @@ def box_of(solid: Solid, turn: NDArray[np.float64]) -> tuple[Overlay, ...]:
 
 
 def marks_at(solid: Solid, turn: NDArray[np.float64], place: NDArray[np.float64], colour: str) -> tuple[Overlay, ...]:
-    """Return lines through a place along the axes of the volume, from one end to the other."""
+    """Return lines through a point along the axes of the volume, from end to end."""
     ends = []
     for axis in range(3):
         line = np.array([place, place])
@@ -196,7 +196,7 @@ def marks_at(solid: Solid, turn: NDArray[np.float64], place: NDArray[np.float64]
 
 
 def axes_in(scene: Viewpoint, corner: tuple[float, float], length: float) -> tuple[Overlay, ...]:
-    """Return the three axes with their names about a place of the picture; what points at you ends there."""
+    """Return the three named axes around a point of the image; an axis towards the viewer has zero length."""
     middle = np.array(corner)
     found: list[Overlay] = []
     for axis, name in enumerate("xyz"):

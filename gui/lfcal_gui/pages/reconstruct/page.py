@@ -38,7 +38,7 @@ VOLUMES = (
     "TIFF stack, opens in ImageJ (*.tif);;OME-TIFF with depths (*.ome.tif);;OME-Zarr, a folder (*.ome.zarr);;"
     "HDF5 (*.h5);;numpy (*.npy)"
 )
-STOPPING = "stopping after the iteration under way …"
+STOPPING = "stopping after the current iteration …"
 FOLLOWED = ("psf", "light_field", "volume")
 
 
@@ -133,10 +133,10 @@ class Page(BasePage):
             self.hint.setText(self.spec.hint)
             self.show_no_matrix(
                 state.psf,
-                "No H yet\nExport and reconstruction need an H: assemble one, simulate one, or open one in place H.",
+                "No H yet\nExport and reconstruction need an H. Assemble or compute one in Record, or open one in H.",
                 {
-                    "Go to H": self.lead("h", "Open an H that was assembled, simulated or fitted before"),
-                    "Compute": self.lead("simulate", "Compute an H of the camera and plan; no recording is needed"),
+                    "Go to H": self.lead("h", "Open an H that was assembled, simulated or fitted earlier"),
+                    "Compute": self.lead("simulate", "Compute H from the camera and the plan; no recording is needed"),
                 },
             )
             return
@@ -286,8 +286,8 @@ class Page(BasePage):
         """Project a phantom through H and take the result as the light field."""
         matrix = self.context.matrix(self.context.state.psf)
         if matrix is None or self._job:
-            what = "H is still being opened" if matrix is None else "a reconstruction is under way"
-            self.context.message.emit(f"{what}; make a light field when it has ended")
+            what = "H is being opened" if matrix is None else "a reconstruction is running"
+            self.context.message.emit(f"{what}; make a light field afterwards")
             return
         if not path:
             name = Path(self.context.state.psf).with_name(f"{phantom}.tif")

@@ -43,18 +43,19 @@ from lfcal_gui.widgets import (
     set_role,
 )
 
-NOT_BY_ITSELF = "It cannot hold out pixels, and ends after the number of iterations."
+NOT_BY_ITSELF = "It cannot hold out pixels, so it ends after the number of iterations."
 
 NO_LIGHT_FIELD = (
-    "No light field open\n"
-    "Open an image taken through these optics, or make one from a known specimen to test this H.\n"
-    "Or drop a .tif, .png or .raw file here."
+    "No light field open\nOpen an image taken through these optics, or make one from a known "
+    "specimen to test this H.\nYou can also drop a .tif, .png or .raw file here."
 )
 
-NO_CURVE = "Reconstruct: every iteration adds a point."
+NO_CURVE = "Press Reconstruct. Each iteration adds a point."
 
-OPEN = "An image behind the same optics: TIFF, PNG, RAW and others; files can be dropped here as well"
-MAKE = "Project a phantom through this H, add photon noise, and save it as a light field; its true volume is known"
+OPEN = "An image recorded with the same optics: TIFF, PNG, RAW and others. You can also drop a file here"
+MAKE = (
+    "Project a phantom with this H, add photon noise, and save the result as a light field whose true volume is known"
+)
 
 PLACES = (("solvers", "Solver and iterations"), ("projection", "Projector"))
 """Places where accuracy is paid for, as the chart of costs has them."""
@@ -62,7 +63,7 @@ PLACES = (("solvers", "Solver and iterations"), ("projection", "Projector"))
 GO = {
     "start": "Reconstruct with these settings, as a job",
     "more": "Continue with the same number of iterations",
-    "stop": "Stop after the current iteration; the volume is kept and can be continued",
+    "stop": "Stop after the current iteration. The volume is kept, and you can continue",
 }
 """What the button does, by what it is."""
 
@@ -91,7 +92,7 @@ class ReconstructPanel(QWidget):
         super().__init__(parent)
         basic, more = (tuple(field for field in FIELDS if (field.key in BASIC) is seen) for seen in (True, False))
         self.form = FoldedForm(basic)
-        tip = "End, noise, projector, margin, region, memory, and what accuracy costs"
+        tip = "Stopping, noise, projector, margin, region, memory, and what accuracy costs"
         self.more = FoldedForm((), more, f"{len(more)} more settings", tip)
         for form in (self.form, self.more):
             form.set_defaults(vars(ReconstructSettings()))
@@ -157,7 +158,10 @@ class ReconstructPanel(QWidget):
         self.file.setProperty("role", "hint")
         column.addWidget(self.file)
         column.addWidget(self.form)
-        tip = "Weighted rms of image minus model over that of the image; with a known truth its error too"
+        tip = (
+            "Weighted rms of image minus model, divided by that of the image. If the truth is known, "
+            "the error of the volume is also drawn"
+        )
         self.misfit = _plot("misfit (%)", tip)
         column.addWidget(self.misfit)
         self._fill_more()
@@ -203,9 +207,9 @@ class ReconstructPanel(QWidget):
 
     def _forecast(self) -> QWidget:
         self.folded = folded = Folded(
-            "Time, memory and likelihood", "What a reconstruction will take, and how likely the image is"
+            "Time, memory and likelihood", "Forecast of time and memory, and likelihood of the image"
         )
-        self.forecast = QLabel("Known when a light field is open.")
+        self.forecast = QLabel("Shown when a light field is open.")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
         self.forecast.setToolTip("From a cost model calibrated on this machine")
@@ -217,8 +221,8 @@ class ReconstructPanel(QWidget):
     def likelihood(self) -> LinePlot:
         """The log-likelihood by iterations; made when it is first seen or known."""
         tip = (
-            "Log-likelihood of the image less its largest possible value, per pixel: 0 is a perfect fit. "
-            "Accelerated solvers may fall back for an iteration, and recover"
+            "Log-likelihood of the image minus its largest possible value, per pixel: 0 is a perfect "
+            "fit. It may decrease for an iteration with accelerated solvers"
         )
         made = _plot("log-lik. / px", tip)
         self.folded.column.addWidget(made)
@@ -288,7 +292,7 @@ class ReconstructPanel(QWidget):
         self.misfit.set_curve("misfit", at, [100 * record.residual for record in history], symbol=symbol)
         if errors:
             known = [100 * error for error in errors]
-            self.misfit.set_curve("error against the truth", at[-len(known) :], known, symbol=symbol, dashed=True)
+            self.misfit.set_curve("error relative to the truth", at[-len(known) :], known, symbol=symbol, dashed=True)
         self.misfit.set_labels("iteration", "misfit, error (%)" if errors else "misfit (%)")
         values = [record.likelihood / max(1, pixels) for record in history]
         self.likelihood.set_curve("likelihood", at, values, symbol=symbol)

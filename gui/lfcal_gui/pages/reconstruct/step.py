@@ -16,7 +16,7 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
         return export_step(project, out)
     chosen = ReconstructSettings.of(project)
     if chosen.region:
-        raise InputError.expected("region", "the whole light field", chosen.region, "a command takes all of it")
+        raise InputError.expected("region", "the whole light field", chosen.region, "clear Region")
     task = task_of(chosen, psf, project.light_field, out or "volume.tif", stated_order(project, psf))
     return CommandStep(words_of(task), python_of(task))
 

@@ -19,11 +19,15 @@ def state(project: ProjectState) -> PageState:
 PAGE = PageSpec(
     "sessions",
     "Sessions",
-    "Find earlier recordings, H, fits and exports, and compare any two",
+    "Find earlier recordings, H, fits and exports, and compare two of them",
     order=100,
     package=__name__,
     state=state,
     needs="lfcal.judge",
     takes=nothing,
-    keys=(("F5", "look again"), ("Return", "open what is selected"), ("Ctrl+D", "compare the two that are selected")),
+    keys=(
+        ("F5", "search the folder again"),
+        ("Return", "open the selected result"),
+        ("Ctrl+D", "compare the two selected results"),
+    ),
 )

@@ -15,7 +15,7 @@ from lfcal_gui.pages.sessions.panel import SessionsPanel
 if TYPE_CHECKING:
     from lfcal.judge import Pair, StoredResult
 
-NONE = "One of the two files is not there any more."
+NONE = "One of the two files no longer exists."
 
 
 class Pairing(Comparing):

@@ -156,7 +156,7 @@ class ResultTiles(QListView):
         self.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setAccessibleName("results")
-        self.setToolTip("Ctrl+click selects a second one to compare; a double click opens")
+        self.setToolTip("Ctrl+click to select a second result to compare; double-click to open")
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(30)

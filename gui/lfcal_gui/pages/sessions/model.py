@@ -1,4 +1,4 @@
-"""Which results are shown, in which order, and in which words. No Qt."""
+"""Selection, order and texts of the results on the Sessions page. No Qt."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from lfcal.judge import StoredResult
 
 Verdict = tuple[str, str]
-"""Merit, and the verdict in a sentence."""
+"""Merit and verdict as a sentence."""
 
 NOT_JUDGED = "Not judged"
 PROJECT = ""
-"""The folders of the project, as an entry of the list of folders."""
+"""Entry of the folder list that stands for the folders of the project."""
 
 KIND_WORDS = {
     "": "All kinds",
@@ -30,26 +30,26 @@ KIND_WORDS = {
     "volume": "Volumes",
     "unreadable": "Unreadable",
 }
-"""Kinds of results as a filter offers them."""
+"""Kinds of results with the names shown in the filter."""
 
 ORDERS = (("newest", "Newest first"), ("oldest", "Oldest first"), ("name", "By name"), ("verdict", "Worst first"))
 
 WORST = ("bad", "fair", "unknown", "good")
-"""Merits, the worst first."""
+"""Merits, worst first."""
 
 RECENT = 8
 
 
 @dataclass(frozen=True)
 class SessionsSettings(PageSettings):
-    """What the user chose.
+    """Settings of the page.
 
     Attributes
     ----------
     folder
-        Folder that is looked through; empty: those of the project.
+        Folder to search; empty: the folders of the project.
     kind, order
-        Kind of results that are shown, and their order: one of `KIND_WORDS` and of `ORDERS`.
+        Kind of results shown (one of `KIND_WORDS`), and their order (one of `ORDERS`).
     """
 
     page: ClassVar[str] = "sessions"
@@ -66,7 +66,7 @@ class SessionsSettings(PageSettings):
 
 
 def own_folders(project: ProjectState, path: Path | None) -> tuple[str, ...]:
-    """Return the folders of the project's file, of its H and of its recording; none is asked for on the disk."""
+    """Return the folders of the project's file, H and recording, without accessing the disk."""
     files = (str(path or ""), project.psf, project.reference, project.volume)
     # a recording is a folder itself, and what is made of it is often next to it
     folders = [str(Path(one).parent) for one in (*files, project.recording, project.frames) if one]
@@ -74,7 +74,7 @@ def own_folders(project: ProjectState, path: Path | None) -> tuple[str, ...]:
 
 
 def recent_with(folder: str, recent: Iterable[str]) -> list[str]:
-    """Return the folders that were used last, with the newest one first."""
+    """Return the recently used folders, newest first."""
     return [folder, *(one for one in recent if one != folder)][:RECENT]
 
 
@@ -84,7 +84,7 @@ def shown(
     words: str = "",
     verdicts: Mapping[Path, Verdict] | None = None,
 ) -> list[StoredResult]:
-    """Return the results of the chosen kind that have all ``words`` in name, folder, verdict or facts, in order."""
+    """Return the results of the chosen kind whose name, folder, verdict or facts contain all ``words``, in order."""
     wanted = words.lower().split()
     found = [
         one
@@ -111,19 +111,19 @@ def _verdict(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> Verdict:
 
 
 def verdict_words(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> Verdict:
-    """Return the merit of a result, and what is known of it; of H that was never judged, just that."""
+    """Return merit and verdict of a result; an H without a verdict is "not judged"."""
     merit, words = _verdict(result, verdicts)
     return merit, words or (NOT_JUDGED if can_judge(result) else "")
 
 
 def verdict_on(result: StoredResult, project: ProjectState) -> Verdict | None:
-    """Return the verdict that a project keeps on a result; None: it has none on the file as it is now."""
+    """Return the verdict stored in a project for a result; None if there is none for the current file."""
     found = kept_verdict(project, str(result.path)) if can_judge(result) else None
     return None if found is None else (found.merit, found.sentence)
 
 
 def kind_word(result: StoredResult) -> str:
-    """Return what a result is, in a word."""
+    """Return the kind of a result in a word."""
     return capital(result.kind)
 
 
@@ -138,18 +138,18 @@ def _opens(path: Path) -> bool:
 
 
 def how_opened(result: StoredResult) -> str:
-    """Return what opens a result: the key of a page, ``"browser"``, or why nothing does, as a sentence."""
+    """Return how to open a result: key of a page, ``"browser"``, or a sentence on why it cannot be opened."""
     if result.problem:
         return "It cannot be read, so it cannot be opened."
     if result.kind == "export" and not _opens(result.path):
-        return "A TIFF export is for other programs; open the H that it was made of."
+        return "A TIFF export is for other programs. Open the H from which it was made."
     return {"recording": "acquire", "volume": "reconstruct", "fit": "browser", "report": "browser"}.get(
         result.kind, "h"
     )
 
 
 def fact_rows(result: StoredResult, verdicts: Mapping[Path, Verdict]) -> list[tuple[str, str]]:
-    """Return everything that is known of a result."""
+    """Return all facts about a result as rows (name, value)."""
     when = f"{result.when.astimezone():%Y-%m-%d %H:%M}"
     rows = [("Kind", kind_word(result))]
     rows += [("Problem", result.problem)] if result.problem else []
@@ -164,7 +164,7 @@ def _size(result: StoredResult) -> tuple[str, str]:
 
 
 def pair_rows(first: Sequence[tuple[str, str]], second: Sequence[tuple[str, str]]) -> list[tuple[str, str, str, str]]:
-    """Return facts of two results side by side; the last column says where they differ."""
+    """Return the facts of two results side by side; the last column marks differences."""
     a, b = dict(first), dict(second)
     names = [*a, *(name for name in b if name not in a)]
     return [

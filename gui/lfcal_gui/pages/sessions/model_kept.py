@@ -1,4 +1,4 @@
-"""Pictures and verdicts of results, kept in a folder by the stamp of each file. No Qt."""
+"""Cache of images and verdicts of results in a folder, by the stamp of each file. No Qt."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from lfcal.judge import StoredResult
 
 SIDE = 128
-"""Most rows and columns of a picture (px)."""
+"""Largest number of rows and columns of an image (px)."""
 
 MOST = 2000
-"""Pictures that are kept; the oldest go first."""
+"""Largest number of stored images; the oldest are removed first."""
 
 U1 = NDArray[np.uint8]
 
 
 def cache_folder() -> Path:
-    """Return where pictures and verdicts are kept."""
+    """Return the folder in which images and verdicts are stored."""
     from platformdirs import user_cache_path
 
     return user_cache_path("lfcal") / "results"
 
 
 def thumbnail(values: NDArray[np.generic]) -> U1:
-    """Return a picture of values, 0 to 255, of at most `SIDE` rows and columns: the largest value of each block."""
+    """Return an image of values (0 to 255) with at most `SIDE` rows and columns, from the maximum of each block."""
     step = max(1, -(-max(values.shape) // SIDE))
     rows, columns = (max(1, n // step) for n in values.shape)
     blocks = np.nan_to_num(np.asarray(values[: rows * step, : columns * step], np.float32))
@@ -47,21 +47,21 @@ def thumbnail(values: NDArray[np.generic]) -> U1:
 
 
 class KeptResults:
-    """Cache of pictures and verdicts by file and modification; entries of an earlier version are not found.
+    """Cache of images and verdicts by file and modification time; entries of earlier versions are ignored.
 
-    Nothing fails where the folder cannot be written: then nothing is kept.
+    If the folder cannot be written, nothing is stored and no error is raised.
 
     Parameters
     ----------
     folder
-        Where they are kept; None: the usual one.
+        Folder of the cache; None: the default.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder = folder or cache_folder()
 
     def picture(self, result: StoredResult) -> U1 | None:
-        """Return the picture of a result, None: it has none; raises `LfcalError` where the result cannot be read."""
+        """Return the image of a result, or None if it has none; raise `LfcalError` if the result cannot be read."""
         from lfcal.judge import picture_of
 
         place = self._place(result, ".npy")
@@ -77,7 +77,7 @@ class KeptResults:
         return made
 
     def verdict(self, result: StoredResult) -> Verdict | None:
-        """Return the stored verdict on H; None: nothing is stored."""
+        """Return the stored verdict on H; None if there is none."""
         place = self._place(result, ".json")
         found = None
         if place is not None:
@@ -107,7 +107,7 @@ class KeptResults:
                 part.write_bytes(content)
 
     def sweep(self) -> None:
-        """Remove the oldest pictures where there are too many."""
+        """Remove the oldest images if there are too many."""
         with suppress(OSError):
             found = sorted(self.folder.glob("*.npy"), key=lambda one: one.stat().st_mtime)
             for one in found[: max(0, len(found) - MOST)]:
@@ -122,7 +122,7 @@ class JudgedResult:
 
 
 def iter_judged(path: str, mat_order: str, kept: JudgedResult) -> Work[None]:
-    """Judge an H: by its metrics, and by the comparison with its camera."""
+    """Judge an H by its metrics and by the comparison with its camera."""
     from lfcal.judge import iter_inspection
     from lfcal.judge.quality import iter_inspect
     from lfcal.psf import open_psf

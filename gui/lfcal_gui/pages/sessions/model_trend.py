@@ -16,7 +16,7 @@ from lfcal.base import InputError, format_dates, format_number, format_slope
 if TYPE_CHECKING:
     from lfcal.judge import Course, CoursePoint, Trend
 
-TREND_COLUMNS = ("What", "Before", "Newest", "Per month", "")
+TREND_COLUMNS = ("Check", "Before", "Newest", "Per month", "")
 
 F8 = NDArray[np.float64]
 DAY_S = 86400.0
@@ -34,19 +34,22 @@ class TrendCurve:
 
 
 def trend_of(folders: Sequence[Path]) -> Trend:
-    """Read the quality reports in these folders; raises `LfcalError` where there are not two to be compared."""
+    """Read the quality reports in these folders; raise `LfcalError` if there are fewer than two to compare."""
     from lfcal.judge import inspections_in, labels_of, read_inspection, trend
 
     places = [place for folder in folders for place in inspections_in(folder)]
     if len(places) < 2:
         raise InputError.expected(
-            "quality reports in the gallery", "two or more", len(places), "write them in H > Checks: Write report"
+            "quality reports in the gallery",
+            "two or more",
+            len(places),
+            "write reports in H > Checks, with Write report",
         )
     return trend([read_inspection(place, label) for place, label in zip(places, labels_of(places), strict=True)])
 
 
 def courses_of(found: Trend) -> tuple[Course, ...]:
-    """Return what is shown: faults, then metrics, what got worse first."""
+    """Return the courses to show: faults, then metrics, with those that got worse first."""
     return tuple(one for one in found.courses if any(one.points))
 
 
@@ -65,7 +68,7 @@ def _title(course: Course) -> str:
 
 
 def _slope(course: Course) -> str:
-    """Return the slope in words, nothing where no value has changed."""
+    """Return the slope as text; empty if no value changed."""
     known = {value.value for value in course.points if value is not None}
     return format_slope(course.per_month, course.span_s) if len(known) > 1 else ""
 
@@ -77,12 +80,12 @@ def _told(value: CoursePoint | None) -> str:
 
 
 def merits_of(found: Trend) -> list[str]:
-    """Return the merit that colours each row: that of the newest value."""
+    """Return the merit of the newest value in each row, for its colour."""
     return ["unknown" if one.newest is None else one.newest.merit for one in courses_of(found)]
 
 
 def trend_words(found: Trend) -> tuple[str, str]:
-    """Return what got worse, and which sessions were compared, with what the numbers do not say."""
+    """Return what got worse, which sessions were compared, and the notes on them, as text."""
     from lfcal.judge import TOO_SHORT
 
     names = ", ".join(one.title for one in found.worse)

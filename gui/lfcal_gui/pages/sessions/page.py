@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from lfcal.judge import ResultList, StoredResult
 
 RECENT = "sessions/folders"
-NO_FOLDER = "This project has no file yet.\nChoose a folder that holds recordings, H or other results."
-NOTHING = "Nothing of lfcal was found here."
+NO_FOLDER = "This project has no file yet.\nChoose a folder that contains recordings, H or other results."
+NOTHING = "No results of lfcal were found here."
 NO_MATCH = "No result matches the filter."
 PAGES = ("index.html", "report/index.html")
 """What the browser opens of a folder."""
@@ -68,7 +68,7 @@ class Page(BasePage):
         self.judge_button = self.tool_button(
             "Judge", "Measure the selected H and compare it with its camera; its tile keeps the verdict", self.judge
         )
-        self.compare_button = self.tool_button("Compare", "Compare the two that are selected (Ctrl+D)", self.compare)
+        self.compare_button = self.tool_button("Compare", "Compare the two selected results (Ctrl+D)", self.compare)
         self.stop_button = self.stop_tool("Stop judging or comparing")
         self.open_button = self.tool_button("Open", "Open the selected result on its page (Return)", self.open_chosen)
 
@@ -153,7 +153,7 @@ class Page(BasePage):
 
     def choose(self, folder: str = "") -> None:
         """Look through another folder; without one it is asked for."""
-        folder = folder or QFileDialog.getExistingDirectory(self, "Folder to look through")
+        folder = folder or QFileDialog.getExistingDirectory(self, "Folder to search")
         if folder:
             self._recent = recent_with(folder, self._recent)
             self.context.keep_texts(RECENT, self._recent)
@@ -200,7 +200,7 @@ class Page(BasePage):
         elif not self.folders:
             words = NO_FOLDER
         elif self.looking.active:
-            words = "Looking …"
+            words = "Searching …"
         else:
             words = NO_MATCH if self.results else "\n".join(self._notes) or NOTHING
         self.panel.show_message(words)

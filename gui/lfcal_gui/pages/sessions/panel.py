@@ -35,12 +35,12 @@ from lfcal_gui.widgets import (
 
 FACTS = ("What", "Value")
 PAIR = ("What", "First", "Second", "")
-ONE = "Select a result to see what is known of it, or two (Ctrl+click) to compare them."
+ONE = "Select a result to see its details, or two results (Ctrl+click) to compare them."
 NO_PAIR = "Select two results in the gallery, then press Compare (Ctrl+D)."
 TIPS = (
     "Recordings, H, fits, reports, exports and volumes in a folder",
-    "Does the setup drift? The quality reports of the gallery as curves",
-    "The two results that were selected in the gallery",
+    "The quality reports of the gallery as curves over time, to see whether the setup drifts",
+    "The two results selected in the gallery",
 )
 
 
@@ -77,8 +77,8 @@ class SessionsPanel(QTabWidget):
         self.folder.setAccessibleName("folder")
         self.folder.setToolTip("Folder to search, with its subfolders")
         self.folder.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.choose_button, self.again_button = QPushButton("Choose …"), QPushButton("Look again")
-        self.choose_button.setToolTip("Search another folder. The choice is remembered")
+        self.choose_button, self.again_button = QPushButton("Choose …"), QPushButton("Search again")
+        self.choose_button.setToolTip("Search another folder. lfcal remembers it")
         self.again_button.setToolTip("Search the folder again (F5)")
         self.status = ElidedLabel(" ")
         self.status.setProperty("role", "hint")
@@ -91,7 +91,7 @@ class SessionsPanel(QTabWidget):
     def _which(self) -> QVBoxLayout:
         self.words = QLineEdit()
         self.words.setPlaceholderText("Filter by name, verdict, camera …")
-        self.words.setToolTip("Show results that have all of these words in their name, folder, verdict or facts")
+        self.words.setToolTip("Show only results with all of these words in their name, folder, verdict or details")
         self.words.setAccessibleName("filter")
         self.kind = choice_box(list(KIND_WORDS.items()), "Show results of one kind")
         self.kind.setAccessibleName("kind")

@@ -60,8 +60,8 @@ class TrendPanel(QWidget):
         words.setSpacing(2)
         words.addWidget(self.verdict)
         words.addWidget(self.notes)
-        self.picture_button = QPushButton("Save picture …")
-        self.picture_button.setToolTip("Save the checks that were not good in every session, over time (.png, .svg)")
+        self.picture_button = QPushButton("Save image …")
+        self.picture_button.setToolTip("Save the curves of all checks that were not good in every session (.png, .svg)")
         self.picture_button.clicked.connect(lambda: self.picture_asked.emit())
         self.picture_button.setEnabled(False)
         row = QHBoxLayout()
@@ -129,7 +129,7 @@ class TrendPanel(QWidget):
             self.row_chosen.emit(self.table.number_of(rows.pop()))
 
 
-PICTURES = "Pictures (*.png *.svg)"
+PICTURES = "Images (*.png *.svg)"
 
 
 class Trending:
@@ -178,10 +178,10 @@ class Trending:
         found = self.found
         if found is None:
             return
-        path = path or ask_target(self._panel, "Save picture", "trend.png", PICTURES)
+        path = path or ask_target(self._panel, "Save image", "trend.png", PICTURES)
         if path:  # it appears whole or not at all
             self._context.jobs.compute(
                 "sessions trend picture",
                 lambda: draw_trend(found, path),
-                lambda _: self._context.message.emit(f"picture written: {path}"),
+                lambda _: self._context.message.emit(f"image written: {path}"),
             )

@@ -20,12 +20,12 @@ def takes(path: str) -> bool:
 PAGE = PageSpec(
     "setup",
     "Set up",
-    "Drag the cutout to move the scan; dashed: all light that counts",
+    "Drag the cutout to move the scan. Dashed: area of all cutouts",
     order=10,
     package=__name__,
     state=state,
     place="setup",
     needs="lfcal.camera",
-    keys=(("Arrow keys", "Move the scan by a pixel, with the keyboard in the picture"),),
+    keys=(("Arrow keys", "move the scan by a pixel, when the image has the focus"),),
     takes=takes,
 )

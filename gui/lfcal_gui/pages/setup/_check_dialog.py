@@ -15,15 +15,15 @@ from lfcal_gui.widgets import Picture, RowsTable, WrappedLabel, choice_box, colu
 PICTURE = "picture"
 SHOWN = ((PICTURE, "White image"), (DISTORTION, "Distortion"), (RESIDUALS, "Residuals"))
 LEGENDS = {
-    PICTURE: "First corner of the frame: + as measured, ○ as described.",
-    DISTORTION: "Arrows from straight rows to the measured micro-images, up to {largest:.2f} px in the frame",
-    RESIDUALS: "Arrows from the lattice to the micro-images, mean of each cell, up to {largest:.3f} px",
+    PICTURE: "First corner of the frame: + measured, ○ as described.",
+    DISTORTION: "Arrows from straight rows to the measured micro-images, up to {largest:.2f} px",
+    RESIDUALS: "Arrows from the lattice to the micro-images, averaged over each cell, up to {largest:.3f} px",
 }
 STRAIGHT = "The lattice is straight: there is no distortion to draw."
 LENSLETS = 12
 """Lenslets seen along a side of the picture."""
 
-COLUMNS = ("", "Verdict", "Off by (px)", "Camera", "White image")
+COLUMNS = ("", "Verdict", "Difference (px)", "Camera", "White image")
 OFF_BY = 2
 SIZE, ROOMY = (990, 520), 740
 """Size of the dialog, and least width of a table with all columns (px)."""
@@ -36,8 +36,8 @@ class CheckDialog(QDialog):
         super().__init__(parent)
         self.setWindowTitle("Camera compared with a white image")
         self.resize(*SIZE)
-        self.choice = choice_box(SHOWN, "Picture with both lattices, or how the micro-images depart from a lattice")
-        self.choice.setAccessibleName("Picture of the lattice")
+        self.choice = choice_box(SHOWN, "Image with both lattices, or deviation of the micro-images from a lattice")
+        self.choice.setAccessibleName("image of the lattice")
         self.choice.currentIndexChanged.connect(lambda _: self._show())
         self.legend = wrapped()
         self.image = Picture(legend=False, colour_map="gray")
@@ -91,7 +91,7 @@ class CheckDialog(QDialog):
         arrows = tuple(Outline(pair, closed=False, width=1.2) for pair in pairs)
         shot = Shot(shown.size, "", "", name, (0.0, top), origin=(first, first), step=shown.cell, overlays=arrows)
         self.map.set_shot(shot, keep_view=False)
-        drawn = f"; arrows {shown.gain:.2g} times too long." if shown.largest else "."
+        drawn = f"; arrows magnified {shown.gain:.2g} times." if shown.largest else "."
         self.legend.setText(LEGENDS[name].format(largest=shown.largest) + drawn)
 
     def _fill(self) -> None:

@@ -52,31 +52,38 @@ GROUPS = (
     ("Light", LIGHT),
 )
 FIELDS = {field.key: replace(field, group=title) for title, fields in GROUPS for field in fields}
-ALL_VALUES = "Every value of optics, lenslets, sensor and light, and where it comes from"
+ALL_VALUES = "All values of optics, lenslets, sensor and light, and their source"
 
-MORE = "Anchor, stage axes, order, averages, half-cell scan, rates of the forecast; files of plans, and many points"
+MORE = "Anchor, stage axes, order, averages, half-cell scan and rates of the forecast; plan files and targets"
 
 BUTTONS = {
-    "import": ("Import …", "A file that describes a camera: of a maker, or of another program"),
-    "white": ("White image …", "Compare the camera with an evenly lit frame: pitch, rotation and offset"),
+    "import": ("Import …", "Read the camera from a file of a manufacturer or of another program"),
+    "white": ("White image …", "Compare pitch, rotation and offset of the camera with a uniformly lit frame"),
     "confirm": (
         "Confirm all",
-        "Confirm all assumed values; figures that depend on them are no longer marked ≈",
+        "Confirm all assumed values. Numbers that depend on them are then no longer marked ≈",
     ),
-    "sensor": ("Sensor …", "Measure gain, noise and saturation from flats and darks"),
-    "dark": ("Dark frame …", "A frame without light, subtracted from white images: for a black level or hot pixels"),
-    "save": ("Save camera …", "Keep this camera as JSON, for other projects and the commands (--camera)"),
-    "make": ("Make a plan", "Planes, cutout and anchor as the camera's geometry suggests: a start, to be changed"),
-    "open": ("Open a plan …", "Continue with a plan that was saved before (.json): of a scan, or of a target"),
-    "again": ("Open …", "Replace this plan by one that was saved (.json): of a scan, or of a target"),
+    "sensor": ("Sensor …", "Measure gain, noise and saturation from flat and dark frames"),
+    "dark": (
+        "Dark frame …",
+        "Choose a frame without light that is subtracted from white images, if the camera has a "
+        "black level or hot pixels",
+    ),
+    "save": ("Save camera …", "Save this camera as JSON, for other projects and for commands (--camera)"),
+    "make": ("Make a plan", "Derive planes, cutout and anchor from the geometry of the camera, as a starting point"),
+    "open": ("Open a plan …", "Open a saved plan (.json) of a scan or of a target"),
+    "again": ("Open …", "Replace this plan by a saved plan (.json) of a scan or of a target"),
     "save_plan": (
         "Save …",
-        "Write this plan as JSON: to be opened here again, and for lfcal acquire and lfcal assemble",
+        "Save this plan as JSON, to open it again or to use it with lfcal acquire and lfcal assemble",
     ),
-    "default": ("Default", "Replace this plan by the one that the camera's geometry suggests"),
-    "target": ("Target of many points …", "Many points in every frame, for the same positions in far fewer frames"),
-    "take": ("Take measured lattice", "Take pitch, rotation and offset of the white image into the camera"),
-    "details": ("Details …", "Every value compared with the white image, and maps of the lattice"),
+    "default": ("Default", "Replace this plan by the plan derived from the geometry of the camera"),
+    "target": (
+        "Target of many points …",
+        "Record many points in each frame, so that the same positions need far fewer frames",
+    ),
+    "take": ("Use measured lattice", "Use pitch, rotation and offset of the white image in the camera"),
+    "details": ("Details …", "Show each value compared with the white image, and maps of the lattice"),
 }
 """Names of buttons, what is on them, and when one would press them."""
 
@@ -88,7 +95,7 @@ HEADS = {
 """Headline of the comparison with a white image."""
 
 
-PRESET = "Start with a camera that comes with lfcal, and change what is different; undo brings yours back"
+PRESET = "Start with a camera that comes with lfcal, and change what differs. Undo restores your camera"
 SMALL = 18
 """Side of a tick (px)."""
 
@@ -181,7 +188,7 @@ class Inspector(QWidget):
         self.refused = WrappedLabel()
         set_role(self.refused, "error")
         self.no_plan = QWidget()
-        hint = wrapped("hint", "A plan says where the point source goes. It follows from the camera.")
+        hint = wrapped("hint", "The plan lists the positions of the point source. lfcal derives it from the camera.")
         column_of(hint, line(self._button("make"), self._button("open")), of=self.no_plan)
         for part in (self.no_plan, self.scan, self.refused):
             column.addWidget(part)
@@ -282,7 +289,7 @@ class AssumedList(QWidget):
             name, effect, tick = ElidedLabel(), QLabel(words), QToolButton()
             name.setText(label)
             effect.setProperty("role", "hint")
-            effect.setToolTip("What changes if the true value is at the end of its plausible range")
+            effect.setToolTip("Effect on the scan if the true value is at the end of its plausible range")
             tick.setText("✓")
             tick.setFixedSize(SMALL, SMALL)
             tick.setProperty("role", "mark")

@@ -25,7 +25,7 @@ class OpticsView(QWidget):
         self._camera = preset("bench")
         self.setMinimumSize(420, 150)
         offer_menu(self, lambda: "camera")
-        self.setToolTip("Left: main optics and array along the axis. Right: lenslets, gap and sensor, magnified.")
+        self.setToolTip("Left: main optics and array along the axis. Right: lenslets, gap and sensor, magnified")
 
     def set_camera(self, camera: Camera) -> None:
         """Draw ``camera``."""

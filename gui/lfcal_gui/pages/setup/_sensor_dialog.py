@@ -27,15 +27,16 @@ from lfcal_gui.widgets import LINES, LinePlot, RowsTable, button, column_of, lin
 Points = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 HINT = (
-    "Flats: two or more frames at each level of light; white images through the lenslets are suitable. Darks: two or "
-    "more with the cap on. The files must be unprocessed: no gamma, no noise reduction, no JPEG."
+    "Flats: two or more frames at each light level; white images through the lenslets are "
+    "suitable. Darks: two or more frames with the cap on. The files must be unprocessed: no "
+    "gamma, no noise reduction, no JPEG."
 )
 FOLDERS = {
-    "flats": "A folder of evenly lit frames, two or more at each of several exposures: gain and linearity",
-    "darks": "A folder of frames without light, at several exposures: read noise, dark current, offsets",
+    "flats": "Folder of uniformly lit frames, two or more at each of several exposures, for gain and linearity",
+    "darks": "Folder of frames without light at several exposures, for read noise, dark current and offsets",
 }
-TAKE = "Make the measured sensor that of the project's camera"
-CLOSE = "Close without changing the camera; a running measurement is stopped"
+TAKE = "Use the measured sensor in the camera of the project"
+CLOSE = "Close without changing the camera. A running measurement is stopped"
 AXES = ("signal above black (counts)", "noise, rms (counts)")
 
 
@@ -48,7 +49,7 @@ def iter_sensor(camera: Camera, flats: Path, darks: Path) -> Work[SensorMeasurem
 
 def remarks_on(found: SensorMeasurement, camera: Camera) -> str:
     """Return the remarks on the figures, one line each: doubts, differences from ``camera``, notes."""
-    doubts = [f"Not the sensor's own: {doubt}." for doubt in found.doubts]
+    doubts = [f"Doubtful: {doubt}." for doubt in found.doubts]
     notes = (*sensor_differences(found, camera.sensor), *found.notes)
     return "\n".join([*doubts, *(f"{note[:1].upper()}{note[1:]}." for note in notes)])
 
@@ -93,7 +94,7 @@ class SensorDialog(QDialog):
         asking = [
             button(f"{name.capitalize()} …", tip, lambda name=name: self.choose(name)) for name, tip in FOLDERS.items()
         ]
-        self.table = RowsTable(("Figure", "Value"), 1)
+        self.table = RowsTable(("Quantity", "Value"), 1)
         self.plot = LinePlot(*AXES, legend=True)
         self.plot.set_decades(x=True, y=True)
         self.plot.plot.legend.setOffset((8, 8))  # the curve rises to the right
@@ -179,7 +180,7 @@ class SensorDialog(QDialog):
         if self.found is None:
             return
         camera = self.context.state.camera
-        self.words.setText(remarks_on(self.found, camera) or "Every figure was measured.")
+        self.words.setText(remarks_on(self.found, camera) or "All quantities were measured.")
         self.table.show_rows(figures_of(self.found, camera.sensor))
         changed, why = self._taken()
         self.take_button.setEnabled(changed is not None and changed != camera)

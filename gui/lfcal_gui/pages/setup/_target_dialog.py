@@ -54,20 +54,21 @@ FIRST, LAST = 40, 225
 
 NO_TARGET = "none: a single point"
 POINT_WORDS = (
-    "A single point: the scan as Set up plans it.\nFor many points in each frame, type array (the pitch is proposed) "
-    "or your own array, such as array:4x4@1.7mm."
+    "A single point: the scan as planned in Set up.\nFor many points in each frame, type "
+    "array (lfcal proposes the pitch), or describe an array, such as array:4x4@1.7mm."
 )
 COSTS = (
-    "Noise: expected error of a recorded pattern from sensor noise, sum of errors over sum of light, in the middle "
-    "plane. Phases: number of positions that are covered. Both for all frames, and for the first half of them"
+    "Noise: expected error of a recorded pattern from sensor noise in the middle plane, as "
+    "the sum of errors divided by the sum of light. Phases: percentage of positions that are "
+    "covered. Both are given for all frames and for the first half of them"
 )
 PLAN, STOP = "Search for the fewest frames that cover all phases", "Stop searching without creating a plan"
-SAVE = "Write where the target goes in each frame (.json): Record > Rig records it, by Target …"
+SAVE = "Save the position of the target in each frame (.json). Record it in Record > Rig, with Target …"
 PLANES = (
-    "Frames of each plane, and how many it needs at least; points in each frame; share of the phases that are covered; "
-    "crosstalk of neighbouring points"
+    "Frames of each plane and the smallest number it needs; points in each frame; fraction "
+    "of the phases that are covered; crosstalk of neighbouring points"
 )
-READY_WORDS = "Nothing is planned yet.\nPress Plan target to search for the fewest frames that cover all phases."
+READY_WORDS = "There is no plan yet.\nPress Plan target to search for the fewest frames that cover all phases."
 
 
 def _rectangle(top: float, left: float, rows: float, columns: float, *, gap: bool = False) -> tuple[Any, Any]:
@@ -88,8 +89,11 @@ def _costs(found: PlannedTarget) -> str:
 
 def _covered(plane: PlaneDrawing) -> str:
     missing, most = int((plane.shown == 0).sum()), int(plane.shown.max())
-    crossed = f"{missing} of {plane.shown.size} are not covered: red crosses. " if missing else ""
-    return f"{crossed}Shown by up to {most} frame{'s' * (most != 1)}, brighter: by more. Click a position to read it."
+    crossed = f"{missing} of {plane.shown.size} are not covered (red crosses). " if missing else ""
+    return (
+        f"{crossed}The brighter a position, the more frames show it (at most {most}). Click a "
+        "position to read its number."
+    )
 
 
 def _note(found: PlannedTarget) -> str:
@@ -98,8 +102,10 @@ def _note(found: PlannedTarget) -> str:
     missing = sum(int((plane.shown == 0).sum()) for plane in found.planes)
     words = target_words(found.plan.target)
     if missing:
-        words += f". {missing} phases are not covered: allow more frames, or fit the optics to what is shown"
-    words += ". Crosstalk is by rays, whose patterns end" if found.plan.tails == "geometric" else ""
+        words += (
+            f". {missing} phases are not covered: allow more frames, or fit the optics to the phases that are covered"
+        )
+    words += ". Crosstalk is computed from rays, without diffraction" if found.plan.tails == "geometric" else ""
     return f"{words}. {found.coding_briefly}".rstrip()
 
 
@@ -133,7 +139,7 @@ class TargetDialog(QDialog):
         self._asked: tuple[ScanPlan, PlanSettings] | None = None
         some, rare = (fields_of(PlanTarget, without=HELD_OF_TARGET, more=more) for more in (False, True))
         some = tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some)
-        self.form = FoldedForm(some, rare, tip="Limits of the pose, and the light level for coded frames")
+        self.form = FoldedForm(some, rare, tip="Limits of the pose, and light level for coded frames")
         self.form.set_defaults(PlanSettings().shown())
         self.form.own_line("source")
         self.form.own_line("pose")
@@ -193,7 +199,10 @@ class TargetDialog(QDialog):
     def _build_map(self) -> None:
         self.map = PeriodMap()
         self.map.pointed = False
-        self.map.setToolTip("Frames that show each position; crossed out: none within the tolerance. Click to read one")
+        self.map.setToolTip(
+            "Number of frames that show each position. Crossed out: none within the tolerance. Click "
+            "a position to read its number"
+        )
         self.map.setAccessibleName("phases of the period that are covered")
         self.map.chosen.connect(self._read)
         self.read = WrappedLabel("")
@@ -201,7 +210,7 @@ class TargetDialog(QDialog):
 
     def _results(self) -> QWidget:
         self.plane = QComboBox()
-        self.plane.setToolTip("The depth plane whose images and phases are shown. Each plane has separate frames")
+        self.plane.setToolTip("Depth plane whose images and phases are shown. Each plane has separate frames")
         self.plane.setAccessibleName("plane")
         self.plane.currentIndexChanged.connect(lambda _: self._draw())
         images, left = card("Images on the sensor")
@@ -235,7 +244,7 @@ class TargetDialog(QDialog):
         self.save_button.setEnabled(self.found is not None)
         if self.found is None:
             self.message.setText(
-                "Looking for the fewest frames …" if busy else READY_WORDS if asked.many else POINT_WORDS
+                "Searching for the fewest frames …" if busy else READY_WORDS if asked.many else POINT_WORDS
             )
 
     def show_planned(self, found: PlannedTarget | None) -> None:
@@ -323,7 +332,7 @@ class TargetDialog(QDialog):
         """Look for the frames as a job."""
         plan, settings = self.context.state.plan, PlanSettings.of(self.context.state)
         if plan is None or not settings.many:
-            self.message.setText("there is no target to plan; make a plan, and type a source such as array")
+            self.message.setText("there is no target to plan; make a plan of the scan, and type a source such as array")
             return
         self.forget()
         # else the previous value would be used for the plan
@@ -371,4 +380,4 @@ class TargetDialog(QDialog):
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
             title = f"Save target plan {Path(path).name}"
             self.context.history.add(self.context.taken("setup", title, step=lambda: target_step(state, path)))
-            self.context.message.emit(f"target plan saved as {path}: record it in Record > Rig, by Target …")
+            self.context.message.emit(f"target plan saved as {path}; record it in Record > Rig, with Target …")

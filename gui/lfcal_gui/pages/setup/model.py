@@ -1,4 +1,4 @@
-"""The camera: fields of forms, where values come from, changes, and what follows from it. No Qt."""
+"""The camera: form fields, sources of values, changes, and derived quantities. No Qt."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
 DEGREE = math.pi / 180
 
 OPTICS = (("MainLens", "main lens"), ("Microscope", "microscope"), ("FourierMicroscope", "Fourier microscope"))
-KINDS = "A photographic main lens, a telecentric microscope, or one with lenslets in a pupil plane"
+KINDS = "A photographic main lens, a telecentric microscope, or a microscope with lenslets in a pupil plane"
 APERTURES = (("round", "round"), ("square", "square"))
-CENTRES = "Centre of each lenslet from the optical axis: x, y; x, y; …, to the right and downwards"
+CENTRES = "Centre of each lenslet relative to the optical axis: x, y; x, y; …, to the right and downwards"
 ARRAYS = (("hexagonal", "hexagonal"), ("square", "square"))
-CLEAR = "Of a lenslet on the sensor, round within its cell; empty: squares without gaps, discs of the pitch"
+CLEAR = "Diameter of a round lenslet on the sensor; empty: squares without gaps, or discs as wide as the pitch"
 FARTHEST = 1e6
 """Virtual depth beyond which a focal length no longer distinguishes focus at infinity."""
 
 FOCUS = "Virtual depths in focus, one or three; inf: focused at infinity (f = gap)"
-DISTORTED = "Departure of the micro-images from straight rows, and its largest size; measured in a white image"
-SATURATED = "Sample value from which samples are saturated; empty: the highest one only"
+DISTORTED = "Deviation of the micro-images from straight rows, and its largest value; measured in a white image"
+SATURATED = "Smallest sample value that is saturated; empty: the highest value"
 
 MAIN_LENS = (
     Field(
@@ -59,11 +59,21 @@ MAIN_LENS = (
     Field("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
     Field("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
     Field(
-        "optics.working_distance_um", "Distance", "mm", "From the lens to the plane imaged on the lenslets", scale=1e3
+        "optics.working_distance_um",
+        "Distance",
+        "mm",
+        "From the lens to the plane that is imaged onto the lenslets",
+        scale=1e3,
     ),
     Field("optics.blades", "Iris blades", "", "0 is a circular iris", "int"),
-    Field("optics.blade_rotation_rad", "Iris rotation", "°", "First vertex from the column axis", scale=DEGREE),
-    Field("optics.blade_curvature", "Blade curvature", "", "0 straight edges … 1 a circle"),
+    Field(
+        "optics.blade_rotation_rad",
+        "Iris rotation",
+        "°",
+        "Angle of the first vertex from the column axis",
+        scale=DEGREE,
+    ),
+    Field("optics.blade_curvature", "Blade curvature", "", "From 0 (straight edges) to 1 (a circle)"),
 )
 
 MICROSCOPE = (
@@ -76,18 +86,31 @@ MICROSCOPE = (
 
 LATTICE = (
     Field("lattice.kind", "Array", "", "Arrangement of the lenslets", "choice", choices=ARRAYS),
-    Field("lattice.pitch_um", "Pitch", "µm", "Distance of neighbouring micro-images along a row, on the sensor"),
-    Field("lattice.row_pitch_um", "Row distance", "µm", "Where it is not the ideal one", optional=True, empty="ideal"),
+    Field("lattice.pitch_um", "Pitch", "µm", "Distance between neighbouring micro-images along a row, on the sensor"),
+    Field(
+        "lattice.row_pitch_um",
+        "Row distance",
+        "µm",
+        "Distance between rows, if it is not the ideal one",
+        optional=True,
+        empty="ideal",
+    ),
     Field("lattice.gap_um", "Gap", "µm", "Distance B from lenslets to sensor"),
     Field("lattice.rotation_rad", "Rotation", "°", "From the column axis to the row axis (clockwise)", scale=DEGREE),
-    Field("lattice.shear_rad", "Shear", "°", "Angle from a row to the next, less the ideal one", scale=DEGREE),
+    Field("lattice.shear_rad", "Shear", "°", "Shear angle of the rows relative to the ideal lattice", scale=DEGREE),
     Field("lattice.offset_x", "Offset x", "µm", "Centre of a type-0 micro-image, right of the sensor's centre"),
     Field("lattice.offset_y", "Offset y", "µm", "Centre of a type-0 micro-image, below the sensor's centre"),
     Field("lattice.clear_um", "Clear diameter", "µm", CLEAR, optional=True, empty="as wide as the pitch"),
     Field("lattice.focus", "Types in focus at v", "", FOCUS, "floats", endless=True),
     Field("lattice.distortion", "Distortion", "", DISTORTED, "shown"),
     Field("lattice.fourier_um", "Fourier lens", "mm", "Focal length of the lens between image and lenslets", scale=1e3),
-    Field("lattice.focal_lengths_um", "Lenslets' focal lengths", "µm", "One for all, or one for each", "floats"),
+    Field(
+        "lattice.focal_lengths_um",
+        "Lenslets' focal lengths",
+        "µm",
+        "One value for all lenslets, or one for each type",
+        "floats",
+    ),
     Field("lattice.lens_centres_um", "Lenslet centres", "µm", CENTRES, "text"),
     Field("lattice.aperture", "Aperture", "", "Outline of a lenslet", "choice", choices=APERTURES),
 )
@@ -96,38 +119,46 @@ UNKNOWN: dict[str, Any] = {"optional": True, "empty": "not known"}
 SENSOR = (
     Field("sensor.rows", "Rows", "px", "Pixels from top to bottom", "int"),
     Field("sensor.columns", "Columns", "px", "Pixels from left to right", "int"),
-    Field("sensor.pixel_um", "Pixel pitch", "µm", "Seen at the lenslets, if relay optics lie between"),
+    Field("sensor.pixel_um", "Pixel pitch", "µm", "As seen at the lenslets, if there are relay optics"),
     Field("sensor.bit_depth", "Bit depth", "bit", "Bits per sample", "int"),
     Field("sensor.full_well_e", "Full well", "e⁻", "Electrons at the highest sample value"),
     Field("sensor.saturation", "Saturation", "counts", SATURATED, optional=True, empty="the highest"),
-    Field("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise without light"),
-    Field("sensor.dark_current_e_s", "Dark current", "e⁻/s", "Of each pixel; it adds noise in long exposures"),
+    Field("sensor.read_noise_e", "Read noise", "e⁻ rms", "Noise of a sample without light"),
+    Field(
+        "sensor.dark_current_e_s", "Dark current", "e⁻/s", "Dark current of each pixel. It adds noise in long exposures"
+    ),
     Field("sensor.black_level", "Black level", "counts", "Sample value without light"),
     Field("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
-    Field("sensor.dsnu_e", "DSNU", "e⁻ rms", "Offsets of the pixels in the dark; empty: not known", **UNKNOWN),
-    Field("sensor.linearity", "Non-linearity", "", "Largest relative departure of the signal from a line", **UNKNOWN),
-    Field("sensor.quantum_efficiency", "Quantum efficiency", "", "Detected share of photons"),
-    Field("sensor.fill_factor", "Fill factor", "", "Light-sensitive share of a pixel"),
+    Field("sensor.dsnu_e", "DSNU", "e⁻ rms", "Variation of the pixel offsets in the dark; empty: not known", **UNKNOWN),
+    Field(
+        "sensor.linearity",
+        "Non-linearity",
+        "",
+        "Largest relative deviation of the signal from a straight line",
+        **UNKNOWN,
+    ),
+    Field("sensor.quantum_efficiency", "Quantum efficiency", "", "Fraction of photons that are detected"),
+    Field("sensor.fill_factor", "Fill factor", "", "Light-sensitive fraction of a pixel"),
     Field(
         "sensor.cfa", "Colour filter", "", "Pattern by rows, e.g. GRBG; empty: monochrome", "text", empty="monochrome"
     ),
 )
 
 LIGHT = (
-    Field("camera.wavelength_um", "Wavelength", "nm", "Of the light the camera is calibrated with", scale=1e-3),
-    Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the light's spectrum", scale=1e-3),
+    Field("camera.wavelength_um", "Wavelength", "nm", "Wavelength of the light used for calibration", scale=1e-3),
+    Field("camera.bandwidth_um", "Bandwidth", "nm", "Full width of the spectrum of the light", scale=1e-3),
 )
 
 OF_A_LATTICE = ("kind", "pitch_um", "row_pitch_um", "gap_um", "rotation_rad", "shear_rad", "clear_um")
 IN_A_PUPIL = ("fourier_um", "gap_um", "focal_lengths_um", "clear_um", "aperture")
-"""Values of the two kinds of lenslets that have a field of the same name."""
+"""Values that share a field, for lenslets in an image plane and in a pupil plane."""
 
 BASIC = (
     *("optics.focal_length_um", "optics.f_number", "optics.working_distance_um"),
     *("optics.magnification", "optics.numerical_aperture", "optics.tube_length_um"),
     *("lattice.pitch_um", "lattice.fourier_um", "sensor.pixel_um", "camera.wavelength_um"),
 )
-"""Values that a camera cannot do without: three of a main lens or of a microscope, and three of the rest."""
+"""Essential values: three of a main lens or a microscope, and three others."""
 
 
 PATHS = {
@@ -140,20 +171,21 @@ PATHS = {
     "camera.wavelength_um": "wavelength_um",
     "camera.bandwidth_um": "bandwidth_um",
 }
-"""Fields whose value stands elsewhere in the description."""
+"""Fields whose value has another path in the description."""
 
 CHOSEN = ("depths_um", "stage", "order", "exposure_s", "settle_s", "frames_averaged", "resample")
-"""What of a plan does not follow from the camera."""
+"""Fields of a plan that do not follow from the camera."""
 
 TOGETHER = {"lattice.offset_um": "offset", "sensor.shape": "rows and columns"}
-"""Names of values that have two fields."""
+"""Names of values that are shown in two fields."""
 
 OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
-"""Values that another kind of array does not keep."""
+"""Values that are reset if the kind of array changes."""
 
 TIPS = {
-    "assumed": "This value was not stated: lfcal uses a typical one. Type the true value, or click if it is right.",
-    "derived": "This value follows from stated or measured ones.",
+    "assumed": "This value was not stated, so lfcal uses a typical one. Type the true value, or click "
+    "the mark if it is right.",
+    "derived": "This value is derived from stated or measured values.",
     "measured": "This value was measured in frames of the camera.",
     "stated": "This value is stated.",
 }
@@ -165,7 +197,7 @@ def path_of(key: str) -> str:
 
 
 def mark_of(camera: Camera, key: str) -> str:
-    """Return where the value of a field comes from."""
+    """Return the source of the value of a field."""
     path = path_of(key)
     return camera.marks[path] if path else "stated"
 
@@ -191,7 +223,7 @@ def stated(before: Camera, after: Camera, key: str) -> Camera:
 
 
 def state_with(state: ProjectState, camera: Camera, *, same: bool = False) -> dict[str, object]:
-    """Return the changes of a project that gets a new camera.
+    """Return the changes of a project for a new camera.
 
     The plan is kept if the image geometry is unchanged. If the camera is the ``same`` with another description, a new
     plan is made with the planes, exposures and stage of the old one. Its cutout and anchor are kept, unless they were
@@ -206,7 +238,7 @@ def state_with(state: ProjectState, camera: Camera, *, same: bool = False) -> di
 
 
 def carried(plan: ScanPlan, camera: Camera) -> ScanPlan | None:
-    """Return a plan for the camera as it is described now; None where no such planes can be scanned with it."""
+    """Return the plan adapted to ``camera``; None if its planes cannot be scanned with this camera."""
     chosen = {name: getattr(plan, name) for name in CHOSEN}
     try:
         suggested = ScanPlan.for_camera(plan.camera, depths_um=plan.depths_um, resample=plan.resample)
@@ -224,7 +256,7 @@ def carried(plan: ScanPlan, camera: Camera) -> ScanPlan | None:
 
 
 def name_at(path: str) -> str:
-    """Return the name of the value at a place of the description, as in a sentence."""
+    """Return the name, for use in a sentence, of the value at a path of the description."""
     fields = (*MAIN_LENS, *MICROSCOPE, *LATTICE, *SENSOR, *LIGHT)
     name = next((one.label for one in fields if path_of(one.key) == path), path)
     name = TOGETHER.get(path, name)
@@ -232,7 +264,7 @@ def name_at(path: str) -> str:
 
 
 def weighed_key(state: ProjectState) -> tuple[Any, ...] | None:
-    """Return what the effects of assumed values depend on; None: none is assumed."""
+    """Return everything on which the effects of assumed values depend; None if no value is assumed."""
     camera, plan = state.camera, state.plan
     assumed = camera.marks.paths("assumed")
     # time is relative, so that neither exposures nor averages matter much; the cutout does not matter at all
@@ -240,14 +272,14 @@ def weighed_key(state: ProjectState) -> tuple[Any, ...] | None:
 
 
 def weighed(state: ProjectState) -> tuple[AssumedEffect, ...]:
-    """Return the effect of each assumed value, the largest first; this takes about a second."""
+    """Return the effect of each assumed value, largest first; takes about a second."""
     from lfcal.simulate import iter_assumed_effects
 
     return drain(iter_assumed_effects(state.plan or default_plan(state.camera)))
 
 
 def _same_geometry(one: Camera, other: Camera) -> bool:
-    """Return whether two cameras differ at most in noise and levels: planes, cutout and anchor are then the same."""
+    """Return whether two cameras differ only in noise and levels, so that planes, cutout and anchor are the same."""
     sensor = replace(other.sensor, shape=one.sensor.shape, pixel_um=one.sensor.pixel_um)
     return sensor == other.sensor and replace(one, sensor=other.sensor) == other
 
@@ -305,7 +337,7 @@ def optics_of_kind(camera: Camera, kind: str) -> Camera:
 
 
 def apply_change(camera: Camera, key: str, value: Any) -> tuple[Camera | None, str]:
-    """Return the camera with one field changed and an empty string, or None and the reason it cannot be."""
+    """Return the camera with one field changed and ``""``, or None and the reason why the value is refused."""
     try:
         changed = stated(camera, _changed(camera, key, value), key)
         derived_of(changed)  # raises where nothing follows
@@ -362,17 +394,17 @@ def _lattice(lattice: LensletLattice | PupilLenslets, name: str, value: Any) -> 
 
 
 def _straight(lattice: LensletLattice) -> LensletLattice:
-    """Return the lattice without the measured distortion of its rows, which belongs to another kind of lattice."""
+    """Return the lattice without the measured distortion, which is not valid for another kind of lattice."""
     return replace(lattice, row_pitch_um=None, shear_rad=0.0, distortion=None)
 
 
 def facts(camera: Camera) -> str:
-    """Return what follows from the description, as rich text; what rests on assumed values in italics, doubts first."""
+    """Return quantities derived from the description as rich text: doubts first, uncertain values in italics."""
     cells = "".join(
         f"<tr><td style='padding-right:12px'>{item.label[:1].upper()}{item.label[1:]}</td><td>{_fact(item)}</td></tr>"
         for item in derived_of(camera)
     )
-    note = "<p><i>≈ rests on assumed values</i></p>" if any(item.assumed for item in derived_of(camera)) else ""
+    note = "<p><i>≈ depends on assumed values</i></p>" if any(item.assumed for item in derived_of(camera)) else ""
     questions = "".join(f"<p>⚠ {html.escape(doubt)}</p>" for doubt in doubts(camera))
     return f"{questions}<table cellspacing='1'>{cells}</table>{note}"
 

@@ -1,4 +1,4 @@
-"""The camera compared with a white image: the work, what is drawn of it, and maps of the lattice. No Qt."""
+"""Comparison of the camera with a white image: the work, its drawing, and maps of the lattice. No Qt."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from lfcal_gui.models import typeset
 
 DISTORTION, RESIDUALS = "distortion", "residuals"
 CELLS = 24
-"""Cells along the longer side."""
+"""Number of cells of a map along the longer side."""
 REACH = 0.9
 """Length of the longest arrow, in cells."""
 HEAD = 0.3
-"""Length of an arrow's head over that of the arrow."""
+"""Length of an arrow head relative to the arrow."""
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeMap:
-    """Displacements on a grid over the frame.
+    """Map of displacements on a grid over the frame.
 
     Attributes
     ----------
     size
-        ``(rows, columns)``: how far (pixels); NaN where no lenslet was placed.
+        Displacement (pixels) ``(rows, columns)``; NaN if the cell contains no lenslet.
     arrows
         ``(2 n, 2)``: ends (row, column) of line segments, pair after pair, in pixels of the frame.
     cell
         Side of a cell (pixels).
     gain
-        By how much the arrows are drawn too long.
+        Magnification of the arrows.
     """
 
     size: NDArray[np.float64]
@@ -49,17 +49,17 @@ class LatticeMap:
 
     @property
     def largest(self) -> float:
-        """Largest displacement (pixels); 0 where there is none."""
+        """Largest displacement (pixels); 0 if there is none."""
         return float(np.nanmax(self.size)) if np.isfinite(self.size).any() else 0.0
 
 
 def residual_map(fit: LatticeFit) -> LatticeMap:
-    """Return the mean displacement of the micro-images of each cell from the fitted lattice."""
+    """Return the map of the mean displacement of the micro-images from the fitted lattice in each cell."""
     return _map(fit.residual_map(CELLS), max(fit.shape) / CELLS)
 
 
 def distortion_map(fit: LatticeFit) -> LatticeMap | None:
-    """Return how far from the straight lattice micro-images are seen; None where the lattice is straight."""
+    """Return the map of the distortion relative to a straight lattice; None if the lattice is straight."""
     if fit.distortion is None:
         return None
     cell = max(fit.shape) / CELLS
@@ -85,22 +85,22 @@ def _map(shift: NDArray[np.float64], cell: float) -> LatticeMap:
 
 
 def lattice_words(fit: LatticeFit) -> str:
-    """Return which lattice was chosen and why, and what is doubtful of the frame, a line each."""
+    """Return the chosen lattice with the reason, and doubts about the frame, one line each."""
     dead = int(fit.dead.sum())
     count = f"{len(fit.index)} lenslets{f', {dead} of them dead' if dead else ''}"
-    lines = [f"Lattice {fit.reason or fit.form}. {count}, {fit.residual_rms_px:.3f} px rms off it."]
+    lines = [f"Lattice {fit.reason or fit.form}. {count}, residual {fit.residual_rms_px:.3f} px rms."]
     return "\n".join([*lines, *(f"Doubtful: {note}" for note in fit.notes)])
 
 
 MOST_PIXELS = 1400
-"""Rows or columns of the picture; larger frames are shown coarser."""
+"""Largest number of rows or columns of the image; larger frames are subsampled."""
 MOST_MARKS = 4000
-"""Lenslets drawn over it; of more, those near the first corner."""
+"""Largest number of lenslets drawn; of more, only those near the first corner."""
 
 
 @dataclass(frozen=True)
 class Checked:
-    """A comparison with its picture.
+    """A comparison with its image.
 
     Attributes
     ----------
@@ -109,13 +109,13 @@ class Checked:
     check
         The comparison.
     camera
-        The camera that was compared.
+        Camera that was compared.
     picture, step
-        The white image, every ``step``-th pixel.
+        White image subsampled to every ``step``-th pixel, and this step.
     centres, described
-        ``(n, 2)``: centres (row, column) of micro-images as fitted and as the camera says, in pixels of the frame.
+        Fitted and described centres (row, column) of micro-images ``(n, 2)``, in pixels of the frame.
     maps
-        How the micro-images depart from straight rows (`DISTORTION`, where they do) and from the lattice
+        Maps of the deviation of the micro-images from straight rows (`DISTORTION`, if any) and from the lattice
         (`RESIDUALS`).
     """
 
@@ -130,22 +130,22 @@ class Checked:
 
     @property
     def whole(self) -> bool:
-        """Whether the white image is of the whole sensor, so that a scan can be drawn in it."""
+        """Whether the white image covers the full sensor, so that a scan can be drawn in it."""
         return self.picture.shape == tuple(-(-n // self.step) for n in self.camera.sensor.shape)
 
     @property
     def words(self) -> str:
-        """What the comparison shows, in a sentence."""
+        """Result of the comparison in a sentence."""
         wrong = [one for one in self.check.lines if one.verdict == self.check.verdict]
         if self.check.verdict != FITS and wrong:
             more = f" ({len(wrong) - 1} more)" if len(wrong) > 1 else ""
             return typeset(f"{wrong[0].label}: {wrong[0].measured}, described as {wrong[0].expected}{more}.")
         fit = self.check.fit
-        return "" if fit is None else f"Pitch {fit.pitch_px:.3f} px, off by {fit.residual_rms_px:.2f} px."
+        return "" if fit is None else f"Pitch {fit.pitch_px:.3f} px, residual {fit.residual_rms_px:.2f} px rms."
 
 
 def iter_check(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
-    """Yield progress and return the comparison of ``camera`` with a white image."""
+    """Compare ``camera`` with a white image; yield progress and return the comparison."""
     clock = Clock("fitting the lattice of the white image", 2)
     yield clock.at(0)
     frame = read_image(white)
@@ -184,5 +184,5 @@ def _described(camera: Camera, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def _thinned(centres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the `MOST_MARKS` centres nearest the frame's first corner, which is looked at first."""
+    """Return the `MOST_MARKS` centres nearest to the first corner of the frame, which is shown first."""
     return centres[np.argsort(centres.sum(axis=1), kind="stable")[:MOST_MARKS]]

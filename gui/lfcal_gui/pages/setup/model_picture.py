@@ -1,4 +1,4 @@
-"""What the place shows of camera and plan: the sensor with the scan on it, the planes, and the costs. No Qt."""
+"""Images and numbers of Set up: the sensor with the scan, the planes, and the costs. No Qt."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from lfcal.simulate import ExpectedLight, ScanChoice
 
 MOST = 480
-"""Samples along the longer side of a drawn lattice."""
+"""Number of samples along the longer side of a drawn lattice."""
 FINEST = 3.0
-"""Samples of a pitch; lenslets that are smaller are not drawn."""
+"""Smallest number of samples per pitch; smaller lenslets are not drawn."""
 CENTRES = 3000
-"""Number of lenslets in view above which no centres are drawn: they would cover the picture."""
+"""Largest number of visible lenslets for which centres are drawn; more would cover the image."""
 LENSLETS = 24
-"""Lenslets seen along a side where nothing is planned."""
+"""Number of lenslets shown along a side if there is no plan."""
 DARK, LIT, SHADE = 0.08, 0.36, 0.12
-"""Values between and within lenslets, of 1, and by how much less at their edges."""
+"""Brightness (0 to 1) between and within lenslets, and its decrease towards their edges."""
 
 Area = tuple[float, float, float, float]
 """First row and column, height and width (px)."""
@@ -37,16 +37,16 @@ Area = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class ScanScene:
-    """A camera, with the scan that is planned for it, and its white image.
+    """A camera with its scan plan and its white image.
 
     Attributes
     ----------
     camera, plan
-        What is described.
+        Camera and plan.
     half
-        Positions ``(n, 3)`` that are recorded; None: all.
+        Recorded positions ``(n, 3)``; None: all.
     checked
-        The white image with the lattice in it.
+        White image with its fitted lattice; None if there is none.
     """
 
     camera: Camera
@@ -55,7 +55,7 @@ class ScanScene:
     checked: Checked | None = None
 
     def same_view(self, other: ScanScene | None) -> bool:
-        """Return whether both are looked at in the same way, wherever the scan is."""
+        """Return whether both scenes have the same view, except for the position of the scan."""
         if other is None or self.camera != other.camera or self.checked is not other.checked:
             return False
         if self.plan is None or other.plan is None:
@@ -64,13 +64,13 @@ class ScanScene:
 
     @property
     def lattice(self) -> Camera:
-        """The camera whose lattice is drawn: as measured, where it was."""
+        """Camera whose lattice is drawn: the measured one if there is one."""
         measured = None if self.checked is None else self.checked.check.camera
         return measured or self.camera
 
     @property
     def cutout(self) -> Area | None:
-        """The cutout about the middle of the scan."""
+        """Cutout around the middle of the scan."""
         plan = self.plan
         if plan is None:
             return None
@@ -80,7 +80,7 @@ class ScanScene:
 
     @property
     def counted(self) -> Area | None:
-        """All pixels that some cutout of the scan has."""
+        """Area of the pixels in any cutout of the scan."""
         plan = self.plan
         if plan is None:
             return None
@@ -89,7 +89,7 @@ class ScanScene:
         return row, column, height, width
 
     def area(self) -> Area:
-        """Return the area that is shown first: the scan with some room, or the middle of the sensor."""
+        """Return the initial view: the scan with a margin, or the middle of the sensor."""
         rows, columns = self.camera.sensor.shape
         counted = self.counted
         if counted is not None:
@@ -101,7 +101,7 @@ class ScanScene:
         return (rows - height) / 2, (columns - width) / 2, height, width
 
     def shot(self, view: Area) -> Shot:
-        """Return the white image, or the lattice drawn in ``view``."""
+        """Return the white image, or a drawing of the lattice in ``view``."""
         if self.checked is not None and self.checked.whole:
             return Shot(
                 self.checked.picture,
@@ -128,7 +128,7 @@ class ScanScene:
         )
 
     def centres(self, view: Area) -> Camera | None:
-        """Return the camera whose centres of lenslets are drawn in ``view``; None: there are too many."""
+        """Return the camera whose lenslet centres are drawn in ``view``; None if there are too many."""
         camera = self.lattice
         few = not camera.has_lattice or view[2] * view[3] < CENTRES * camera.pitch_px**2
         return camera if few else None
@@ -143,7 +143,7 @@ class ScanScene:
         return Outline(path, "#b0ffffff", closed=False, width=0.8), border
 
     def cutout_overlays(self) -> tuple[Overlay, ...]:
-        """Return the cutout in the middle of the scan, and dashed what all cutouts together have."""
+        """Return the cutout in the middle of the scan, and the dashed area of all cutouts."""
         if self.cutout is None or self.counted is None:
             return ()
         (middle,) = cutout_of(*self.cutout[:2], (round(self.cutout[2]), round(self.cutout[3])))
@@ -164,13 +164,13 @@ class ScanScene:
 
 
 def _on_sensor(places: NDArray[Any], side: int) -> NDArray[np.float64]:
-    """Return the places that are on a sensor of so many pixels, or one that is not."""
+    """Return the positions that are on a sensor with ``side`` pixels, or one outside if there are none."""
     inside: NDArray[np.float64] = places[(places >= -0.5) & (places <= side - 0.5)]
     return inside if inside.size else places[:1]
 
 
 def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: float) -> NDArray[np.float32]:
-    """Return lenslets as discs, or as squares without gaps, at sensor rows and columns."""
+    """Return an image of the lenslets, as discs or as squares without gaps, at sensor rows and columns."""
     lattice = camera.lattice
     values = np.full((rows.size, columns.size), DARK, np.float32)
     if isinstance(lattice, PupilLenslets):
@@ -200,12 +200,12 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
 
 
 def light_key(plan: ScanPlan) -> tuple[Any, ...]:
-    """Return what the light of the patterns depends on."""
+    """Return everything on which the light of the patterns depends."""
     return plan.camera, plan.period, plan.cutout, plan.depths_um, plan.resample
 
 
 def expected_light(plan: ScanPlan) -> ExpectedLight:
-    """Return how bright the pixels of the patterns are; it takes seconds."""
+    """Return the expected brightness of the pixels of the patterns; takes seconds."""
     from lfcal.simulate import iter_expected_light
 
     return drain(iter_expected_light(plan))
@@ -213,18 +213,18 @@ def expected_light(plan: ScanPlan) -> ExpectedLight:
 
 @dataclass(frozen=True, eq=False)
 class ScanCosts:
-    """Time, bytes and noise of a plan.
+    """Forecast time, bytes and noise of a plan.
 
     Attributes
     ----------
     plan, settings, half
-        The scan, its settings, and the positions ``(n, 3)`` that are recorded; None: all.
+        Scan plan, settings, and recorded positions ``(n, 3)`` (None: all).
     forecast
         Time and bytes.
     choices
-        Ways to record it, the fastest first; empty where the noise is not known.
+        Ways to record the scan, fastest first; empty if the noise is unknown.
     unknown
-        Why it is not known; empty where it is known, or still computed.
+        Why the noise is unknown; empty if it is known or still being computed.
     """
 
     plan: ScanPlan
@@ -238,7 +238,7 @@ class ScanCosts:
     def of(
         cls, plan: ScanPlan, settings: PlanSettings, half: NDArray[np.intp] | None, light: ExpectedLight | None
     ) -> ScanCosts:
-        """Return the costs of a plan, with its noise where the light of its patterns is known."""
+        """Return the costs of a plan, with its noise if the light of its patterns is known."""
         speed, rate = settings.speed, settings.frame_rate
         forecast = Forecast.of(plan, stage_um_per_s=speed, frames_per_s=rate, positions=half)
         unknown = _unknown(plan, settings)
@@ -250,12 +250,12 @@ class ScanCosts:
 
     @property
     def own(self) -> int:
-        """Number of the choice that the plan is; -1: there are none."""
+        """Index of the choice that matches the plan; -1 if there are no choices."""
         return next((k for k, one in enumerate(self.choices) if one.plan is self.plan), -1)
 
     @property
     def way(self) -> str:
-        """How a position is recorded, such as ``4 frames of 20 ms``."""
+        """Frames and exposure per position, such as ``4 frames of 20 ms``."""
         frames, exposures = self.plan.frames_averaged, sorted(set(self.plan.exposures))
         times = " … ".join(format_seconds(one) for one in dict.fromkeys((exposures[0], exposures[-1])))
         return f"{format_count(frames, 'frame', 'frames')} of {times}"
@@ -299,7 +299,7 @@ def _unknown(plan: ScanPlan, settings: PlanSettings) -> str:
 
 @dataclass(frozen=True)
 class Number:
-    """A big number: its value, its unit, and what it is."""
+    """A large displayed number with its unit and its meaning."""
 
     value: str
     unit: str
@@ -313,7 +313,7 @@ class Number:
 
 
 def numbers_of(costs: ScanCosts | None, checked: Checked | None) -> tuple[Number, ...]:
-    """Return what the scan costs, its noise, and how far the lattice is off."""
+    """Return time, bytes and noise of the scan, and the residual of the lattice."""
     found = []
     if costs is not None:
         forecast = costs.forecast
@@ -325,10 +325,10 @@ def numbers_of(costs: ScanCosts | None, checked: Checked | None) -> tuple[Number
             _noise(costs),
         ]
     if checked is not None and checked.check.fit is not None:
-        found.append(Number.of(f"{checked.check.fit.residual_rms_px:.2f} px", "lattice off by, rms"))
+        found.append(Number.of(f"{checked.check.fit.residual_rms_px:.2f} px", "lattice residual, rms"))
     elif costs is not None:
         residual = max(map(abs, costs.plan.period_residual_px))
-        found.append(Number.of(f"{residual:.2f} px", "period off lattice"))
+        found.append(Number.of(f"{residual:.2f} px", "period residual"))
     return tuple(found)
 
 

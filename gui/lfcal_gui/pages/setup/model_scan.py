@@ -1,4 +1,4 @@
-"""The scan plan as the task PlanScan, and its drawing. No Qt."""
+"""Scan plan as the task PlanScan, and its drawing. No Qt."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ HELD = frozenset({"camera", "out", "list_file"})
 """Fields of `lfcal.tasks.PlanScan` that are not in the form: the camera, and the files that *Save …* writes."""
 
 BASIC_OF_SCAN = ("virtual_depths", "depths", "cutout", "exposure")
-"""Fields that are never folded."""
+"""Keys of fields that are never folded."""
 
 ROWS = {row.name: row for row in rows(PlanScan)}
 PLANES = ("depths", "virtual_depths")
 
 
 def default_plan(camera: Camera) -> ScanPlan:
-    """Return a plan to begin with: a few planes on one side of the array for a lens, on both for a microscope."""
+    """Return an initial plan: a few planes on one side of the array for a main lens, on both for a microscope."""
     if not camera.optics.telecentric:
         near = max((t.focus_depth(camera.lattice.gap_um) for t in camera.lattice.types), default=4.0)
         far = near if np.isfinite(near) and near > 2 else 5.0
@@ -39,7 +39,7 @@ def default_plan(camera: Camera) -> ScanPlan:
 
 
 def _values(plan: ScanPlan) -> dict[str, Any]:
-    """Return the values of a plan by the names of the task's fields."""
+    """Return the values of a plan by field name of the task."""
     exposures = plan.exposures
     return {
         "depths": plan.depths_um,
@@ -55,12 +55,12 @@ def _values(plan: ScanPlan) -> dict[str, Any]:
 
 
 def scan_task(plan: ScanPlan, out: str = "plan.json", **changed: Any) -> PlanScan:
-    """Return the task that makes a plan of its camera, with some values ``changed``."""
+    """Return the task that makes ``plan`` from its camera, with some values ``changed``."""
     return PlanScan(**{"camera": CAMERA_FILE, "out": Path(out), **_values(plan), **changed})
 
 
 def values_of(plan: ScanPlan) -> dict[str, Any]:
-    """Return what the form shows of a plan: planes are rounded."""
+    """Return the values of a plan shown in the form, with rounded planes."""
     planes = {
         # no minus before a zero
         "virtual_depths": tuple(float(f"{v:.6g}") + 0.0 for v in plan.virtual_depths),
@@ -71,7 +71,7 @@ def values_of(plan: ScanPlan) -> dict[str, Any]:
 
 
 def suggested_values(camera: Camera) -> dict[str, Any]:
-    """Return what the form shows of the plan that the camera's geometry suggests; empty: it suggests none."""
+    """Return the form values of the plan derived from the camera geometry; empty if there is none."""
     try:
         return values_of(default_plan(camera))
     except LfcalError:
@@ -80,7 +80,7 @@ def suggested_values(camera: Camera) -> dict[str, Any]:
 
 @lru_cache(maxsize=4, typed=True)
 def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None, str]:
-    """Return the plan with one field changed and an empty string, or None and the reason it cannot be."""
+    """Return the plan with one field changed and ``""``, or None and the reason why the value is refused."""
     try:
         return _changed(plan, key, ROWS[key].value(value, ROWS[key].label)), ""
     except (LfcalError, ZeroDivisionError, OverflowError) as error:
@@ -88,9 +88,9 @@ def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None,
 
 
 def moved(plan: ScanPlan, key: str, value: Any) -> ScanPlan | str:
-    """Return the plan with a cutout or an anchor that leaves the sensor here, moved; or why that does not help.
+    """Return the plan with a changed cutout or anchor, moved onto the sensor, or why moving does not help.
 
-    Empty: the value is refused for another reason.
+    The reason is empty if the value is refused for another cause.
     """
     if key not in ("cutout", "anchor"):
         return ""
@@ -129,7 +129,7 @@ def _changed(plan: ScanPlan, key: str, value: Any) -> ScanPlan:
 
 @lru_cache(maxsize=8)
 def is_usual(plan: ScanPlan) -> bool:
-    """Return whether the task makes this plan of its camera, but for the origin of the stage."""
+    """Return whether the task makes this plan from its camera, apart from the origin of the stage."""
     try:
         made = scan_task(plan).scan(plan.camera)
     except LfcalError:
@@ -138,24 +138,24 @@ def is_usual(plan: ScanPlan) -> bool:
 
 
 def half_of(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return the positions ``(n, 3)`` of a half-cell scan; raises `InputError` if half of the period is not enough."""
+    """Return the positions ``(n, 3)`` of a half-cell scan; raise `InputError` if half of the period is not enough."""
     return half_cell(plan).half(plan)
 
 
 def list_text(positions: NDArray[np.intp]) -> str:
-    """Return the list of positions as its file has it."""
+    """Return the content of the file that lists positions."""
     from lfcal.acquire import RedoList  # here: a page is shown before devices are loaded
 
     return RedoList.of(positions.tolist()).to_json()
 
 
 def list_beside(path: str | Path) -> Path:
-    """Return the file of the list of positions next to that of the plan."""
+    """Return the path of the list of positions next to the plan file."""
     return Path(path).with_name(f"{Path(path).stem}_positions.json")
 
 
 def scan_path(plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> NDArray[np.float64]:
-    """Return where the image goes in a plane, ``(n, 2)`` pixels; with ``positions`` no others are recorded."""
+    """Return the path of the image in a plane ``(n, 2)`` (px), restricted to ``positions`` if given."""
     order = _first_plane(plan, positions)
     path: NDArray[np.float64] = plan.image_px(order)[:: max(1, len(order) // PATH_POINTS)]
     return path
@@ -170,7 +170,7 @@ def _first_plane(plan: ScanPlan, positions: NDArray[np.intp] | None) -> NDArray[
 
 
 def path_lines(plan: ScanPlan, between: str, positions: NDArray[np.intp] | None = None) -> Iterator[str]:
-    """Yield the scan path of a plane as a table: positions in their order, and where their images are (px)."""
+    """Yield the scan path of a plane as table lines: positions in scan order with their image positions (px)."""
     yield between.join(("y", "x", "row_px", "column_px")) + "\n"
     order = _first_plane(plan, positions)
     for (_, y, x), (row, column) in zip(order.tolist(), plan.image_px(order).tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""A target of many points for the positions of a scan, as the task PlanTarget; its plan as rows and drawings. No Qt."""
+"""Target of many points as the task PlanTarget, and its plan as table rows and drawings. No Qt."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from lfcal.tasks import TargetPlanned
 
 PEAK = 0.8
-"""Share of the full well that the brightest pixel is planned to reach."""
+"""Default fraction of the full well that the brightest pixel reaches."""
 
 MOST_DRAWN = 6000
-"""Points that are drawn at most: whole frames, the first ones."""
+"""Largest number of points drawn; of more, only those of the first frames."""
 
 RATES = ("speed", "frame_rate")
-"""Fields that forecasts of scan and target have in common: the form of the scan shows them."""
+"""Fields shared by the forecasts of scan and target; the form of the scan shows them."""
 
 OF_SCAN = (*RATES, "half_cell", "peak")
-"""Fields of the form of the scan that are settings of the page, and no values of the plan."""
+"""Fields in the form of the scan that are settings of the page instead of values of the plan."""
 
 HELD_OF_TARGET = frozenset({"plan", "out", *RATES})
 """Fields of `lfcal.tasks.PlanTarget` that are not in the form of the target."""
@@ -42,7 +42,7 @@ TABLE = ("plane", "frames", "at least", "points", "phases", "crosstalk")
 
 @dataclass(frozen=True)
 class PlanSettings(PageSettings):
-    """Values of `lfcal.tasks.PlanTarget` by the names of its fields; without a ``source`` there is a single point.
+    """Values of the fields of `lfcal.tasks.PlanTarget`; an empty ``source`` is a single point.
 
     ``half_cell`` and ``peak`` are those of `lfcal.tasks.PlanScan`.
     """
@@ -63,7 +63,7 @@ class PlanSettings(PageSettings):
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
-        """Return the settings in ``data``, also by the names of earlier projects, and why values were refused."""
+        """Return the settings in ``data``, also with names of earlier projects, and the reasons for refused values."""
         if isinstance(data, Mapping):
             earlier = {"tolerance_px": "tolerance"}
             data = {earlier.get(name, name): "" if value == "point" else value for name, value in data.items()}
@@ -75,51 +75,51 @@ class PlanSettings(PageSettings):
         return bool(self.source)
 
     def usable(self) -> None:
-        """Raise `InputError` where the task would refuse a value."""
+        """Raise `InputError` if the task would refuse a value."""
         target_task(self if self.many else replace(self, source="array"))
 
     def changed(self, key: str, value: Any) -> Self:
-        """Return the settings with one changed; raise `InputError` where it cannot be."""
+        """Return the settings with one changed; raise `InputError` if the value is refused."""
         given = value.strip() if isinstance(value, str) else value
         made = replace(self, **{key: ROWS[key].value(given, ROWS[key].label)})
         made.usable()
         return made
 
     def shown(self) -> dict[str, Any]:
-        """Return what forms show."""
+        """Return the values shown in the forms."""
         of_scan = shown_of(PlanScan, {"half_cell": self.half_cell, "peak": self.peak})
         return shown_of(PlanTarget, self.to_dict()) | {key: of_scan[key] for key in ("half_cell", "peak")}
 
     @classmethod
     def of_plan(cls, plan: TargetPlan) -> PlanSettings:
-        """Return what was asked for where ``plan`` was made, as far as it shows it."""
+        """Return the settings with which ``plan`` was made, as far as the plan contains them."""
         from lfcal.targets import target_words
 
         return cls(target_words(plan.target), plan.tolerance_px, max(plan.crosstalk), None, plan.target.pose.words)
 
     def at_rates_of(self, other: PlanSettings) -> PlanSettings:
-        """Return the settings with the speed, the frame rate and the brightest pixel of others."""
+        """Return the settings with the speed, frame rate and brightest pixel of ``other``."""
         return replace(self, speed=other.speed, frame_rate=other.frame_rate, peak=other.peak)
 
 
 def target_task(settings: PlanSettings, out: str = "target_plan.json") -> PlanTarget:
-    """Return the task that plans the target; raises `InputError` where it cannot be."""
+    """Return the task that plans the target; raise `InputError` if the settings are invalid."""
     own = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name not in ("half_cell", "peak")}
     return PlanTarget(plan=Path(PLAN_FILE), out=Path(out), **own)
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneDrawing:
-    """What is drawn of a plane.
+    """Drawing of a plane.
 
     Attributes
     ----------
     points
         ``(n, 3)`` as (frame, row, column): images whose cutouts are on the sensor (px).
     few, many
-        The fewest and the most points of a frame.
+        Smallest and largest number of points in a frame.
     shown
-        ``(ny, nx)`` how many frames show each position within the tolerance.
+        Number of frames that show each position within the tolerance ``(ny, nx)``.
     """
 
     points: NDArray[np.float64]
@@ -129,11 +129,11 @@ class PlaneDrawing:
 
     @property
     def coverage(self) -> float:
-        """Share of the positions that some frame shows."""
+        """Fraction of the positions that at least one frame shows."""
         return float((self.shown > 0).mean())
 
     def drawn(self) -> NDArray[np.float64]:
-        """Return the points of the first frames, as many as can be drawn, the first frame in any case."""
+        """Return the points of as many first frames as can be drawn, at least those of the first frame."""
         if len(self.points) <= MOST_DRAWN:
             return self.points
         last = max(1.0, self.points[MOST_DRAWN, 0])
@@ -143,16 +143,16 @@ class PlaneDrawing:
 
 @dataclass(frozen=True, eq=False)
 class PlannedTarget:
-    """A plan of a target and what is shown of it.
+    """A target plan with its drawings.
 
     Attributes
     ----------
     made
-        What the task made.
+        Result of the task.
     planes
-        A drawing for each plane.
+        Drawing of each plane.
     coding
-        Whether showing several frames together would pay, in words; empty where there are none to show together.
+        Advice on showing several frames together (coded frames); empty if it does not apply.
     """
 
     made: TargetPlanned
@@ -171,7 +171,7 @@ class PlannedTarget:
         return f"{verdict}." if reasons else verdict
 
     def summary(self) -> list[tuple[str, str, str]]:
-        """Return rows (what, by this target, by a single point)."""
+        """Return rows (quantity, value for this target, value for a single point)."""
         ours, single = self.plan.forecast(**self.made.task.rates), self.made.forecast
         total = "Time, no readout" if ours.readout_hours is None else "Time"
         parts = {
@@ -193,7 +193,7 @@ class PlannedTarget:
         ]
 
     def _expected(self) -> Iterator[tuple[str, str, str]]:
-        """Yield what noise leaves of a pattern, and the phases shown, by half and by all frames of the middle plane."""
+        """Yield rows of expected noise and covered phases, for all and for half of the frames of the middle plane."""
         errors = self.made.facts["expected_error"]
         found = errors[len(errors) // 2]
         count = len(found["error"])
@@ -219,9 +219,9 @@ def iter_target(scan: ScanPlan, settings: PlanSettings) -> Work[PlannedTarget]:
 
 
 def iter_drawn(made: TargetPlanned) -> Work[PlannedTarget]:
-    """Return what is shown of a plan."""
+    """Return a target plan with its drawings."""
     planes, count = [], len(made.plan.scan.depths_um)
-    clock = Clock("look at what is covered", count)
+    clock = Clock("finding covered phases", count)
     for z in range(count):
         yield clock.at(z)
         planes.append(_drawing(made.plan, z))
@@ -229,9 +229,9 @@ def iter_drawn(made: TargetPlanned) -> Work[PlannedTarget]:
 
 
 def _coding(made: TargetPlanned) -> str:
-    """Return in words whether coded frames (several subsets of points at the same time) reduce the noise."""
+    """Return, as text, whether coded frames (several subsets of points at the same time) reduce the noise."""
     if made.plan.lit is not None:
-        return "Frames of a display that shows several subsets of points together, by an S-matrix."
+        return "Frames of a display that shows several subsets of points together, coded with an S-matrix."
     words = "" if made.verdict is None else f"{made.verdict.frames_words}."
     return words[:1].upper() + words[1:]
 
@@ -242,7 +242,7 @@ def read_plan(path: str, settings: PlanSettings | None = None) -> ScanPlan | Pla
     Raises
     ------
     LfcalError
-        If there is none in it.
+        If the file contains none.
     """
     text = read_text(Path(path))
     if '"lfcal-target-plan"' not in text[:200]:
@@ -268,7 +268,7 @@ def _drawing(plan: TargetPlan, z: int) -> PlaneDrawing:
 
 
 def table_rows(found: PlannedTarget) -> tuple[list[tuple[str, ...]], list[tuple[float, ...]]]:
-    """Return the planes as rows of text under `TABLE`, and the numbers they are sorted by."""
+    """Return the planes as rows of text under the columns `TABLE`, and their sort keys."""
     rows: list[tuple[str, ...]] = []
     numbers: list[tuple[float, ...]] = []
     for z, plane in enumerate(found.planes):
@@ -283,7 +283,7 @@ def table_rows(found: PlannedTarget) -> tuple[list[tuple[str, ...]], list[tuple[
 
 
 def point_lines(plane: PlaneDrawing, between: str) -> Iterator[str]:
-    """Yield the images of a plane as a table, columns parted by what stands ``between``."""
+    """Yield the images of a plane as table lines, with ``between`` as the column separator."""
     yield between.join(("frame", "row_px", "column_px")) + "\n"
     for frame, row, column in plane.points:
         yield f"{int(frame) + 1}{between}{row:.6g}{between}{column:.6g}\n"

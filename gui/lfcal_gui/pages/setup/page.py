@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes})
 FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
 IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
-LOST = "This camera cannot scan the planes of the plan, which was removed; undo brings it back"
+LOST = "This camera cannot scan the planes of the plan, so the plan was removed. Undo restores it"
 LEAVES = "the cutout leaves the sensor"
 MATTERS = 0.01
 """Change of time, cutout or H from which an assumed value is asked for."""
@@ -187,7 +187,7 @@ class Page(BasePage):
     def _choose(self, choice: ScanChoice) -> None:
         state = self.context.state
         settings = replace(PlanSettings.of(state), peak=choice.peak).into(state)
-        self.context.project.merge("time against accuracy", plan=choice.plan, settings=settings)
+        self.context.project.merge("time versus accuracy", plan=choice.plan, settings=settings)
 
     def _weigh(self) -> None:
         state = self.context.state
@@ -241,7 +241,7 @@ class Page(BasePage):
         if before is not None and self.context.state.plan is None:
             words = "The plan belonged to the previous camera and was removed. Undo restores both."
             self.context.message.emit(words)
-            self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it so")
+            self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it")
         return True
 
     def _take_back(self, label: str) -> None:
@@ -249,7 +249,7 @@ class Page(BasePage):
         if self.context.project.undo_label == label:
             self.context.project.undo()
         else:
-            self.refuse("Something else was changed since: undo step by step (Ctrl+Z)")
+            self.refuse("Something else was changed since then; undo step by step (Ctrl+Z)")
 
     def _confirmed(self, paths: tuple[str, ...]) -> None:
         label = f"confirm {paths[0]}" if len(paths) == 1 else f"confirm {len(paths)} values"
@@ -277,7 +277,7 @@ class Page(BasePage):
 
         def read(found: Imported) -> None:
             if self._set(found.camera, f"import of {Path(path).name}"):
-                self.context.message.emit(f"camera taken from {path}")
+                self.context.message.emit(f"camera imported from {path}")
                 self._tell(found)
 
         self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
@@ -341,7 +341,7 @@ class Page(BasePage):
         self.context.jobs.cancel(self._job)
         camera, dark = self.context.state.camera, Path(self._dark) if self._dark else None
         self._job = self.context.jobs.start(
-            f"Check against {Path(path).name}",
+            f"Compare with {Path(path).name}",
             "setup",
             lambda: iter_check(camera, Path(path), dark),
             self._show_check,
@@ -352,7 +352,7 @@ class Page(BasePage):
 
     def _show_check(self, found: Checked) -> None:
         if found.camera != self.context.state.camera:
-            self._forget_check("The camera changed meanwhile; compare it again.")
+            self._forget_check("The camera changed in the meantime; compare it again.")
             return
         self._checked = found
         self.check.show_check(found)

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 VIEWS = (
     ("Sensor", "The sensor with lenslets, scan path and cutout"),
     ("Optics", "Main optics and array, drawn to scale"),
-    ("Depth", "What the planes look like, and every figure of the forecast"),
+    ("Depth", "Aperture images of the planes, and all numbers of the forecast"),
 )
 
 OVERLAYS = ("Lattice centres", "Scan path", "Cutout")
@@ -86,8 +86,8 @@ class CostRow(QWidget):
         self.labels = [(QLabel(), ElidedLabel()) for _ in range(4)]
         self.title, self.slider = ElidedLabel(), QSlider(Qt.Orientation.Horizontal)
         self.title.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.slider.setToolTip("Record faster or more exactly: exposure and averages of the plan change")
-        self.slider.setAccessibleName("time against accuracy")
+        self.slider.setToolTip("Record faster or more exactly, by changing exposure and averages of the plan")
+        self.slider.setAccessibleName("time versus accuracy")
         self.slider.setPageStep(1)
         self.slider.valueChanged.connect(self._chosen)
         self.slider.sliderReleased.connect(self._show_slider)
@@ -129,7 +129,7 @@ class CostRow(QWidget):
 
     def _show_title(self) -> None:
         if self._costs is not None:
-            name = "Time against accuracy: " if self.width() >= NAMED or self.width() < ABREAST else ""
+            name = "Time versus accuracy: " if self.width() >= NAMED or self.width() < ABREAST else ""
             self.title.setText(name + self._costs.way)
             self.title.setToolTip(_effort_tip(self._costs))
 
@@ -177,8 +177,9 @@ def _effort_tip(costs: ScanCosts) -> str:
         return f"The noise of H is not known: {costs.unknown or 'it is being computed'}"
     peak = format_share(costs.choices[costs.own].peak)
     return (
-        "Time against accuracy. Left: shorter exposures, fewer frames. Right: longer exposures, then more frames.\n"
-        f"Now: {costs.way}. The brightest pixel reaches {peak} of the full well. Undo (Ctrl+Z) restores the plan"
+        "Time versus accuracy. Left: shorter exposures, fewer frames. Right: longer exposures, "
+        f"then more frames.\nNow: {costs.way}. The brightest pixel reaches {peak} of the full "
+        "well. Undo (Ctrl+Z) restores the plan"
     )
 
 
@@ -217,7 +218,7 @@ class PlanningPanel(QWidget):
         self.optics = OpticsView()
         self.facts, self.forecast = _figures(), _figures()
         self.strip = Strip(_tip, 64)
-        self.strip.setToolTip("Apertures expected in the planes of the scan. Click to draw one in the cutout")
+        self.strip.setToolTip("Expected apertures in the planes of the scan. Click one to draw it in the cutout")
         self.strip.chosen.connect(lambda _: self._draw())
         self.views = QStackedWidget()
         for view in (self.picture, self.optics, self._depth()):
@@ -244,7 +245,7 @@ class PlanningPanel(QWidget):
             made.setChecked(k == 0)
             self.segments.append(made)
         self.overlay = QPushButton("Overlay")
-        self.overlay.setToolTip("What is drawn over the picture")
+        self.overlay.setToolTip("Choose what is drawn over the image")
         menu = QMenu(self.overlay)
         self.overlays = {name: menu.addAction(name) for name in OVERLAYS}
         for action in self.overlays.values():
@@ -387,5 +388,7 @@ def _figures() -> QLabel:
 
 
 def _tip(z: int, tile: PlaneTile, count: int) -> str:
-    expected = "expected: in focus, or not seen" if tile.expected is None else f"expected: {tile.expected.describe()}"
+    expected = (
+        "expected: in focus, or not visible" if tile.expected is None else f"expected: {tile.expected.describe()}"
+    )
     return f"{plane_words(z, count)}: z = {format_length(tile.depth_um)}\n{expected}"

@@ -42,7 +42,7 @@ from lfcal_gui.widgets import (
     wrapped,
 )
 
-TERM_TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), for m < 0 sin; the value at the rim of the pupil"}
+TERM_TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), with sin for m < 0; value at the rim of the pupil"}
 
 
 class TermCells(QTableWidget):
@@ -90,13 +90,13 @@ class TermsTable(QWidget):
         self.cells.setMaximumHeight(120)
         self.cells.setAccessibleName(magnitude.title)
         self.cells.setToolTip(
-            TERM_TIPS.get(magnitude.columns, f"{magnitude.title}: one row each; Delete removes the selected one")
+            TERM_TIPS.get(magnitude.columns, f"{magnitude.title}: one row for each. Delete removes the selected row")
         )
         self.cells.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.cells.cellChanged.connect(lambda *_: self._edited())
         self.cells.removed.connect(self.remove)
         self.setFocusProxy(self.cells)
-        add = "Add a term at the end; it is used as soon as all of its cells are filled"
+        add = "Add a row at the end. It is used when all of its cells are filled"
         self.add_button = button("Add row", add, self.add)
         self.remove_button = button("Remove", "Delete the selected row (Delete)", self.remove)
         column_of(self.cells, line(self.add_button, self.remove_button), of=self)
@@ -215,8 +215,8 @@ class MagnitudeEditor(QWidget):
         mark = self.magnitude.mark if self.magnitude.source == "given" else NOT_GIVEN
         self.source.setCurrentIndex(self.source.findData(mark))
         self.source.setToolTip(
-            "stated or measured: given by you. camera: from the camera's description. typical: says nothing about "
-            "this camera."
+            "stated or measured: given by you. camera: from the camera description. typical: a "
+            "typical value, not specific to this camera."
         )
         blocker.unblock()
 
@@ -396,12 +396,12 @@ class EffectPanel(QWidget):
 
     def __init__(self, stop: Callable[[], object]) -> None:
         super().__init__()
-        self.title = wrapped("heading", "Choose an effect to see its magnitudes and what it does.")
+        self.title = wrapped("heading", "Select an effect to see its magnitudes and how it changes H.")
         self.why, self.formula = wrapped(""), wrapped()
         self.note = wrapped("hint", "This effect has no magnitudes. Its values are in the camera description.")
         self._typical = False
         self.form = MagnitudeForm()
-        self.stop_button = button("Stop", "Stop computing these pictures; the effect stays on", stop)
+        self.stop_button = button("Stop", "Stop computing these images. The effect stays on", stop)
         inner = QWidget()
         parts = (self.title, self.why, self.form, self.note, self.formula, line(self.stop_button))
         column_of(*parts, of=inner).addStretch()

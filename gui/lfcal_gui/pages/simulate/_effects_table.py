@@ -38,8 +38,8 @@ class ShareBar(QStyledItemDelegate):
     def tip(self) -> str:
         """Return what the bar means."""
         return (
-            f"Share of the image that is wrong without the effect.\nBar: logarithmic, {100 * LEAST:g} % to 100 %, "
-            f"coloured where the effect is on. Line: the tolerance, {100 * self.tolerance:.2g} %."
+            f"Error of the image without the effect.\nBar: logarithmic, {100 * LEAST:g} % to 100 %, "
+            f"coloured if the effect is on. Line: the tolerance, {100 * self.tolerance:.2g} %."
         )
 
     def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
@@ -115,7 +115,7 @@ class EffectsTable(QTreeWidget):
         self.setAllColumnsShowFocus(True)
         self.setMinimumHeight(8 * ROW)
         self.setAccessibleName("effects")
-        self.setToolTip("Click the setting, or Space: auto, on, off. Enter: edit the magnitudes.")
+        self.setToolTip("Click the setting, or press Space: auto, on, off. Enter: edit the magnitudes.")
         header = self.header()
         header.setStretchLastSection(False)
         header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
@@ -177,7 +177,11 @@ class EffectsTable(QTreeWidget):
     def _fill(self, item: QTreeWidgetItem, row: EffectRow) -> None:
         theme = current_theme()
         cost = f"{row.title}: {row.verdict_text()}\nProcessor time: {row.seconds_text()}"
-        tips = (f"{cost}\n{row.name}, {row.size}", f"{self._bar.tip()}\n{row.formula}", "Click: auto, on, off (Space)")
+        tips = (
+            f"{cost}\n{row.name}, {row.size}",
+            f"{self._bar.tip()}\n{row.formula}",
+            "Click or press Space: auto, on, off",
+        )
         texts = (f"{row.title}{' •' if row.given else ''}", row.share_text(), row.setting)
         for column, (text, tip) in enumerate(zip(texts, tips, strict=True)):
             strong = row.setting != "auto" if column == SETTING else row.on

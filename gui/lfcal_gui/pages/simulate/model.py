@@ -1,4 +1,4 @@
-"""Record > Compute: what the user chose and gave, files of it, and previews of single positions. No Qt."""
+"""Record > Compute: settings, their files, and previews of single positions. No Qt."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ KINDS = (SimulateH, SimulatePasses, SimulateFrames)
 """Tasks of the page."""
 
 HELD = frozenset({"camera", "depths", "virtual_depths", "cutout", "effects", "out", "frames"})
-"""Fields of the tasks that the form lacks: the plan of the project, the table of effects, and what is written."""
+"""Fields of the tasks that the form does not show: plan, effects and output."""
 
 ROWS = {row.name: row for kind in KINDS for row in rows(kind) if row.name not in HELD}
 
@@ -42,21 +42,21 @@ def _fields() -> tuple[tuple[Field, ...], ...]:
 
 
 FIELDS = _fields()
-"""Entries of the forms: the one in view, and those that are folded: of H, and of frames."""
+"""Fields of the three forms: always visible, folded for H, folded for frames."""
 
 WORTH = 0.85
-"""Share of the time at which another setting is worth a word: seconds are measured no better."""
+"""Largest relative time at which a faster setting is proposed; times are not measured more accurately."""
 
 CHOICES = ("auto", "on", "off")
 
 GIVEN = ("stated", "measured")
-"""How a magnitude that the user gave is known; as in `lfcal.simulate.effects.magnitudes`."""
+"""Sources of a magnitude given by the user, as in `lfcal.simulate.effects.magnitudes`."""
 
 _lock = threading.Lock()
 
 
 def refusal(name: str, value: Any) -> str:
-    """Return why a value of a field is refused; empty: it is not."""
+    """Return why a value of a field is refused; empty if it is accepted."""
     try:
         if name != "progressive":  # it chooses the task
             ROWS[name].value(value, ROWS[name].label)
@@ -66,7 +66,7 @@ def refusal(name: str, value: Any) -> str:
 
 
 def shown(name: str, settings: SimulateSettings) -> Any:
-    """Return what the form shows of a field."""
+    """Return the value of a field shown in the form."""
     value = getattr(settings, name)
     return text_in_form(ROWS[name], value) if ROWS[name].opt.read is not None else value
 
@@ -82,7 +82,7 @@ class SimulateSettings(PageSettings):
     overrides
         Pairs of effect and ``"on"`` or ``"off"``; the planner decides on the others.
     magnitudes
-        What the user gave, as (effect, field, value, how it is known): ``"stated"`` or ``"measured"``. Those of
+        Magnitudes given by the user, as (effect, field, value, source: ``"stated"`` or ``"measured"``). Those of
         effects that are not installed are kept.
     progressive
         Whether H is simulated in passes.
@@ -113,7 +113,7 @@ class SimulateSettings(PageSettings):
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:
-        """Return the settings in ``data``, and why values were refused; in earlier projects ``progressive`` is passes.
+        """Return the settings in ``data``, and the reasons for refused values; earlier projects have ``progressive``.
 
         See `PageSettings.read`.
         """
@@ -122,7 +122,7 @@ class SimulateSettings(PageSettings):
         return super().read(data)
 
     def usable(self) -> None:
-        """Raise `InputError` unless the effects can have these magnitudes."""
+        """Raise `InputError` if the effects cannot have these magnitudes."""
         self.effects()
 
     def with_override(self, effect: str, choice: str) -> SimulateSettings:
@@ -133,16 +133,16 @@ class SimulateSettings(PageSettings):
         return replace(self, overrides=tuple(sorted(rest.items())))
 
     def given(self, effect: str) -> dict[str, tuple[Any, str]]:
-        """Return the magnitudes given for an effect: field to value and how it is known."""
+        """Return the magnitudes given for an effect, as a mapping from field to value and source."""
         return {field: (value, mark) for name, field, value, mark in self.magnitudes if name == effect}
 
     def with_magnitude(self, effect: str, field: str, value: Any, mark: str = "stated") -> SimulateSettings:
-        """Return the settings with a magnitude given; a value of None is given no longer.
+        """Return the settings with a magnitude given; None as the value removes it.
 
         Raises
         ------
         InputError
-            If the effect cannot have it.
+            If the effect cannot have this value.
         """
         rest = [entry for entry in self.magnitudes if entry[:2] != (effect, field)]
         if value is not None:
@@ -152,20 +152,20 @@ class SimulateSettings(PageSettings):
         return changed
 
     def effects(self) -> tuple[Effect, ...]:
-        """Return the effects that have magnitudes given, of those that are installed."""
+        """Return the installed effects with given magnitudes."""
         from lfcal.simulate.effects import CATALOGUE, effect_from
 
         names = dict.fromkeys(entry[0] for entry in self.magnitudes if entry[0] in CATALOGUE)
         return tuple(effect_from(n, {field: value for field, (value, _) in self.given(n).items()}) for n in names)
 
     def choices(self) -> dict[str, str]:
-        """Return what is chosen for effects that are installed."""
+        """Return the choices (on, off) for installed effects."""
         from lfcal.simulate.effects import CATALOGUE
 
         return {name: choice for name, choice in self.overrides if name in CATALOGUE}
 
     def entries(self) -> tuple[Entry, ...]:
-        """Return what is given and chosen, by effects that are installed."""
+        """Return the given magnitudes and choices of installed effects."""
         from lfcal.simulate.effects import Entry
 
         effects, choices = {effect.name: effect for effect in self.effects()}, self.choices()
@@ -176,7 +176,7 @@ class SimulateSettings(PageSettings):
         )
 
     def missing(self) -> tuple[str, ...]:
-        """Return the names of effects that are chosen or given and not installed."""
+        """Return the names of effects in the settings that are not installed."""
         from lfcal.simulate.effects import CATALOGUE
 
         named = [*dict(self.overrides), *(entry[0] for entry in self.magnitudes)]
@@ -184,14 +184,14 @@ class SimulateSettings(PageSettings):
 
 
 def matrix_task(settings: SimulateSettings, out: str) -> SimulateH | SimulatePasses:
-    """Return how H is simulated, of the plan in `PLAN_FILE`; the loss in the file has no effect in passes."""
+    """Return the task that simulates H of the plan in `PLAN_FILE`; lossy storage does not apply to passes."""
     if settings.progressive:
         return _task_of(SimulatePasses, settings, out=Path(out))
     return _task_of(SimulateH, settings, out=Path(out))
 
 
 def frames_task(settings: SimulateSettings, folder: str) -> SimulateFrames:
-    """Return how the frames of a session are simulated, of the plan in `PLAN_FILE`."""
+    """Return the task that simulates the frames of the plan in `PLAN_FILE`."""
     return _task_of(SimulateFrames, settings, frames=Path(folder))
 
 
@@ -203,14 +203,14 @@ def _task_of(kind: type[T], settings: SimulateSettings, **more: Path) -> T:
 
 
 def kept_pass(path: str) -> str:
-    """Return the accuracy of the H that a stopped run in passes left, in words; empty: there is none."""
+    """Return the accuracy of the H left by a stopped run in passes, as text; empty if there is none."""
     from lfcal.psf import open_psf
     from lfcal.work import PASS, parts_folder, read_events
 
     if PASS not in read_events(parts_folder(path)) or not Path(path).exists():
         return ""
     with open_psf(path) as matrix:
-        return f"whole within {100 * max(float(error) for error in matrix.facts.known()['error']):.2g} %"
+        return f"all planes within {100 * max(float(error) for error in matrix.facts.known()['error']):.2g} %"
 
 
 def pattern_of(
@@ -234,9 +234,9 @@ def pattern_of(
 
 
 def used_rung(curve: Curve | None, settings: SimulateSettings) -> Rung | None:
-    """Return the measured setting that is in force: the coarsest whose tolerance is at most that of the settings.
+    """Return the measured setting in use: the coarsest whose tolerance is at most that of the settings.
 
-    Curves are measured at level auto with the planner's effects: for other choices there is none.
+    Curves are measured at level auto with the planner's effects; for other choices there is none.
     """
     if curve is None or settings.level != "auto" or settings.overrides or settings.magnitudes:
         return None
@@ -245,22 +245,22 @@ def used_rung(curve: Curve | None, settings: SimulateSettings) -> Rung | None:
 
 
 def numbers_of(rung: Rung | None, settings: SimulateSettings, seconds: float | None) -> tuple[str, str, str, str]:
-    """Return time and error of H, each with what it is; ``seconds``: how long H takes on this machine."""
+    """Return time and error of H, each with its meaning; ``seconds``: duration of computing H on this machine."""
     time = "…" if seconds is None else format_seconds(seconds)
     if rung is not None:
-        return time, "for the whole H", format_share(rung.error), "error, measured"
-    return time, "for the whole H", format_share(settings.tolerance), "error asked for"
+        return time, "for all of H", format_share(rung.error), "error, measured"
+    return time, "for all of H", format_share(settings.tolerance), "error requested"
 
 
 def better_words(curve: Curve | None, rung: Rung | None, paced: Callable[[float], float]) -> str:
-    """Return which measured setting is faster and no less exact than ``rung``; empty: none is.
+    """Return a sentence on a measured setting that is faster and no less exact than ``rung``; empty if none is.
 
     Parameters
     ----------
     curve, rung
-        What is measured, and the setting in force.
+        Measured curve, and the setting in use.
     paced
-        Returns how long this machine takes for a processor time (s).
+        Returns the duration on this machine (s) for a processor time (s).
     """
     if curve is None or rung is None:
         return ""
@@ -269,25 +269,25 @@ def better_words(curve: Curve | None, rung: Rung | None, paced: Callable[[float]
         return ""
     asked = f"Tolerance {100 * better.settings['tolerance']:g} %"
     took, error = format_seconds(paced(better.cost)), format_share(better.error)
-    return f"{asked} is faster and no less exact: {took}, {error} off."
+    return f"{asked} is faster and no less exact: {took}, error {error}."
 
 
 def settings_text(settings: SimulateSettings) -> str:
-    """Return the text of a JSON file with what is given and chosen; effects that are not installed are left out."""
+    """Return the text of a JSON file with the magnitudes and choices of installed effects."""
     from lfcal.simulate.effects import entries_json
 
     return entries_json(settings.entries())
 
 
 def read_settings(path: Path, settings: SimulateSettings) -> tuple[SimulateSettings, str]:
-    """Return ``settings`` with what the file says of its effects in place of what they said, and a line of words.
+    """Return ``settings`` with the effects of the file replacing those of the settings, and a line of text.
 
     An effect that the file names without a magnitude is switched on if nothing else would simulate it.
 
     Raises
     ------
     LfcalError
-        If the file holds no effects, or others than this program knows.
+        If the file contains no effects, or unknown ones.
     """
     from lfcal.simulate.effects import read_entries
 
@@ -300,4 +300,4 @@ def read_settings(path: Path, settings: SimulateSettings) -> tuple[SimulateSetti
         for field, mark in entry.given.items():
             kept = kept.with_magnitude(entry.name, field, getattr(entry.effect, field), mark)
     count = len(names)
-    return kept, f"{count} effect{'' if count == 1 else 's'} taken from {path.name}"
+    return kept, f"{count} effect{('' if count == 1 else 's')} imported from {path.name}"

@@ -1,4 +1,4 @@
-"""Every effect as a row: what the planner says, its share of the image, and its magnitudes. No Qt."""
+"""Effects as table rows: decision of the planner, error of the image, and magnitudes. No Qt."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from lfcal.simulate.effects import Effect, Magnitude
 
 LEAST = 1e-5
-"""Share of the image at the left end of a bar; the right end is 1."""
+"""Error of the image at the left end of a bar; the right end is 1."""
 
 NAMED = 3
-"""Effects that are named of those that are not described."""
+"""Largest number of undescribed effects that are named."""
 
-FRAMES_ONLY = "acts on sensor frames, not on H"
+FRAMES_ONLY = "affects sensor frames, not H"
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +31,20 @@ class EffectRow:
     Attributes
     ----------
     effect, name, title
-        The effect with its magnitudes; what files and people call it.
+        Effect with its magnitudes; its name in files; its displayed name.
     group
         One of `GROUPS`.
     enters_h
-        Whether H shows it; else frames alone do, and the verdict is theirs.
+        Whether it affects H; else it affects only frames, and the decision is that for frames.
     on, setting, reason
-        What the planner decided, what the user chose, and why.
+        Decision of the planner, choice of the user, and reason.
     share, upper_bound, size, formula
         Estimated share of the image that is wrong without it, whether that is at most so; size with unit; how both
         were found.
     seconds
-        What it costs (CPU-seconds of the whole plan).
+        Cost (CPU-seconds for all of the plan).
     magnitudes
-        What can be given of it.
+        Its magnitudes.
     """
 
     effect: Effect
@@ -64,35 +64,35 @@ class EffectRow:
 
     @property
     def given(self) -> bool:
-        """Whether the user gave a magnitude of it."""
+        """Whether the user gave one of its magnitudes."""
         return any(one.source == "given" for one in self.magnitudes)
 
     def share_text(self) -> str:
-        """Return the share in words."""
+        """Return the error of the image as text."""
         if 0 < self.share < LEAST:
             return f"< {100 * LEAST:g} %"
         return f"{'≤ ' if self.upper_bound else ''}{format_share(self.share)}"
 
     def seconds_text(self) -> str:
-        """Return the cost in words."""
+        """Return the cost as text."""
         return format_seconds(self.seconds) if self.seconds > 0 else "free"
 
     def verdict_text(self) -> str:
-        """Return the verdict and its reason in words."""
+        """Return the decision and its reason as text."""
         where = "" if self.enters_h else " in frames"
         return f"{'on' if self.on else 'off'}{where}: {self.reason}"
 
 
 @dataclass(frozen=True, eq=False)
 class EffectsVerdict:
-    """What the planner found for a plan and settings, ready to be shown.
+    """Decisions of the planner for a plan and settings, ready to be shown.
 
     Attributes
     ----------
     unknown
-        What the camera's description lacks, the largest first; empty: nothing.
+        Effects that the camera does not describe, largest first, as text; empty if there are none.
     found, frames
-        For H, and for the frames of a session.
+        Decisions for H, and for the frames of a session.
     """
 
     plan: ScanPlan
@@ -103,16 +103,16 @@ class EffectsVerdict:
     frames: EffectSelection
 
     def fits(self, plan: ScanPlan | None, settings: SimulateSettings) -> bool:
-        """Return whether it is the answer for this plan and these settings."""
+        """Return whether the decisions are for this plan and these settings."""
         return self.plan == plan and self.settings == settings
 
     def row(self, name: str) -> EffectRow | None:
-        """Return the row of an effect, None where there is none."""
+        """Return the row of an effect; None if there is none."""
         return next((row for row in self.rows if row.name == name), None)
 
 
 def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
-    """Ask the planner, for H and for frames, and put its answer into words."""
+    """Return the decisions of the planner for H and for frames, as table rows."""
     task = frames_task(settings, "frames")
     found = task.selection(plan)
     frames = task.selection(plan, frames=True, peak=task.peak)
@@ -130,7 +130,7 @@ def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> 
     magnitudes = magnitudes_of(effect, plan.camera, marks)
     reason = planned.reason
     if planned.setting == "on" and any(one.kind == "terms" and not one.counts for one in magnitudes):
-        reason = "switched on, but it needs terms: add at least one"
+        reason = "switched on, but it has no terms; add at least one row"
     return EffectRow(
         effect,
         effect.name,
@@ -160,14 +160,14 @@ def _group(planned: PlannedEffect) -> str:
 
 
 def unknown_words(rows: Sequence[EffectRow], settings: SimulateSettings) -> str:
-    """Return what the camera's description lacks, and which effects of the settings are not installed."""
+    """Return the effects that the camera does not describe, and those that are not installed, as text."""
     undescribed = sorted(
         (row for row in rows if row.group == "unknown" and row.share >= LEAST), key=lambda row: -row.share
     )
     named = "; ".join(f"{row.title}, up to {format_share(row.share)}" for row in undescribed[:NAMED])
     words = f"Not described: {named} of the image" if named else ""
     missing = settings.missing()
-    absent = f"Not installed, and left out: {', '.join(missing)}" if missing else ""
+    absent = f"Not installed, so omitted: {', '.join(missing)}" if missing else ""
     return ". ".join(filter(None, (words, absent)))
 
 
@@ -176,7 +176,7 @@ GROUPS = {
     "switched": "Switched off",
     "small": "Off, below {tolerance}",
     "unknown": "Off, not described by the camera",
-    "frames": "On frames, not on H",
+    "frames": "In frames, not in H",
 }
 """Groups of effects, in the order of the table."""
 
@@ -189,7 +189,7 @@ def group_title(group: str, rows: Sequence[EffectRow], tolerance: float) -> str:
 
 
 def refused(effect: str, magnitude: Magnitude, text: str) -> tuple[Any, str]:
-    """Return the value that a typed text means, and why the effect cannot have it, or an empty string."""
+    """Return the value of a typed text, and why the effect cannot have it (empty if it can)."""
     from lfcal.simulate.effects import effect_from
 
     try:
@@ -201,14 +201,14 @@ def refused(effect: str, magnitude: Magnitude, text: str) -> tuple[Any, str]:
 
 
 def bar_share(share: float) -> float:
-    """Return how long the bar of a share of the image is, from 0 to 1: logarithmic from `LEAST` to 1."""
+    """Return the length of the bar of an error, from 0 to 1; it is logarithmic from `LEAST` to 1."""
     if share <= LEAST:
         return 0.0
     return min(1.0, 1.0 - math.log10(share) / math.log10(LEAST))
 
 
 def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]]) -> tuple[tuple[int, int, float], ...]:
-    """Return the triples that rows of typed words mean, such as Zernike terms; empty rows mean none.
+    """Return the triples for rows of typed text, such as Zernike terms; empty rows are ignored.
 
     Raises
     ------

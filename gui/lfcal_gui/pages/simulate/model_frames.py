@@ -1,4 +1,4 @@
-"""Sensor frames of the simulated camera, and what one effect does to one position. No Qt."""
+"""Sensor frames of the simulated camera, and the influence of one effect at one position. No Qt."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class FrameQuestion:
     """Request for the frame of one position (z, y, x) with effects, including those of stage and sensor.
 
-    ``tolerance`` is the computation's share; ``peak`` and ``seed`` are as in `lfcal.tasks.SimulateFrames`.
+    ``tolerance`` is that of the computation; ``peak`` and ``seed`` are as in `lfcal.tasks.SimulateFrames`.
     """
 
     plan: ScanPlan
@@ -37,7 +37,7 @@ class FrameQuestion:
     seed: int
 
     def place(self) -> str:
-        """Return plane and position in words."""
+        """Return plane and position as text."""
         z, y, x = self.position
         depth = self.plan.depths_um[z]
         return f"z = {format_length(depth)}, v = {self.plan.camera.virtual_depth(depth):.2f}, position ({y}, {x})"
@@ -52,14 +52,14 @@ class SimulatedFrame:
     samples
         Sample values ``(rows, columns)``.
     question
-        What was asked.
+        Request for the frame.
     """
 
     samples: NDArray[Any]
     question: FrameQuestion
 
     def window(self) -> tuple[int, int]:
-        """Return the first pixel (row, column) of the position's cutout; it may lie off the sensor."""
+        """Return the first pixel (row, column) of the position's cutout; it may be outside the sensor."""
         from lfcal.simulate import origin_of
 
         plan = self.question.plan
@@ -70,14 +70,14 @@ class SimulatedFrame:
         return middle[0] - centre(plan.cutout[0]), middle[1] - centre(plan.cutout[1])
 
     def cutout(self) -> tuple[NDArray[np.float32], tuple[int, int]]:
-        """Return the samples of the cutout that lie on the sensor, and their first pixel (row, column)."""
+        """Return the samples of the cutout that are on the sensor, and their first pixel (row, column)."""
         top, left = self.window()
         nt, ns = self.question.plan.cutout
         r0, c0 = max(0, top), max(0, left)
         part = self.samples[r0 : max(r0, top + nt), c0 : max(c0, left + ns)]
         if part.size == 0:
             raise InputError.expected(
-                "position", "one whose cutout is on the sensor", self.question.place(), "choose another"
+                "position", "a position whose cutout is on the sensor", self.question.place(), "choose another position"
             )
         return part.astype(np.float32), (r0, c0)
 
@@ -95,7 +95,7 @@ class SimulatedFrame:
 
 
 def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> FrameQuestion:
-    """Return the question for the frame of a position with everything that the planner has on for frames."""
+    """Return the request for the frame of a position with all effects that the planner has on for frames."""
     from lfcal.simulate import budgeted
 
     depth, settings = verdict.plan.depths_um[position[0]], verdict.settings
@@ -106,7 +106,7 @@ def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> F
 class FrameBench:
     """Simulator of frames of single positions. The light of the last one is kept and reused for new sensor effects.
 
-    A frame is scaled as in a session of its plane alone, whose brightest pixel reaches the peak.
+    A frame is scaled as in a session of only its plane, whose brightest pixel reaches the peak.
     """
 
     def __init__(self) -> None:
@@ -114,12 +114,12 @@ class FrameBench:
         self._lock = threading.Lock()
 
     def frame(self, asked: FrameQuestion, stopped: Callable[[], bool] = lambda: False) -> SimulatedFrame | None:
-        """Return the frame, None where ``stopped()`` said so before it was there.
+        """Return the frame; None if ``stopped()`` returned True before it was complete.
 
         Raises
         ------
         InputError
-            If plan and effects do not fit.
+            If plan and effects do not match.
         """
         from lfcal.simulate import expose
         from lfcal.simulate.effects import FrameEffect
@@ -151,7 +151,7 @@ class FrameBench:
 
 
 def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
-    """Write the samples to ``part``, as the name ``path`` asks: TIFF of any samples, PNG of whole numbers.
+    """Write the samples to ``part`` in the format given by ``path``: TIFF for any samples, PNG for integers.
 
     Raises
     ------
@@ -171,18 +171,18 @@ def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
 
     ok, encoded = cv2.imencode(".png", frame.samples)
     if not ok:
-        raise InputError.expected(path.name, "a picture that PNG can hold", "another", "save it as TIFF")
+        raise InputError.expected(path.name, "an image that PNG can store", "another", "save it as TIFF")
     part.write_bytes(encoded.tobytes())
 
 
 @dataclass(frozen=True)
 class KeptFrames:
-    """The frames of a session that was stopped; see `lfcal_gui.models.job.Keeping`."""
+    """Frames of a stopped simulation of a session; see `lfcal_gui.models.job.Keeping`."""
 
     out: str
 
     def look(self) -> str:
-        """Return how many frames are written; where none is, nothing stays."""
+        """Return the number of written frames as text; if there are none, remove all traces."""
         from lfcal.simulate.sensor import unfinished
 
         found = unfinished(self.out)
@@ -201,7 +201,7 @@ class KeptFrames:
 
 
 KEPT = 32
-"""Answers that are kept, the newest."""
+"""Largest number of stored results; the oldest are dropped."""
 
 
 @dataclass(frozen=True)
@@ -211,9 +211,9 @@ class InfluenceQuestion:
     Attributes
     ----------
     without, with_it
-        The position without the effect and with it; their effects are in the order of the light's way.
+        Requests without and with the effect; effects are in the order in which they act on the light.
     enters_h
-        Whether H shows the effect; else sensor frames alone do.
+        Whether the effect acts on H; else it acts only on sensor frames.
     on
         Whether the effect is on at the position's depth.
     """
@@ -225,26 +225,26 @@ class InfluenceQuestion:
 
     @property
     def planned(self) -> FrameQuestion:
-        """The one of both that the planner chose."""
+        """The request that matches the planner's decision."""
         return self.with_it if self.on else self.without
 
 
 @dataclass(frozen=True, eq=False)
 class InfluencePictures:
-    """Two pictures ``(rows, columns)`` of one position.
+    """Two images ``(rows, columns)`` of one position.
 
     Attributes
     ----------
     without, with_it
-        The pictures.
+        The images.
     origin
         Coordinates (row, column) of their first pixel.
     axes
-        What is counted along columns and rows.
+        Labels of the column and row axes.
     value
         The quantity, with its unit.
     words
-        What was computed and how much differs.
+        Description of the computation and of the difference.
     """
 
     without: NDArray[np.float32]
@@ -256,7 +256,7 @@ class InfluencePictures:
 
     @property
     def difference(self) -> NDArray[np.float32]:
-        """With it minus without it."""
+        """Image with the effect minus image without it."""
         return self.with_it - self.without
 
 
@@ -278,7 +278,7 @@ def influence_question(verdict: EffectsVerdict, row: EffectRow, position: tuple[
 
 
 class Influences:
-    """Answers, one at a time; the newest are kept, and so is the settled engine of what is planned."""
+    """Computes influences one at a time; stores the newest results and the engine of the planned effects."""
 
     def __init__(self, bench: FrameBench) -> None:
         self._kept: OrderedDict[InfluenceQuestion, InfluencePictures] = OrderedDict()
@@ -287,11 +287,11 @@ class Influences:
         self._lock = threading.Lock()
 
     def known(self, question: InfluenceQuestion) -> InfluencePictures | None:
-        """Return an answer that is kept."""
+        """Return a stored result; None if there is none."""
         return self._kept.get(question)
 
     def answer(self, question: InfluenceQuestion, stopped: Callable[[], bool]) -> InfluencePictures | None:
-        """Return the two pictures; None where ``stopped()`` said so before they were there."""
+        """Return the two images; None if ``stopped()`` returned True before they were complete."""
         with self._lock:
             if (known := self.known(question)) is not None:
                 return known
@@ -316,16 +316,16 @@ class Influences:
             pictures[with_it] = picture
         changed = changed_share(pictures[False], pictures[True])
         energy = float(pictures[True].sum() / max(float(pictures[False].sum()), 1e-30)) - 1
-        said = f"{format_share(changed)} of the light differs, energy in the cutout {100 * energy:+.2g} %"
+        said = f"{format_share(changed)} of the light differs; energy in the cutout {100 * energy:+.2g} %"
         if changed == 0:
             said = f"nothing differs at level {planned.level}"
         words = f"{asked.planned.place()}: {said}"
         return InfluencePictures(
-            pictures[False], pictures[True], (0, 0), ("column s", "row t"), "share of the light", words
+            pictures[False], pictures[True], (0, 0), ("column s", "row t"), "fraction of the light", words
         )
 
     def _settled(self, asked: FrameQuestion) -> tuple[PlaneResponse, str]:
-        """Return the response of what is planned, and its level before it was settled; settled once for a plane."""
+        """Return the settled response of the planned effects, and its level before; settled once per plane."""
         key = (asked.plan, asked.position[0], asked.effects, asked.level, asked.tolerance)
         if self._base is None or self._base[0] != key:
             response = _response(asked)
@@ -356,7 +356,7 @@ def _response(asked: FrameQuestion) -> PlaneResponse:
 
 
 def _pattern(response: PlaneResponse, asked: FrameQuestion, stopped: Callable[[], bool]) -> NDArray[np.float32] | None:
-    """Return the pattern ``(nt, ns)`` of the position, None where it was stopped between samples of the light."""
+    """Return the pattern ``(nt, ns)`` of the position; None if stopped between samples of the light."""
     out = np.zeros((1, 1, *asked.plan.cutout), np.float32)
     _, y, x = asked.position
     for _ in response.accumulate(out, np.array([y]), np.array([x]), block=1, workers=1):

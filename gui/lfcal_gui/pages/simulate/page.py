@@ -68,7 +68,7 @@ class Page(BasePage):
         self._seconds: float | None = None
         self._asked: tuple[Any, ...] = (None, None)
         """Plan and settings of the frame that is shown, or being made."""
-        self.tool_button("Compute H …", "Compute the whole H of the plan as a job", self.simulate)
+        self.tool_button("Compute H …", "Compute H of all positions of the plan, as a job", self.simulate)
         self.panel = SimulatePanel(context.jobs)
         self._connect()
         self.set_panel(self.panel)
@@ -130,7 +130,7 @@ class Page(BasePage):
     def _show(self, state: ProjectState) -> None:
         if state.plan is None:
             self.show_empty(
-                "The simulation needs a scan plan: which positions, planes and cutout.",
+                "The simulation needs a scan plan: its positions, planes and cutout.",
                 {"Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan")},
             )
             return
@@ -245,7 +245,7 @@ class Page(BasePage):
 
     def _stop_waiting(self) -> None:
         self._stop.set()
-        self.panel.effect.show_influence(None, "Stopped. Choose the effect, plane or position again to continue.")
+        self.panel.effect.show_influence(None, "Stopped. To continue, choose the effect, plane or position again.")
 
     def _influence(self) -> None:
         """Show what the selected effect does to the position, if that is looked at."""
@@ -259,7 +259,7 @@ class Page(BasePage):
         if known is not None:
             panel.effect.show_influence(known)
             return
-        panel.effect.show_waiting("Computing without and with it …")
+        panel.effect.show_waiting("Computing without and with this effect …")
         if self._computing:  # started when the present one ends, so that no job waits
             return
         self._computing, stop = True, self._stop

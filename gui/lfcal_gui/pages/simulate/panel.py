@@ -76,7 +76,7 @@ class PlaceLine(QWidget):
         self.plane_box.setAccessibleName("plane")
         self.plane_box.setMinimumContentsLength(6)
         self.plane_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.plane_box.setToolTip("Depth plane of the pictures: many effects grow away from focus")
+        self.plane_box.setToolTip("Depth plane of the images. Many effects increase away from focus")
         self.plane_box.currentIndexChanged.connect(lambda _: self.changed.emit())
         self.row_box, self.column_box = QSpinBox(), QSpinBox()
         for box, axis in ((self.row_box, "y"), (self.column_box, "x")):
@@ -126,11 +126,13 @@ class FramePanel(QWidget):
     def __init__(self, jobs: Jobs, make: Callable[[], object]) -> None:
         super().__init__()
         self.frame: SimulatedFrame | None = None
-        tip = "A sensor frame of the position below, with every effect on for frames"
+        tip = "Simulate a sensor frame of the position below, with every effect that is on for frames"
         self.make_button = button("Make a frame", tip, make)
         self.save_button = button("Save …", "Save the samples as TIFF or PNG", self.save)
         self.save_button.setEnabled(False)
-        self.words = wrapped("hint", "A frame has every effect that is on for frames: noise, stage errors, rounding.")
+        self.words = wrapped(
+            "hint", "A frame includes every effect that is on for frames: noise, stage errors, rounding."
+        )
         self._jobs, self.room = jobs, QStackedWidget()
         column_of(line(self.make_button, self.save_button), self.room, self.words, of=self, stretch=1)
 
@@ -168,7 +170,7 @@ class FramePanel(QWidget):
         self.save_button.setEnabled(False)
         if "view" in vars(self):
             self.view.set_shot(None)
-        self.words.setText("Plan or choices changed since a frame was made: make another one.")
+        self.words.setText("The plan or the settings changed since this frame was made. Make another one.")
 
     def save(self, path: str = "") -> None:
         """Write the samples of the frame."""
@@ -183,13 +185,13 @@ class FramePanel(QWidget):
 WIDTH = 304
 """Least width of the settings (px)."""
 
-IMPORT = "Take magnitudes and settings from a JSON file, as lfcal simulate --effect reads it"
-EXPORT = "Write the magnitudes and settings given here to a JSON file for lfcal simulate --effect"
+IMPORT = "Read magnitudes and settings from a JSON file, as lfcal simulate --effect does"
+EXPORT = "Write the magnitudes and settings of this page to a JSON file for lfcal simulate --effect"
 RESET = "Set every magnitude and setting to its default"
 TAB_TIPS = (
-    "One pattern of H, computed with the present settings",
-    "The effect chosen in the list: its magnitudes, and what it does to H",
-    "A whole sensor frame with noise, as the camera would record it",
+    "One pattern of H, computed with the current settings",
+    "The effect selected in the list: its magnitudes, and how it changes H",
+    "A full sensor frame with noise, as the camera would record it",
 )
 
 
@@ -211,7 +213,7 @@ class SimulatePanel(QWidget):
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
         self.curve = CostCurve()
-        self.view = Picture("share of the light")
+        self.view = Picture("fraction of the light")
         self.effect, self.frame, self.place = (
             EffectPanel(self._asking("stop")),
             FramePanel(jobs, self._asking("frame")),
@@ -222,7 +224,7 @@ class SimulatePanel(QWidget):
         of_frames = "Sensor frames with noise, as a camera would record them on this plan"
         self.forms = (
             FoldedForm(FIELDS[0]),
-            FoldedForm((), FIELDS[1], tip="Level, passes, and the loss in the file of H", framed=True),
+            FoldedForm((), FIELDS[1], tip="Level, passes, and lossy storage of H", framed=True),
             FoldedForm((), FIELDS[2], "Frames instead of H", of_frames, framed=True),
         )
         for form in self.forms:
@@ -253,7 +255,7 @@ class SimulatePanel(QWidget):
 
     def _inspector(self) -> QScrollArea:
         self.better, self.unknown = wrapped(), wrapped()
-        frames = "Write the frames of the whole plan to a folder, as a job"
+        frames = "Write all frames of the plan to a folder, as a job"
         self.forms[2].fold_line(button("Simulate frames …", frames, self._asking("frames")))
         inner = QWidget()
         above = (self._numbers(), self.better, self.forms[0], heading("Effects that this H needs"))
@@ -291,7 +293,9 @@ class SimulatePanel(QWidget):
         """Show the fields of the tasks."""
         for form in self.forms:
             form.set_values({key: shown(key, settings) for key in form.fields})
-        self.forms[1].set_enabled("store_tolerance", not settings.progressive, "H in passes is stored in full")
+        self.forms[1].set_enabled(
+            "store_tolerance", not settings.progressive, "H computed in passes is stored without loss"
+        )
 
     def show_verdict(self, verdict: EffectsVerdict) -> None:
         """Show the planner's answer: a row for each effect."""

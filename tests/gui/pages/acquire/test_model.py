@@ -182,7 +182,7 @@ def test_a_wrong_sign_is_said() -> None:
     positions = np.array([[0, 0, 0], [0, 0, 3], [0, 2, 0], [0, 2, 3]])
     stage, image = PLAN.stage_um(positions), PLAN.image_px(positions)
     words, good = _measuring.fit_words(fit_stage(PLAN, 0, stage, image), PLAN)
-    assert good and "as the plan says" in words
+    assert good and "moves the image as planned" in words
     mirrored = image.copy()
     mirrored[:, 1] = 2 * mirrored[:, 1].mean() - mirrored[:, 1]
     words, good = _measuring.fit_words(fit_stage(PLAN, 0, stage, mirrored), PLAN)
@@ -214,7 +214,7 @@ def test_a_position_is_read_and_refused_in_a_line() -> None:
     assert read_target(" 1 2 3 ", limits) == (1.0, 2.0, 3.0)
     assert read_target(", ,1500", limits) == (None, None, 1500.0)
     for words, told in (
-        ("", "empty: stays"), ("1, 2", "'1, 2'"), ("a, b, c", "x, y, z in µm"), (",,", "empty: stays"),
+        ("", "empty: unchanged"), ("1, 2", "'1, 2'"), ("a, b, c", "x, y, z in µm"), (",,", "empty: unchanged"),
         ("nan, 0, 0", "stage axis x: expected a number"), ("0, 51, 0", "axis y: expected -50 to 50 µm, got 51 µm"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=told) as caught:

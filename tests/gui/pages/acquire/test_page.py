@@ -158,7 +158,7 @@ def test_a_move_is_followed_and_a_frame_of_the_old_place_says_so(page: Page, qtb
         station._stop_live()
         station.rig = replace(station.rig, stage=Slow(station.rig.stage))
     page.setup.moves.go_to(", , 50")
-    assert panel.stage.motion.text() == "waiting for the frame under way …"
+    assert panel.stage.motion.text() == "waiting for the current frame …"
     qtbot.waitUntil(lambda: panel.stage.motion.text() == "moving …", timeout=GUARD_MS)
     seen: set[str] = set()
 
@@ -243,11 +243,11 @@ def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, c
 
     words = measure()
     assert LIGHT.bad in words and "wrong way" in words and seen[-1] == ("acquire", False)
-    assert "Taken into the plan" in words
+    assert "The plan now uses these values" in words
     plan = context.state.plan
     assert plan is not None and (plan.stage.right, plan.stage.down) == ("-x", "+y")
     words = measure()
-    assert LIGHT.bad not in words and "as the plan says" in words and seen[-1] == ("acquire", False)
+    assert LIGHT.bad not in words and "moves the image as planned" in words and seen[-1] == ("acquire", False)
 
 
 def test_exposures_are_found_and_used(page: Page, qtbot: QtBot, context: Context) -> None:
@@ -362,7 +362,7 @@ def test_a_camera_that_stays_automatic_is_named_and_recorded_once_that_is_allowe
     record = page.panel.record
     assert record.why.text().startswith(named) and "tick Allow automatic" in record.why.text()
     page.record.start()
-    qtbot.waitUntil(lambda: "Cannot begin" in record.status.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "Cannot start" in record.status.text(), timeout=GUARD_MS)
     assert "got GainAuto = Continuous; switch this off" in record.detail.text() and "--" not in record.detail.text()
     assert not (tmp_path / "s").exists()
     record.form.open()

@@ -115,7 +115,7 @@ def test_what_does_not_go_together_is_refused_in_a_line(
     start = page.panel.record.buttons["start"]
     qtbot.waitUntil(start.isEnabled, timeout=GUARD_MS)  # a live frame may be under way
     qtbot.mouseClick(start, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: "one for another" in page.panel.record.detail.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "a plan for another scan" in page.panel.record.detail.text(), timeout=GUARD_MS)
     (tmp_path / "no.json").write_text("{}")
     page.record.target.take(str(tmp_path / "no.json"))
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)

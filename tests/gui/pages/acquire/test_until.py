@@ -67,14 +67,14 @@ def test_the_curve_has_values_and_limits_in_per_cent() -> None:
     # a limit has no interval; a value has two standard deviations: 2 % ± 2 x 0.1 %
     assert math.isnan(curve.below[0]) and curve.aside[0] == pytest.approx(100 * steps[0].held_out_error.limit)
     assert (curve.aside[1], curve.below[1], curve.above[1]) == pytest.approx((2.0, 0.2, 0.2))
-    assert curve.words == "12 positions: 0.4 % stated, 2 % at positions kept aside"
+    assert curve.words == "12 positions: estimated error 0.4 %, 2 % at held-out positions"
     assert error_curve([], Goal(0.003)).words == ""
 
 
 def test_words_say_what_it_is_at() -> None:
     assert until_words(Progress(3, 6, "record"), [], 3) == ("3 positions, no fit yet", "recording the first 6")
     known, now = until_words(Progress(1, 4, "record"), [step(12, 0.004)], 13)
-    assert known == "H known to 0.4 % from 12 positions" and now == "recording 1 of 4 more"
+    assert known == "H from 12 positions, estimated error 0.4 %" and now == "recording 1 of 4 more"
     assert until_words(Progress(1, 4, "coarse, round 1"), [], 6)[1] == "fitting: coarse, round 1"
     assert until_words(Progress(1, 4, "information of patterns"), [], 0)[1] == "choosing the first positions"
 
@@ -193,7 +193,7 @@ def test_a_whole_scan_is_not_gone_on_with_by_chance(page: Page, context: Context
     context.project.update("folder", recording=str(tmp_path / "whole"), plan=few)
     page.record.start()
     qtbot.waitUntil(lambda: "every position" in page.panel.record.detail.text(), timeout=GUARD_MS)
-    assert not page.record.recording and page.panel.record.status.text() == "Cannot begin."
+    assert not page.record.recording and page.panel.record.status.text() == "Cannot start."
 
 
 def test_the_choice_shows_what_it_needs_and_is_undone(page: Page, context: Context) -> None:

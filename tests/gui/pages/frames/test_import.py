@@ -174,7 +174,7 @@ def test_frames_on_their_side_are_turned_before_a_plan_is_made(tmp_path: Path) -
     foreign_list(tmp_path / "s" / "stage.csv", found, names)
     choice = ImportChoice(str(tmp_path / "s"), columns="file=1")
     refused = survey(choice, None, found.camera)
-    assert refused.imported is None and refused.problem.endswith("; choose what makes them upright above")
+    assert refused.imported is None and refused.problem.endswith("; choose their Orientation above")
     assert "--" not in refused.problem
     told = survey(replace(choice, orientation="rot90"), None, found.camera)
     assert told.problem == "" and told.imported is not None
@@ -231,7 +231,7 @@ def test_a_folder_of_darks_among_the_frames_is_used_and_said(tmp_path: Path) -> 
     tifffile.imwrite(place / "dark" / "d.tif", np.full(SENSOR, 7, np.uint16))
     found = survey(ImportChoice(str(place), shift="0"), None, None)
     assert found.imported is not None and found.imported.settings.dark == str(place / "dark")
-    assert "dark frames: those of the folder dark in frames" in found.notes
+    assert "dark frames: from the folder dark in frames" in found.notes
     loaded = found.shown[0]
     np.testing.assert_allclose(loaded.fixed, loaded.raw - 7.0)
     assert found.imported.opened is not None and (found.imported.opened.frames >= 0).all()

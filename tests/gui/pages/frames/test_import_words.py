@@ -62,14 +62,22 @@ def long_exposures(folder: Path) -> str:
 
 
 CASES: list[tuple[Callable[[Path], str], dict[str, str], str]] = [
-    (positions, {"first": "1"}, "got 0; count from 0; choose above what Positions count from"),
-    (counted, {"first": "1"}, "got a smaller one; choose above what Positions count from"),
+    (positions, {"first": "1"}, "got 0; count from 0; choose above whether Positions are counted from 0 or 1"),
+    (counted, {"first": "1"}, "got a smaller one; choose above whether Positions are counted from 0 or 1"),
     (two_lists, {}, "expected one, got stage.csv, stage2.csv; choose the List above"),
     (empty, {}, "expected images (TIFF, PNG, NPY, RAW …), got none; name the folder that contains them"),
     (unlike, {}, "; choose the List above, type the pattern of Names above, or choose their Order above"),
-    (long_exposures, {}, "expected a unit of such large times, got 20000 without a unit; choose it above its column"),
-    (lambda p: recorded(p, ("file", "X (mm)", "Y", "Z (mm)")), {}, "got none; choose it above its column"),
-    (lambda p: recorded(p, ("file", "X", "Y", "other")), {}, "for 2 planes, got none; choose it above its column"),
+    (
+        long_exposures,
+        {},
+        "expected a unit of such large times, got 20000 without a unit; choose the content above the column",
+    ),
+    (lambda p: recorded(p, ("file", "X (mm)", "Y", "Z (mm)")), {}, "got none; choose the content above the column"),
+    (
+        lambda p: recorded(p, ("file", "X", "Y", "other")),
+        {},
+        "for 2 planes, got none; choose the content above the column",
+    ),
 ]
 
 
@@ -99,7 +107,7 @@ def test_a_list_of_the_stage_without_camera_and_plan_asks_for_them(tmp_path: Pat
 def test_the_unit_that_z_seems_to_have_is_named_in_the_window(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "s", ("file", "X (mm)", "Y (mm)", "Z (um)"))
     found = survey(ImportChoice(folder), None, scan().camera)
-    assert found.problem.endswith("is it in mm? state its unit; choose it above its column")
+    assert found.problem.endswith("is it in mm? state its unit; choose the content above the column")
 
 
 def test_what_is_known_of_found_depths_stays_in_the_window(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_masks_and_nan_reach_the_frames_of_the_window(tmp_path: Path) -> None:
 
 def test_what_tells_the_positions_is_said(tmp_path: Path) -> None:
     """After an import by log.csv the page still said "manifest.csv in the folder"."""
-    assert positions_words(str(tmp_path), FrameSettings()) == "none: the files say where they are"
+    assert positions_words(str(tmp_path), FrameSettings()) == "none: positions from the files"
     (tmp_path / "log.csv").write_text("file;x;y;z\n")
     for frames in (tmp_path, tmp_path / "log.csv"):
         assert positions_words(str(frames), FrameSettings()) == "log.csv, found"

@@ -138,7 +138,7 @@ def test_upright_frames_pass_with_what_was_found(
     record = assembled(qtbot, context, page, tmp_path / "H.h5")
     assert record["found"] == "as is" and record == commanded(folder, tmp_path / "C.h5", "check")
     page.panel.choices.edited.emit("orientation", "mirror x")
-    shown(qtbot, page, "The frames are upright as delivered, but are turned by the settings.")
+    shown(qtbot, page, "The frames are upright as delivered, but the settings turn them.")
     page.notice.button.click()
     assert FrameSettings.of(context.state).orientation == "check"
 

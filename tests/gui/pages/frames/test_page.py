@@ -139,7 +139,7 @@ def test_the_cutout_is_followed_and_shown_as_it_goes_into_h(scanned: Any, contex
     panel.toggle_scale("log")
     assert panel.crop.display.scale == "log"
     for button in panel.findChildren(QPushButton):
-        if button.text() == "Whole":
+        if button.text() == "Full":
             button.click()
     assert not panel.follow.isChecked() and panel.view.box.viewRect().width() > 40
 
@@ -205,7 +205,7 @@ def test_h_fills_in_the_map_while_it_is_assembled(
     qtbot.waitUntil(lambda: "of H fills" in panel.map_words.text(), timeout=GUARD_MS)
     values, recorded = shown[-1]
     there = int(np.isfinite(values).sum())
-    assert "Plane 0" in panel.map_words.text() and f"light of {there} of {values.size}" in panel.map_words.text()
+    assert "Plane 0" in panel.map_words.text() and f"light at {there} of {values.size}" in panel.map_words.text()
     assert there >= SHAPE[2] - 1 and recorded[GONE[1:]] == 0
     page.go_to(Position(1, 1, 0))  # another is looked at: the plane that fills stays
     page.go_to(Position(0, 1, 0))

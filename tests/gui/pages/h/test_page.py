@@ -216,7 +216,7 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
         idle(context.jobs, qtbot)
         unit = "of the light" if page.intent.show == "reference" else "counts"
         assert panel.readout.text() == f"t 2, s 3: {panel.main_view.values[2, 3]:.5g} {unit}", change
-    assert panel.main_view.quantity == "share of the light"
+    assert panel.main_view.quantity == "fraction of the light"
     page.set_intent(show="measured")
     assert panel.main_view.quantity == "intensity (counts)"
     panel.main_view.hovered.emit(-1, -1, float("nan"))
@@ -441,7 +441,7 @@ def test_a_reference_of_another_camera_is_told(
     idle(context.jobs, qtbot)
     assert page.reference is not None and "another camera" not in page.hint.text()
     context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
-    assert "the reference is of another camera" in page.hint.text() and told[-1] == ("simulate", True)
+    assert "the reference was simulated for another camera" in page.hint.text() and told[-1] == ("simulate", True)
     context.project.update("back", camera=camera)
     assert "another camera" not in page.hint.text() and told[-1] == ("simulate", False)
     context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))

@@ -202,7 +202,7 @@ def test_stokes_parameters_are_shown_as_light() -> None:
     assert found.colours is None
     np.testing.assert_allclose(found.pattern, 0.5)
     rows = {name: value for name, value, _ in compare(MultiplexSettings(family="written"), SENSOR).rows}
-    assert rows["Transmission τ"] == "0.5" and "dB" in rows["Gain, own noise"] and "Colour error" not in rows
+    assert rows["Transmission τ"] == "0.5" and "dB" in rows["Gain, plain"] and "Colour error" not in rows
     same = MultiplexSettings(family="written", reference_written="polarisers:0,60,120")
     rows = {name: value for name, value, _ in compare(same, SENSOR).rows}
     assert rows["Gain, photon noise"] == "+0.00 dB", "rounding has no sign"

@@ -240,7 +240,7 @@ def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     settle(page, qtbot)
     assert cells(page)["Samples N"] == "3" and cells(page)["Transmission τ"] == "0.5"
     assert not offered(page) and page.panel.form.editor("written").isEnabled()
-    assert "dB" in cells(page)["Gain, least noise"] and "false" in cells(page)["MTF"]
+    assert "dB" in cells(page)["Gain, optimal"] and "false" in cells(page)["MTF"]
     type_in(page, "written", "polarisers:0,45/135,90*RRGG/RRGG/GGBB/GGBB*shutter:10,01")
     settle(page, qtbot)
     assert page.body.minimumSizeHint().width() <= 1100, "a long name does not widen the page"
@@ -390,7 +390,7 @@ def test_no_filter_is_offered_where_weights_make_it_linear(page: Page, qtbot: Qt
     assert box.isEnabled() and weighted.isEnabled() and "theorem 1" in tip
     weighted.click()
     settle(page, qtbot)
-    assert not box.isEnabled() and "switch Leave out clipped off" in box.toolTip()
+    assert not box.isEnabled() and "untick Ignore clipped" in box.toolTip()
     page.open_image(str(tmp_path / "colours.png"))  # a scene, whose frame has no clipped pixels
     settle(page, qtbot)
     assert box.isEnabled() and box.toolTip() == tip and not weighted.isEnabled()
@@ -463,7 +463,7 @@ def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Cont
     assert page.found is not None and page.found.step == pytest.approx(1.3 * before)
     choose(page, "family", "cfa")
     settle(page, qtbot)
-    assert "a square super-pixel that samples views alone" in shown.status.text() and shown.views[0].values is None
+    assert "a square super-pixel that samples only views" in shown.status.text() and shown.views[0].values is None
 
 
 @pytest.mark.long
@@ -548,7 +548,7 @@ def test_no_numbers_of_the_settings_before_stand_beside_others(page: Page, qtbot
     assert page.found is None and "rms" not in shown.heads[0].text() + shown.heads[1].text()
     shown.sample.setCurrentIndex(1)
     tick(page, "X-Trans")
-    assert "settings before" in shown.status.text() and not page.panel.table.isEnabled()
+    assert "previous settings" in shown.status.text() and not page.panel.table.isEnabled()
     settle(page, qtbot)
     assert "nearest: error" in shown.heads[0].text() and page.panel.table.isEnabled()
     assert page.panel.titles[0].text() == "Pattern of CYMG"
@@ -647,7 +647,7 @@ def test_a_design_takes_the_suffix_of_the_chosen_kind(
 ) -> None:
     page.panel.search.buttons["Search"].click()
     settle(page, qtbot)
-    answer = (str(tmp_path / "design"), "Transmissions alone (*.npy)")
+    answer = (str(tmp_path / "design"), "Transmissions only (*.npy)")
     monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: answer)
     page.panel.search.buttons["Save …"].click()
     assert [path.name for path in tmp_path.glob("design*")] == ["design.npy"]

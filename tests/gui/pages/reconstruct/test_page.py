@@ -84,7 +84,7 @@ def test_a_light_field_that_cannot_be_made_yet_is_refused_in_words(
     context.message.connect(said.append)
     monkeypatch.setattr(context.matrices, "get", lambda _: None)
     page.make_light_field("vesicle", str(tmp_path / "v.tif"))
-    assert any("H is still being opened" in words for words in said)
+    assert any("H is being opened" in words for words in said)
 
 
 def test_a_made_light_field_is_reconstructed_and_judged(
@@ -110,7 +110,7 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     x, y = page.panel.misfit._curves["misfit"].getData()
     # an accelerated method may overshoot by a little
     assert len(x) == 10 and y[-1] < y[0] / 20 and (y < 1.1 * np.minimum.accumulate(y)).all()
-    _, errors = page.panel.misfit._curves["error against the truth"].getData()
+    _, errors = page.panel.misfit._curves["error relative to the truth"].getData()
     assert len(errors) == 10 and errors[-1] == pytest.approx(100 * first.errors[-1]) and errors[-1] < errors[0]
     idle(context.jobs, qtbot)
     truth = page.panel.view.looks[1]

@@ -306,7 +306,7 @@ def test_a_disk_without_an_answer_holds_up_nothing(
 
     monkeypatch.setattr("lfcal.judge.iter_find_results", hangs)
     page.look()
-    assert page.panel.message.text() == "Looking …" and page.panel.status.text().startswith("Searching")
+    assert page.panel.message.text() == "Searching …" and page.panel.status.text().startswith("Searching")
     page.choose(str(folder / "may"))
     qtbot.waitUntil(lambda: len(names(page)) == 2, timeout=GUARD_MS)
     answer.set()

@@ -178,7 +178,7 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     page.check_white(str(tmp_path / "white.tif"))
     idle(context.jobs, qtbot)
     panel, inspector = page.check, page.panel.inspector
-    assert "radial" in panel.about.text() and "rms off it" in panel.about.text()
+    assert "radial" in panel.about.text() and "px rms" in panel.about.text()
     view = panel
     view.choice.setCurrentIndex(view.choice.findData("distortion"))
     # the fit may give part of a barrel to pitch and origin; what bends grows outwards from the middle
@@ -190,7 +190,7 @@ def test_a_bent_lattice_and_its_residuals_are_drawn(
     outward = ((tips - tails) * (tails - middle)).sum(0)
     far = np.hypot(*(tails - middle)) > reach / 2
     assert np.all(outward[far] > 0), "arrows point to where micro-images are seen"
-    assert "times too long" in view.legend.text() and "px" in view.legend.text()
+    assert "arrows magnified" in view.legend.text() and "px" in view.legend.text()
     view.choice.setCurrentIndex(view.choice.findData("residuals"))
     assert float(np.nanmax(view.map.values)) < 0.3
     inspector.buttons["take"].click()
@@ -262,7 +262,7 @@ def test_a_camera_that_cannot_scan_the_plan_says_that_it_is_let_go(open_page: Op
     editor = page.panel.inspector.values.editor("sensor.rows")
     editor.setText("20")
     editor.textEdited.emit("20")
-    assert context.state.plan is None and "undo brings it back" in page.notice.label.text()
+    assert context.state.plan is None and "Undo restores it" in page.notice.label.text()
     context.project.undo()
     assert context.state.plan == plan
 

@@ -86,7 +86,7 @@ def test_doubtful_and_unreadable_folders_change_nothing(
     for which, path in (("flats", flats), ("darks", darks)):
         dialog.set_folder(which, path)
     idle(window.jobs, qtbot)
-    assert not dialog.take_button.isEnabled() and "Not the sensor's own" in dialog.words.text()
+    assert not dialog.take_button.isEnabled() and "Doubtful: " in dialog.words.text()
     assert "record raw" in dialog.take_button.toolTip()
     (tmp_path / "empty").mkdir()
     dialog.set_folder("darks", str(tmp_path / "empty"))

@@ -119,10 +119,10 @@ def test_a_search_is_stopped(
     target = page.target
     type_in(page, "source", "array")
     page.target.plan_target()
-    assert target.stop_button.isEnabled() and "Looking for" in target.message.text()
+    assert target.stop_button.isEnabled() and "Searching for" in target.message.text()
     target.stop_button.click()
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
-    assert not target.stop_button.isEnabled() and "Nothing is planned" in target.message.text()
+    assert not target.stop_button.isEnabled() and "There is no plan yet" in target.message.text()
     page.target.plan_target()
     type_in(page, "tolerance", "0.2")  # what is looked for is wanted no longer
     qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)

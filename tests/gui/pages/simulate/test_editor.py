@@ -149,7 +149,7 @@ def test_a_measured_wavefront_is_a_table_of_terms(page: Any, qtbot: QtBot) -> No
     editor = page.panel.effect.form.editors["terms"]
     page.panel.table.ask_next("zernike")
     idle(page.context.jobs, qtbot)
-    assert "needs terms" in page.panel.effect.why.text() and not page.verdict.row("zernike").on
+    assert "has no terms" in page.panel.effect.why.text() and not page.verdict.row("zernike").on
     table.add_button.click()
     for column, text in enumerate(("4", "1", "0.1")):
         table.cells.item(0, column).setText(text)
@@ -157,7 +157,7 @@ def test_a_measured_wavefront_is_a_table_of_terms(page: Any, qtbot: QtBot) -> No
     table.cells.item(0, 1).setText("0")
     idle(page.context.jobs, qtbot)
     assert editor.error.isHidden() and given(page).given("zernike") == {"terms": (((4, 0, 0.1),), "stated")}
-    assert page.verdict.row("zernike").on and "needs terms" not in page.panel.effect.why.text()
+    assert page.verdict.row("zernike").on and "has no terms" not in page.panel.effect.why.text()
     table.add_button.click()
     assert table.cells.rowCount() == 2, "an empty row is no term yet"
     table.cells.setCurrentCell(0, 0)
@@ -240,7 +240,7 @@ def test_waiting_for_the_influence_can_be_stopped(page: Any, qtbot: QtBot, monke
 def test_effects_on_frames_say_so_and_make_frames(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
     choose(page, "read_noise", qtbot)
     effect, panel = page.panel.effect, page.panel
-    assert "acts on sensor frames, not on H" in effect.title.text()
+    assert "affects sensor frames, not H" in effect.title.text()
     assert "samples differ" in effect.influence.words.text()
     assert "sensor column" in effect.influence.pictures[0].toolTip()
     noisy = effect.influence.influence
@@ -327,7 +327,7 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     passes: list[str] = []
 
     def held(words: str) -> None:
-        passes.extend([words] if "whole within" in words else [])
+        passes.extend([words] if "all planes within" in words else [])
         if len(passes) == 2:
             second.set()
             assert go_on.wait(GUARD_MS / 1000)
@@ -347,7 +347,7 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     context.jobs.cancel(job.number)
     go_on.set()
     idle(context.jobs, qtbot)
-    assert any(words.startswith(f"kept {out}, whole within") for words in said)
+    assert any(words.startswith(f"kept {out}, all planes within") for words in said)
     assert context.state.reference == str(out)
     with open_psf(out) as kept:
         assert 0.05 < float(np.max(kept.facts.known()["error"])) <= 0.5

@@ -124,12 +124,12 @@ def test_effects_that_are_not_installed_are_kept_and_named() -> None:
     settings = SimulateSettings.from_dict(data)
     assert settings.effects() == (Coma(0.3),)
     assert settings.to_dict()["magnitudes"] == data["magnitudes"]
-    assert "Not installed, and left out: halo, glare" in verdict_of(small_plan(), settings).unknown
+    assert "Not installed, so omitted: halo, glare" in verdict_of(small_plan(), settings).unknown
 
 
 def test_a_measured_wavefront_without_terms_says_so() -> None:
     row = verdict_of(small_plan(), SimulateSettings().with_override("zernike", "on")).row("zernike")
-    assert row is not None and not row.on and "needs terms" in row.reason
+    assert row is not None and not row.on and "has no terms" in row.reason
 
 
 def test_effects_on_frames_have_the_verdict_of_frames() -> None:

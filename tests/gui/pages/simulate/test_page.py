@@ -154,7 +154,7 @@ def page(open_page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.Mon
 
 def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Context, qtbot: QtBot) -> None:
     panel = page.panel
-    assert panel.seconds_words.text() == "for the whole H" and panel.error.text() == "3 %"
+    assert panel.seconds_words.text() == "for all of H" and panel.error.text() == "3 %"
     assert panel.seconds.text() == format_seconds(context.told["simulate"]["compute_s"])
     panel.curve.measure_button.click()
     assert not panel.curve.measure_button.isEnabled()
@@ -168,13 +168,13 @@ def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Co
     page._show_curve()
     told = context.paces.corrected(context.told["simulate"])
     assert panel.seconds.text() == format_seconds(told["compute_s"]) == "8.0 s", "that of the line of the next step"
-    assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 6.0 s, 1 % off."
+    assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 6.0 s, error 1 %."
     context.paces.runs.clear()
     page._show_curve()
-    assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 1.5 s, 1 % off."
+    assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 1.5 s, error 1 %."
     page._set("level", "wave")
     idle(context.jobs, qtbot)
-    assert panel.error_words.text() == "error asked for", "it was measured at level auto"
+    assert panel.error_words.text() == "error requested", "it was measured at level auto"
     panel.curve.chosen.emit(next(k for k, rung in enumerate(page._curve.rungs) if rung.error == 0.15))
     settings = SimulateSettings.of(context.state)
     assert (settings.tolerance, settings.level, panel.seconds.text()) == (0.3, "auto", "1.0 s")

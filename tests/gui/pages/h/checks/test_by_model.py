@@ -203,7 +203,7 @@ def test_stopped_while_it_compares_the_metrics_stay(page: Page, qtbot: QtBot) ->
 def test_without_time_only_the_metrics_are_measured(page: Page, qtbot: QtBot) -> None:
     found_by(page, qtbot)
     view_of(page).form.edited.emit("seconds", 0.0)
-    assert "Choices changed" in view_of(page).summary.text()
+    assert "settings changed" in view_of(page).summary.text()
     page.checking.measure(force=True)
     idle(page.context.jobs, qtbot)
     found = page.checking.inspection
@@ -228,9 +228,9 @@ def test_the_camera_of_page_fit_is_taken_where_it_is_of_this_h(page: Page, tmp_p
 def test_a_fit_found_later_is_offered(page: Page, qtbot: QtBot) -> None:
     found_by(page, qtbot)
     stamp = stamp_of(page.context.state.psf)
-    assert stamp is not None and "Choices changed" not in view_of(page).summary.text()
+    assert stamp is not None and "settings changed" not in view_of(page).summary.text()
     page.context.set_fitted(FittedCamera(stamp, Setup(plan().camera, starting_effects(plan()), (0.0, 0.0))))
-    assert "Choices changed" in view_of(page).summary.text()
+    assert "settings changed" in view_of(page).summary.text()
 
 
 @pytest.mark.long

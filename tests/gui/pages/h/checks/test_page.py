@@ -112,7 +112,7 @@ def test_what_was_found_before_is_said_to_be_where_the_next_inspection_fails(
     idle(window.jobs, qtbot)
     assert checking.view.counts.text() == counts and checking.view.stack.currentIndex() == 1
     assert "Earlier results" in page.notice.label.text()
-    assert "Choices changed since" in checking.view.summary.text(), "these were not used"
+    assert "settings changed since" in checking.view.summary.text(), "these were not used"
 
 
 def test_one_report_at_a_time(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:

@@ -116,15 +116,15 @@ def test_an_h_says_what_it_has() -> None:
     assert (offer.recorded, offer.shape) == (6, (1, 2, 4, 15, 15))
     assert offer.noise == pytest.approx((64.0, 1.0)) and offer.camera == "bench"
     assert offer.source_words("H.h5") == "H.h5: 6 of 8 positions recorded, 1 plane"
-    assert offer.use_words(40) == "6 are used, 1 of them kept aside to judge the fit."
+    assert offer.use_words(40) == "6 are used, 1 of them held out to test the fit."
     assert offer.use_words(0) == offer.use_words(6) == offer.use_words(None)
     many = replace(offer, recorded=100)
     assert [many.use_words(asked).split()[0] for asked in (None, 0, 30)] == ["40", "100", "30"]
     chosen = replace(many, aside=25)
-    assert chosen.use_words(None) == "100 are used, 25 of them kept aside to judge the fit."
-    assert offer.noise_words(FitSettings()) == ("Noise as H states: variance about 64 + 1 × value.", "hint")
+    assert chosen.use_words(None) == "100 are used, 25 of them held out to test the fit."
+    assert offer.noise_words(FitSettings()) == ("Noise as stated in H: variance about 64 + 1 × value.", "hint")
     given = FitSettings(noise=(1.0, 2.0))
-    assert offer.noise_words(given) == ("Noise as given here, not what H states.", "hint")
+    assert offer.noise_words(given) == ("Noise as given here, not as stated in H.", "hint")
     mine = replace(preset("bench"), name="mine")
     assert offer.camera_words(FitSettings("window"), mine, None) == (
         "Starts from mine, the camera of this window.",
@@ -207,7 +207,7 @@ def test_pictures_belong_together(found: FoundFit) -> None:
         np.testing.assert_allclose(found.residual[place], off, atol=0.05)
         assert 0.6 < found.chi2[place] < 1.5
     assert found.unit == "counts" and len(found.aside) == 1
-    assert {found.fate(place) for place in found.places} == {"fitted", "kept aside"}
+    assert {found.fate(place) for place in found.places} == {"fitted", "held out"}
 
 
 def test_a_pattern_that_was_left_out_is_shown_all_the_same(found_outlier: FoundFit) -> None:
@@ -221,7 +221,7 @@ def test_a_pattern_that_was_left_out_is_shown_all_the_same(found_outlier: FoundF
     assert "left out, χ²" in place_words(found_outlier, place)
     (finding,) = [one for one in findings_of(found_outlier.fit) if one.place is not None]
     assert finding.place == place and "chi²" in finding.text
-    assert "1 left out as unlike the others" in detail_of(found_outlier)
+    assert "1 left out as outliers" in detail_of(found_outlier)
 
 
 def test_rows_of_parameters_are_what_was_found(found: FoundFit) -> None:
@@ -247,13 +247,15 @@ def test_the_verdict_says_how_far_to_trust(found: FoundFit) -> None:
     fit = found.fit
     assert merit_of(fit) == "good"
     assert re.fullmatch(
-        r"The model explains the patterns: χ² [\d.]+\. H .* off by less than [\d.]+ %\.", verdict_of(fit)
+        r"The model explains the patterns: χ² [\d.]+\. H .* has an error below [\d.]+ %\.", verdict_of(fit)
     )
     assert detail_of(found).startswith("H.h5: 5 patterns fitted, error from 1 held out")
     worse = replace(fit, chi_square=replace(fit.chi_square, lit=3.0, sigma=0.05))
     known = replace(worse, held_out_error=replace(fit.held_out_error, squared=4e-4, squared_sigma=1e-5))
     assert merit_of(known) == "bad"
-    assert verdict_of(known).startswith("The model is incomplete: χ² 3.000, 40 σ above 1. H of this camera is 2 % ±")
+    assert verdict_of(known).startswith(
+        "The model is incomplete: χ² 3.000, 40 σ above 1. H of this camera has an error of 2 % ±"
+    )
     assert merit_of(replace(fit, answers={"order of lens types": "1, 0, 2 of the description"})) == "fair"
 
 

@@ -56,7 +56,7 @@ def test_from_h_to_the_camera(page: Page, qtbot: QtBot) -> None:
     assert "explains the patterns" in view.verdict.text() and view.verdict.property("role") == "good"
     assert page.panel.rows["fit"].state.text().endswith(("off", "noise"))
     said = [view.findings.item(k, 0).text() for k in range(view.findings.rowCount())]
-    assert [words.partition(":")[0] for words in said] == ["held", "fitted"]
+    assert [words.partition(":")[0] for words in said] == ["fixed", "fitted"]
     rounds = view.rounds.error.line.getData()
     assert len(rounds[0]) >= 3 and rounds[1][-1] < rounds[1][0]
     assert page.context.jobs.jobs()[0].result is None, "jobs are remembered for ever: they must not hold patterns"
@@ -293,7 +293,7 @@ def test_a_fit_made_while_recording_is_taken_over(page: Page, known: FitRun, qtb
     assert (
         page.fitting.settings.positions == 0
         and page.fitting.settings.auto
-        and "Choices changed" not in view.detail.text()
+        and "settings changed" not in view.detail.text()
     )
     assert "during the recording" in view.rounds.words.text()
     page.context.project.undo()
@@ -306,7 +306,8 @@ def test_a_fit_of_another_scan_is_not_taken_over(page: Page, known: FitRun, qtbo
     page.receive(replace(fit, planned=replace(fit.planned, cutout=(13, 13))))
     idle(page.context.jobs, qtbot)
     assert (
-        page.fitting.found is None and "H.h5, patterns: expected those of the fit" in page.fitting.view.verdict.text()
+        page.fitting.found is None
+        and "H.h5, patterns: expected the patterns of the fit" in page.fitting.view.verdict.text()
     )
 
 
@@ -438,11 +439,11 @@ def test_no_name_of_a_group_is_cut(page: Page, auto: bool) -> None:
 
 def test_choices_since_a_fit_are_told(fitted: Page) -> None:
     project = fitted.context.project
-    assert "Choices changed" not in fitted.fitting.view.detail.text()
+    assert "settings changed" not in fitted.fitting.view.detail.text()
     project.update("more", settings=replace(GEOMETRY, positions=5).into(project.state))
-    assert "Choices changed since this fit" in fitted.fitting.view.detail.text()
+    assert "The settings changed since this fit" in fitted.fitting.view.detail.text()
     project.undo()
-    assert "Choices changed" not in fitted.fitting.view.detail.text()
+    assert "settings changed" not in fitted.fitting.view.detail.text()
 
 
 def test_colours_of_the_theme(fitted: Page, qapp: QApplication, context: Context) -> None:
