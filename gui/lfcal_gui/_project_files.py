@@ -165,7 +165,7 @@ class ProjectFiles(QObject):
             self._refuse(
                 "Open project",
                 f"ignored in the project file: {named}{others}; opening a path on a network share would "
-                "make this computer log on to that server. Choose the file again if you trust it, or map "
+                "make this computer log on to that server. Choose the file again if you know it, or map "
                 "the share to a drive letter",
             )
 

@@ -76,7 +76,7 @@ def subject_of(project: ProjectState, kind: str) -> object:
 def iter_measure(
     project: ProjectState, kind: str, seconds: float, places: Iterable[str], kept: MeasuredCurves
 ) -> Work[None]:
-    """Measure the places in turn, each for about ``seconds``; each point is added to ``kept`` at once."""
+    """Measure the places in turn, each for about ``seconds``; each point is added to ``kept`` when measured."""
     from lfcal.accuracy import PLACES, iter_measure_curve
 
     chosen, key = [PLACES.get(name) for name in places], subject_of(project, kind)

@@ -263,9 +263,8 @@ class Page(BasePage):
         self.assemble_button.setEnabled(False)
         if not state.frames:
             self.show_empty(
-                "No frames yet.\nImport a folder of frames that this or another program recorded, or "
-                "drop one here.\nFolders named dark and white in the same folder, and plan.json, are "
-                "found automatically.",
+                "No frames yet.\nImport a folder of frames that this or another program recorded, or drop one here."
+                "\nFolders named dark and white in the same folder, and plan.json, are found automatically.",
                 {"Import any folder …": (IMPORT, self.choose_folder), "File or list …": (FILE, self.start_import)},
             )
             return

@@ -18,7 +18,7 @@ Verdict = tuple[str, str]
 
 NOT_JUDGED = "Not judged"
 PROJECT = ""
-"""Entry of the folder list that stands for the folders of the project."""
+"""Entry of the folder list for the folders of the project."""
 
 KIND_WORDS = {
     "": "All kinds",
