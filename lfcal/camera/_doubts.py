@@ -55,7 +55,7 @@ def _unusual(camera: Camera, quantity: Quantity) -> list[str]:
     for factor, mistake in FACTORS:
         if low <= worst * factor <= high:
             return [f"{shown} µm; did you mean {worst * factor:g} µm ({mistake})?"]
-    return [f"{shown} µm, which is unusual; lengths are in µm"]
+    return [f"{shown} µm, which is unusual; check the value, which is in µm"]
 
 
 def _lenslets(camera: Camera, lenslets: PupilLenslets) -> list[str]:
@@ -69,7 +69,7 @@ def _lenslets(camera: Camera, lenslets: PupilLenslets) -> list[str]:
     dark = np.hypot(*centres.T) - lenslets.clear_um / 2 > lenslets.pupil_um(camera.optics) / 2
     if dark.any():
         pupil = f"the pupil of {lenslets.pupil_um(camera.optics):.0f} µm"
-        remedy = "check the focal length of the Fourier lens, magnification and NA"
+        remedy = "check the focal length of the Fourier lens, the magnification and the NA"
         found.append(f"{int(dark.sum())} of {len(centres)} lenslets lie outside {pupil}; {remedy}")
     pixels = camera.pixels(centres + np.array(lenslets.offset_um))
     outside = ((pixels < 0) | (pixels > np.array(camera.sensor.shape) - 1)).any(-1)
@@ -107,5 +107,9 @@ def _apertures(camera: Camera) -> list[str]:
     ratio = lattice.gap_um / (optics.working_f_number * lattice.clear_diameter_um)
     if ratio <= 1.5:
         return []
-    remedy = "magnification and NA" if optics.telecentric else "f-number and distance"
+    remedy = (
+        "magnification and NA of the objective"
+        if optics.telecentric
+        else "f-number and image distance of the main lens"
+    )
     return [f"micro-images would be {ratio:.2g} lenslets wide and overlap; check the gap, and {remedy}"]

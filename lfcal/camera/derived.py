@@ -130,7 +130,7 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
             found = [*_on_the_sensor(camera), *_in_the_optics(camera), *_in_object_space(camera)]
     except ArithmeticError:  # a division by almost zero, or an overflow
         raise InputError.expected(
-            "camera", "values of a real camera", "numbers too extreme for a calculation", "check units and exponents"
+            "camera", "values of a real camera", "values too extreme for a calculation", "check units and exponents"
         ) from None
     return tuple(Derived(*row[:4], _assumed(camera, row[4])) for row in found)
 

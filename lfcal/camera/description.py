@@ -282,7 +282,10 @@ class Camera:
         """Return the camera described by ``data``; unknown or missing entries raise `InputError`."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
-                "camera description", f'"format": "{FORMAT}"', "something else", "check the file"
+                "camera description",
+                f'"format": "{FORMAT}"',
+                "something else",
+                "check that the file describes a camera for lfcal",
             )
         version = data.get("version")
         if type(version) is not int or not 1 <= version <= VERSION:
@@ -290,7 +293,9 @@ class Camera:
         body = _completed(data, version)
         optics = body.get("optics")
         if not isinstance(optics, Mapping) or optics.get("type") not in ("MainLens", "Microscope"):
-            raise FileFormatError.expected("camera optics", "type MainLens or Microscope", optics, "correct it")
+            raise FileFormatError.expected(
+                "camera optics", "type MainLens or Microscope", optics, "choose one of these types"
+            )
         kind = MainLens if optics["type"] == "MainLens" else Microscope
         body["optics"] = build(kind, {k: v for k, v in optics.items() if k != "type"}, "optics")
         if "lattice" in body:
@@ -309,7 +314,9 @@ def _lattice(entries: Any) -> LensletLattice | PupilLenslets:
     """Return the lenslets that ``entries`` describe: a lattice has no type, for older programs wrote none."""
     kind = entries.get("type", "LensletLattice") if isinstance(entries, Mapping) else "LensletLattice"
     if kind not in ("LensletLattice", "PupilLenslets"):
-        raise FileFormatError.expected("camera.lattice", "type LensletLattice or PupilLenslets", kind, "correct it")
+        raise FileFormatError.expected(
+            "camera.lattice", "type LensletLattice or PupilLenslets", kind, "choose one of these types"
+        )
     own = {k: v for k, v in entries.items() if k != "type"} if isinstance(entries, Mapping) else entries
     if kind == "PupilLenslets":
         return build(PupilLenslets, own, "camera.lattice")
@@ -331,7 +338,7 @@ def _completed(data: Mapping[str, Any], version: int) -> dict[str, Any]:
 def _marks(entries: Any) -> Marks:
     if not isinstance(entries, Mapping):
         raise FileFormatError.expected(
-            "camera.marks", "an object with named entries", type(entries).__name__, "correct it"
+            "camera.marks", "an object with named entries", type(entries).__name__, "give an object with named entries"
         )
     return Marks.of(entries)
 
@@ -350,17 +357,21 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
         If ``kind`` refuses a value.
     """
     if not isinstance(data, Mapping):
-        raise FileFormatError.expected(what, "an object with named entries", type(data).__name__, "correct it")
+        raise FileFormatError.expected(
+            what, "an object with named entries", type(data).__name__, "give an object with named entries"
+        )
     hints = _hints(cast(Any, kind))
     names = {f.name for f in fields(cast(Any, kind))}
     # an unknown entry is an error, because a misspelt one leaves another without a value
     unknown = sorted(set(data) - names)
     if unknown:
-        raise FileFormatError.expected(what, f"only {', '.join(sorted(names))}", unknown[0], "remove it")
+        raise FileFormatError.expected(
+            what, f"only the entries {', '.join(sorted(names))}", unknown[0], "remove this entry"
+        )
     missing = sorted(names - set(data))
     if missing and not partial:
         named = f"the entr{'ies' if len(missing) > 1 else 'y'} {', '.join(map(repr, missing))}"
-        raise FileFormatError.expected(what, named, "none", "add what is missing")
+        raise FileFormatError.expected(what, named, "nothing", "add what is missing")
     return kind(**{name: _value(hints[name], value, f"{what}.{name}") for name, value in data.items()})
 
 
@@ -382,7 +393,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
     origin = get_origin(hint)
     if origin is tuple:
         if not isinstance(value, list | tuple):
-            raise FileFormatError.expected(what, "a list", type(value).__name__, "correct it")
+            raise FileFormatError.expected(what, "a list", type(value).__name__, "give a list")
         args = get_args(hint)
         inner = args[0] if args else Any
         return tuple(_value(inner, v, what) for v in value)
@@ -396,7 +407,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
         return build(hint, value, what)
     # in Python, true is an integer; in a file, it is not a number
     if hint in _LEAVES and type(value) not in _LEAVES[hint][0]:
-        raise FileFormatError.expected(what, _LEAVES[hint][1], repr(value), "correct it")
+        raise FileFormatError.expected(what, _LEAVES[hint][1], repr(value), "give such a value")
     return value
 
 

@@ -175,19 +175,21 @@ class LatticeDistortion:
                 "distortion of the lattice",
                 "one that keeps neighbouring lenslets apart",
                 "one that turns them upside down" if least > 0.1 else f"an area shrunk to {least:.2g}",
-                "correct its terms or its scale",
+                "reduce its terms, or correct its scale",
             )
 
     def _check_counts(self) -> None:
         counts = [len(t) for t in self.terms]
         if self.model == "radial":
             if len(counts) != 1 or not 1 <= counts[0] <= 4:
-                raise InputError.expected("terms of a radial distortion", "one list of 1 to 4", counts, "correct them")
+                raise InputError.expected(
+                    "terms of a radial distortion", "one list of 1 to 4 terms", counts, "give one list of this length"
+                )
             return
         right = [len(polynomial_powers(n)) for n in range(2, MAX_DEGREE + 1)]
         if len(counts) != 2 or counts[0] != counts[1] or counts[0] not in right:
             wanted = f"two lists of {', '.join(map(str, right))}"
-            raise InputError.expected("terms of a polynomial distortion", wanted, counts, "correct them")
+            raise InputError.expected("terms of a polynomial distortion", wanted, counts, "give lists of this length")
 
     @property
     def degree(self) -> int:
@@ -251,7 +253,9 @@ class LatticeDistortion:
             points += step
             if np.abs(step).max() <= INVERSE_TOLERANCE * (self.scale + float(np.abs(points).max())):
                 return points
-        raise InputError("distortion of the lattice: cannot be inverted so far out; use points near the sensor")
+        raise InputError(
+            "distortion of the lattice: cannot be inverted at points so far from the axis; use points near the sensor"
+        )
 
     def jacobian(self, points: ArrayLike) -> Array:
         """Return the derivative of `apply` ``(..., 2, 2)``: rows are displaced coordinates, columns are x and y."""

@@ -114,7 +114,9 @@ class Draft:
     def put(self, path: str, value: Any, mark: str = "stated") -> None:
         """Set ``value`` unless one is set already; None sets nothing."""
         if path not in PATHS or not self._has(path):
-            raise InputError.expected("value of a camera", f"a value of {self._title}", path, "see lfcal camera show")
+            raise InputError.expected(
+                "entry of a camera", f"an entry of {self._title}", path, "lfcal camera show lists the entries"
+            )
         if value is not None:
             self._values.setdefault(path, (value, mark))
 

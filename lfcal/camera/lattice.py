@@ -66,7 +66,7 @@ class LensType:
         # lenslet equation 1/f = 1/B - 1/a with a = v B: between 0 and 1 the focal length would be negative
         if virtual_depth in (0, 1) or 0 < virtual_depth < 1:
             raise InputError.expected(
-                "virtual depth in focus", "a value above 1 or below 0", virtual_depth, "correct it"
+                "virtual depth in focus", "a value above 1 or below 0", virtual_depth, "give such a value"
             )
         return cls(gap_um / (1.0 - 1.0 / virtual_depth), depth_range)
 
@@ -153,12 +153,17 @@ class LensletLattice:
             check_type("lens type", kind, LensType)
         # arrays of three types are hexagonal, with different types as neighbours
         if len(self.types) not in (1, 3) or (len(self.types) == 3 and self.kind == "square"):
-            raise InputError.expected("lens types", "one, or three on a hexagonal array", len(self.types), "correct it")
+            raise InputError.expected(
+                "lens types",
+                "one type, or three types on a hexagonal array",
+                len(self.types),
+                "change the types or the array",
+            )
         if self.row_pitch_um is not None:
             check_number("row pitch (µm)", self.row_pitch_um, at_least=self.pitch_um / 50, at_most=50 * self.pitch_um)
         check_number("shear of the lattice (rad)", self.shear_rad, above=-0.2, below=0.2)
         if self.clear_um is not None:
-            gapless = f"lenslets without gaps are {self.cell_um[1]:.6g} µm from corner to corner"
+            gapless = f"lenslets without gaps measure {self.cell_um[1]:.6g} µm from corner to corner"
             check_number("clear diameter (µm)", self.clear_um, above=0, at_most=1.5 * self.pitch_um, remedy=gapless)
         check_number("step of lens types along a row", self.type_step, at_least=1, at_most=2, integer=True)
         if self.distortion is not None:

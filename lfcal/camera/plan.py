@@ -49,7 +49,9 @@ MAX_WAIT_S = 86_400.0
 def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
     """Return object-space depths (µm) from depths or from virtual depths."""
     if (depths is None) == (virtual is None):
-        raise InputError.expected("depth planes", "depths in µm or virtual depths", "both or neither", "give one")
+        raise InputError.expected(
+            "depth planes", "depths in µm or virtual depths", "both or neither", "give one of the two"
+        )
     values: Sequence[float] = tuple(depths if depths is not None else () if virtual is None else virtual)
     for value in values:
         check_number("depth", value)
@@ -68,9 +70,9 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
     if steps.size and not (np.all(steps > 0) or np.all(steps < 0)):
         raise InputError.expected(
             "depths (µm)",
-            "rising or falling throughout",
-            "another order or a repeated plane",
-            "sort them and remove repetitions",
+            "depths in increasing or decreasing order",
+            "another order, or a repeated plane",
+            "sort the depths and remove repetitions",
         )
     return checked
 
@@ -81,7 +83,7 @@ def _check_near(optics: Microscope, z_um: float) -> None:
     if not abs(z_um) < MAX_DEFOCUS * focal:
         share = f"{MAX_DEFOCUS:g} of the objective's focal length"
         limit = f"within {MAX_DEFOCUS * focal:.6g} µm of the focal plane ({share})"
-        raise InputError.expected("depth", limit, f"{z_um:g} µm", "choose a plane nearer to it")
+        raise InputError.expected("depth", limit, f"{z_um:g} µm", "choose a plane nearer to the focal plane")
 
 
 def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[float, ...]:
@@ -186,7 +188,7 @@ class ScanPlan:
                 "lattice rotation",
                 "rows within 2° of a sensor axis",
                 tilt,
-                "turn the camera's lattice upright, or rotate the frames",
+                "make the rows of the camera's lattice parallel to the sensor, or rotate the frames",
             )
         _check_on_sensor(self)
 
@@ -400,7 +402,9 @@ class ScanPlan:
         outside = ((index < 0) | (index >= np.array(self.shape[:3]))).any(axis=1)
         if outside.any():
             first = tuple(index[outside][0].tolist())
-            raise InputError.expected("position", f"(z, y, x) inside {self.shape[:3]}", first, "use this plan's list")
+            raise InputError.expected(
+                "position", f"(z, y, x) inside {self.shape[:3]}", first, "use a list of this plan"
+            )
         wanted = np.zeros(self.shape[:3], np.bool_)
         wanted[tuple(index.T)] = True
         order = self.order_indices()
@@ -429,7 +433,9 @@ class ScanPlan:
     def from_dict(cls, data: Mapping[str, Any]) -> ScanPlan:
         """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
         if not cls.is_one(data):
-            raise FileFormatError.expected("scan plan", f'"format": "{FORMAT}"', "something else", "check the file")
+            raise FileFormatError.expected(
+                "scan plan", f'"format": "{FORMAT}"', "another kind of file", "choose a plan made by lfcal plan"
+            )
         if data.get("version") != VERSION:
             raise FileFormatError.expected("scan plan", f"version {VERSION}", data.get("version"), "update lfcal")
         body = {key: value for key, value in data.items() if key not in ("format", "version")}
@@ -457,8 +463,8 @@ def _check_on_sensor(plan: ScanPlan) -> None:
             lo, hi = centres[k] - half, centres[k] + half
             raise InputError.expected(
                 f"cutout of position z={place.z}, y={place.y}, x={place.x}",
-                f"{name}s 0 to {size - 1}",
-                f"{lo:.0f} to {hi:.0f}",
+                f"{name}s from 0 to {size - 1}",
+                f"{name}s from {lo:.0f} to {hi:.0f}",
                 "move the anchor inwards or choose a smaller cutout",
             )
 
@@ -578,8 +584,8 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     if plan.resample:
         raise InputError.expected(what, "frames that are not resampled", "resampled frames", remedy)
     if ny % 2 or nx % 2:
-        wanted = "a period of even numbers of pixels"
-        raise InputError.expected(what, wanted, f"{ny} x {nx}: half of it is not a whole number of pixels", remedy)
+        wanted = "an even number of pixels in both directions of the period"
+        raise InputError.expected(what, wanted, f"{ny} x {nx}, half of which is not a whole number of pixels", remedy)
     lattice, pixel = plan.cell_camera.lattice, plan.camera.sensor.pixel_um
     basis = lattice.basis_um()
     worst = np.zeros(2)
@@ -589,12 +595,14 @@ def half_cell(plan: ScanPlan) -> HalfCell:
         whole = np.rint(steps).astype(np.intp)
         x, y = (whole - steps) @ basis / pixel
         if max(abs(x), abs(y)) > 0.25 * lattice.pitch_um / pixel:
-            got = f"none within {np.hypot(x, y):.1f} px of it"
-            raise InputError.expected(what, "a lenslet half a period from each", got, remedy)
+            got = f"none within {np.hypot(x, y):.1f} px of that point"
+            raise InputError.expected(what, "a lenslet half a period from each lenslet", got, remedy)
         if int(lattice.type_of(*whole)) != int(lattice.type_of(0, 0)):
             raise InputError.expected(what, "lenslets of the same type half a period away", "another type", remedy)
         worst = np.where(np.abs((y, x)) > np.abs(worst) + 1e-9, (y, x), worst)
     if np.abs(worst).max() > HALF_PERIOD_TOL_PX:
-        got = f"{worst[0]:+.3f} rows, {worst[1]:+.3f} columns off"
-        raise InputError.expected(what, f"half periods within {HALF_PERIOD_TOL_PX} px of whole pixels", got, remedy)
+        got = f"deviations of {worst[0]:+.3f} rows and {worst[1]:+.3f} columns"
+        raise InputError.expected(
+            what, f"half periods within {HALF_PERIOD_TOL_PX} px of a whole number of pixels", got, remedy
+        )
     return HalfCell((ny, nx), (ny // 2, nx // 2), (float(worst[0]), float(worst[1])))

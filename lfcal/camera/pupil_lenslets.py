@@ -25,7 +25,9 @@ class NoLatticeError(InputError, AttributeError):
     def of(cls, name: str) -> NoLatticeError:
         """Return the error for the property ``name`` of a lattice."""
         got = "a Fourier light-field microscope, whose lenslets form no lattice"
-        return cls.expected(name, "a camera with a periodic lenslet array", got, "it does not apply to this camera")
+        return cls.expected(
+            name, "a camera with a periodic lenslet array", got, "this property does not exist for this camera"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,14 +92,19 @@ class PupilLenslets:
         centres = tuple(check_tuple("centre of a lenslet (x, y) (µm)", one, 2) for one in self.lens_centres_um)
         check_number("lenslets", len(centres), at_least=1, at_most=MOST_LENSLETS, remedy="list the centre of each")
         if len(set(centres)) < len(centres):
-            raise InputError.expected("centres of the lenslets", "different places", "a repeated one", "remove it")
+            raise InputError.expected(
+                "centres of the lenslets",
+                "a different centre for each lenslet",
+                "a repeated one",
+                "remove the repetition",
+            )
         object.__setattr__(self, "lens_centres_um", centres)
         check_length("focal length of the Fourier lens (µm)", self.fourier_um)
         check_length("lenslet-sensor gap (µm)", self.gap_um)
         focal = check_tuple("focal lengths of the lenslets (µm)", self.focal_lengths_um)
         if len(focal) not in (1, len(centres)):
-            wanted = f"one for all, or one for each of {len(centres)} lenslets"
-            raise InputError.expected("focal lengths of the lenslets", wanted, len(focal), "correct them")
+            wanted = f"one for all lenslets, or one for each of the {len(centres)}"
+            raise InputError.expected("focal lengths of the lenslets", wanted, len(focal), "give one of these numbers")
         for one in focal:
             check_length("focal length of a lenslet (µm)", one)
         object.__setattr__(self, "focal_lengths_um", focal)

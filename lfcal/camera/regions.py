@@ -64,10 +64,10 @@ class RegionPlan:
         bad = [name for name in names if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name))]
         if bad or len({name.lower() for name in names}) < len(names) or not 1 <= len(names) <= MAX_REGIONS:
             wanted = f"1 to {MAX_REGIONS} different names of letters and digits"
-            raise InputError.expected("regions of the field", wanted, bad[:1] or len(names), "rename them")
+            raise InputError.expected("regions of the field", wanted, bad[:1] or len(names), "rename the regions")
         if len(anchors) != len(names) or anchors[0] != self.scan.anchor:
-            wanted = f"one for each of {len(names)} regions, the first that of the scan"
-            raise InputError.expected("anchors of the regions", wanted, len(anchors), "correct them")
+            wanted = f"one for each of the {len(names)} regions, of which the first is that of the scan"
+            raise InputError.expected("anchors of the regions", wanted, len(anchors), "give as many anchors as regions")
         for k in range(len(names)):
             self.plan(k)
 
@@ -114,7 +114,9 @@ class RegionPlan:
         anchors = [found[name] for name in names]
         if len(set(anchors)) < len(anchors):
             wanted = f"a sensor with room for {rows} x {columns} of {scan.cutout[0]} x {scan.cutout[1]} px"
-            raise InputError.expected("regions", wanted, scan.camera.sensor.shape, "choose fewer, or a smaller cutout")
+            raise InputError.expected(
+                "regions", wanted, scan.camera.sensor.shape, "choose fewer regions, or a smaller cutout"
+            )
         return cls(replace(scan, anchor=anchors[0]), tuple(names), tuple(anchors))
 
     # -- JSON ------------------------------------------------------------------------------------------
@@ -138,13 +140,23 @@ class RegionPlan:
         what = "plan of regions"
         if not cls.is_one(data) or data.get("version") != VERSION:
             wanted = f'"format": "{FORMAT}", version {VERSION}'
-            raise FileFormatError.expected(what, wanted, "something else", "check the file, or update lfcal")
+            raise FileFormatError.expected(what, wanted, "another kind of file", "check the file, or update lfcal")
         regions = data.get("regions")
         if set(data) != {"format", "version", "regions", "scan"} or not isinstance(regions, list):
-            raise FileFormatError.expected(what, "format, version, regions, scan", sorted(data), "correct it")
+            raise FileFormatError.expected(
+                what,
+                "the entries format, version, regions and scan",
+                sorted(data),
+                "make the plan again with lfcal plan --regions",
+            )
         for one in regions:
             if not isinstance(one, Mapping) or set(one) != {"name", "anchor"}:
-                raise FileFormatError.expected(f"{what}: region", "name and anchor", repr(one)[:60], "correct it")
+                raise FileFormatError.expected(
+                    f"{what}: region",
+                    "a name and an anchor",
+                    repr(one)[:60],
+                    "make the plan again with lfcal plan --regions",
+                )
         names, anchors = tuple(one["name"] for one in regions), tuple(one["anchor"] for one in regions)
         return cls(ScanPlan.from_dict(data["scan"]), names, anchors)
 
@@ -166,7 +178,10 @@ def _checked(rows: int, columns: int) -> tuple[int, int]:
     """Return rows and columns of regions after checking their numbers."""
     if not 1 < rows * columns <= MAX_REGIONS:
         raise InputError.expected(
-            "regions (rows, columns)", f"2 to {MAX_REGIONS} in all", f"{rows}x{columns}", "correct it"
+            "regions (rows, columns)",
+            f"2 to {MAX_REGIONS} in all",
+            f"{rows}x{columns}",
+            "choose a number in this range",
         )
     return rows, columns
 
@@ -178,7 +193,12 @@ def _room(scan: ScanPlan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     reach = np.ceil((np.array(scan.period) - 1) / factors)
     low, high = half, np.array(scan.camera.sensor.shape) - 1 - half - reach
     if (high < low).any():
-        raise InputError.expected("regions", "a sensor larger than one cell", scan.camera.sensor.shape, "scan one cell")
+        raise InputError.expected(
+            "regions",
+            "a sensor larger than one period of the scan",
+            scan.camera.sensor.shape,
+            "plan one scan, without regions",
+        )
     return low, high
 
 
@@ -205,7 +225,7 @@ def _anchor_of_phase(
     there = ((whole >= low) & (whole <= high)).all(axis=1)
     if not there.any():
         raise InputError.expected(
-            "region", "an anchor of the scan's phase on the sensor", "none", "choose fewer regions"
+            "region", "an anchor on the sensor, in phase with the scan", "none", "choose fewer regions"
         )
     exact, whole = exact[there], whole[there]
     # residuals below the tolerance count as equal; among them choose the nearest

@@ -47,10 +47,14 @@ class StageAxes:
         """Check every value."""
         for move, axis in zip(IMAGE_MOVES, (self.right, self.down, self.away), strict=True):
             if not (isinstance(axis, str) and len(axis) == 2 and axis[0] in "+-" and axis[1] in AXES):
-                raise InputError.expected(f"stage axis ({move})", "+x, -x, +y … or -z", repr(axis), "correct it")
+                raise InputError.expected(
+                    f"stage axis ({move})", "one of +x, -x, +y, -y, +z and -z", repr(axis), "choose one of these"
+                )
         if {self.right[1], self.down[1], self.away[1]} != set(AXES):
             got = f"{self.right}, {self.down}, {self.away}"
-            raise InputError.expected("stage axes", "x, y and z once each", got, "correct them")
+            raise InputError.expected(
+                "stage axes", "each of x, y and z once", got, "choose a different axis for each move"
+            )
         object.__setattr__(self, "origin_um", check_tuple("stage origin (x, y, z) (µm)", self.origin_um, 3))
 
     @classmethod
@@ -58,7 +62,9 @@ class StageAxes:
         """Return the axes in ``"+x,-y,+z"``: those that move the image right and down, and the source away."""
         axes = [axis.strip() for axis in text.split(",")]
         if len(axes) != len(AXES):
-            raise InputError.expected("stage axes", "three, such as +x,-y,+z", repr(text), "correct them")
+            raise InputError.expected(
+                "stage axes", "three axes, such as +x,-y,+z", repr(text), "give three axes separated by commas"
+            )
         right, down, away = axes
         return cls(right, down, away)
 

@@ -24,7 +24,7 @@ def read_camera_value(path: str, text: str) -> Any:
     known = [quantity.path for quantity in QUANTITIES] + ["lattice.focus"]
     if path not in known:
         raise InputError.expected(
-            "value of a camera", "PATH=VALUE, PATH one of " + ", ".join(known), path, "correct it"
+            "entry of a camera", f"PATH=VALUE, where PATH is one of {', '.join(known)}", path, "choose one of these"
         )
     text = text.strip()
     if path in TEXT:
@@ -64,7 +64,7 @@ def _one(text: str, path: str) -> float:
 def _whole(text: str, path: str) -> int:
     value, unit = _number(text, path)
     if unit or not value.is_integer():
-        raise InputError.expected(path, "a whole number", repr(text), "correct it")
+        raise InputError.expected(path, "an integer", repr(text), "give an integer")
     return int(value)
 
 
@@ -82,7 +82,9 @@ def read_length(text: str, usual: str, what: str) -> float:
     """Return a length in µm; a number without a unit is in the unit ``usual``."""
     value, unit = _number(text, what)
     if (unit or usual) not in LENGTHS:
-        raise InputError.expected(what, f"a length in {usual}, or with nm, um, mm, m", repr(text), "correct the unit")
+        raise InputError.expected(
+            what, f"a length in {usual}, or with nm, um, mm, m", repr(text), "add one of these units"
+        )
     # 12 digits: 0.55 µm stays 0.55 when converted through nanometres
     return float(f"{value * LENGTHS[unit or usual]:.12g}")
 
@@ -112,6 +114,6 @@ def read_pitch(text: str, pixel_um: float | None) -> float:
     if not text.strip().endswith("px"):
         return read_length(text, "µm", "--pitch")
     if pixel_um is None:
-        raise InputError.expected("--pitch", "the pixel pitch for a pitch in pixels", "none", "add --sensor")
+        raise InputError.expected("--pitch", "the pixel size for a pitch in pixels", "none", "state it with --sensor")
     value, _ = _number(text.strip()[:-2], "--pitch")
     return float(f"{value * pixel_um:.12g}")

@@ -104,7 +104,9 @@ def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tu
     data, good = raw.astype(np.float64), there & expected.valid
     if good.sum() < 9:
         where = f"(z, y, x) = ({at.z}, {at.y}, {at.x})"
-        raise InputError.expected(f"{frame.label}, samples at {where}", "9 or more", int(good.sum()), "expose shorter")
+        raise InputError.expected(
+            f"{frame.label}, samples at {where}", "at least 9 usable samples", int(good.sum()), "reduce the exposure"
+        )
     offset, steps = np.zeros(2), np.zeros((2, *data.shape))
     gain, background = _levels(data, expected.at(offset), good, np.ones_like(data))
     reach = np.array(expected.reach)
@@ -161,7 +163,12 @@ def _check_light(label: str, data: F8, noise: tuple[float, float]) -> None:
     off = data - np.median(data)
     variance = noise[0] + noise[1] * np.maximum(off, 0.0)
     if float((off**2 - variance).sum()) <= LIGHT * math.sqrt(2.0 * float(np.square(variance).sum())):
-        raise InputError.expected(f"{label}, light", "more than its noise", "none", "expose longer, or check the lamp")
+        raise InputError.expected(
+            f"{label}, light",
+            "more light than noise",
+            "no light above the noise",
+            "increase the exposure, or check the lamp",
+        )
 
 
 def _variance(noise: tuple[float, float], gain: float, light: F8, own: F8, data: F8 | None) -> F8:

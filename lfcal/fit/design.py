@@ -290,7 +290,9 @@ def iter_next_positions(
         flat = [np.ravel_multi_index(tuple(index.T), plan.shape[:3]) for index in (every, plan.in_scan_order(there))]
         every = every[~np.isin(*flat)]
     if count > len(every):
-        raise InputError.expected("positions to record", f"at most the {len(every)} remaining", count, "choose fewer")
+        raise InputError.expected(
+            "positions to record", f"at most the {len(every)} remaining positions", count, "choose fewer positions"
+        )
     looked = max(candidates or len(every), count)
     index = every[spread_out(every, looked, plan.period)] if looked < len(every) else every
     information = yield from iter_information(plan, index, setup, groups, expected, workers=workers)

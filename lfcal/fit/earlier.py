@@ -82,7 +82,9 @@ class Earlier:
         if len(plan.depths_um) != len(self.depths_um) or not np.allclose(plan.depths_um, self.depths_um, rtol=1e-6):
             got = ", ".join(f"{z:g}" for z in plan.depths_um)
             wanted = ", ".join(f"{z:g}" for z in self.depths_um)
-            raise InputError.expected("planes (µm)", f"{wanted} as in the earlier fit", got, "plan the same scan")
+            raise InputError.expected(
+                "depth planes (µm)", f"{wanted}, as in the earlier fit", got, "plan the same depth planes"
+            )
         plan.in_scan_order(self.positions)
 
     def information(self, unknowns: Sequence[Unknown]) -> F8:
@@ -124,19 +126,21 @@ def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
     place = Path(folder)
     lacking = [name for name in NAMES if not (place / name).is_file()]
     if lacking:
-        raise InputError.expected(str(place), "a folder of lfcal fit", f"no {lacking[0]} in it", "check the path")
+        raise InputError.expected(
+            str(place), "the folder of a fit", f"a folder without {lacking[0]}", "check the path, or run lfcal fit"
+        )
     path = place / "fit.json"
     data: Any = parse_json(read_text(path), str(path))
     if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:
         wanted = f'"format": "{FORMAT}", version {VERSION}'
-        raise FileFormatError.expected(str(path), wanted, "something else", "fit again")
+        raise FileFormatError.expected(str(path), wanted, "another kind of file", "run lfcal fit again")
     camera = Camera.from_json(read_text(place / "camera.json"))
     try:
         return _earlier(data, camera, place)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, InputError | FileFormatError):
             raise
-        raise FileFormatError.expected(str(path), "what lfcal fit writes", repr(error), "fit again") from None
+        raise FileFormatError.expected(str(path), "a result of lfcal fit", repr(error), "run lfcal fit again") from None
 
 
 def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
@@ -147,7 +151,7 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
     sigmas = np.array([one.get("sigma_held", one["sigma"]) for one in found], np.float64)
     if correlations.shape != (len(found), len(found)) or not np.isfinite([*values, *sigmas, *correlations.flat]).all():
         wanted = f"{len(found)} parameters with their correlations"
-        raise FileFormatError.expected(f"{place / 'fit.json'}", wanted, "others", "fit again")
+        raise FileFormatError.expected(f"{place / 'fit.json'}", wanted, "other contents", "run lfcal fit again")
     aside, spread = data.get("aside_px", (0.0, 0.0)), data["spread"]
     return Earlier(
         Setup(

@@ -71,7 +71,9 @@ class Regional(Measured):
         """Check that everything belongs together."""
         if self.region.shape != (len(self.index),):
             wanted = f"shape {(len(self.index),)}"
-            raise InputError.expected("region", wanted, self.region.shape, "give one for each pattern")
+            raise InputError.expected(
+                "region of each pattern", wanted, self.region.shape, "give one region for each pattern"
+            )
         Measured.__post_init__(self)
 
     @property
@@ -124,7 +126,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
     """
     parts = list(patterns.values())
     if len(parts) < 2:
-        raise InputError.expected("regions of the field", "two or more", len(parts), "give an H of each region")
+        raise InputError.expected("regions of the field", "at least two", len(parts), "give H of each region")
     first = parts[0].plan if camera is None else replace(parts[0].plan, camera=camera)
     regions: list[FieldRegion] = []
     for name, own in patterns.items():
@@ -133,8 +135,8 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
         for other in regions:
             apart = float(np.hypot(*(middle - np.array(other.anchor) - np.array(other.period) / 2)))
             if apart < APART * max(first.cutout):
-                wanted = f"{APART * max(first.cutout):.0f} px or more from {other.name!r}"
-                raise InputError.expected(f"region {name!r}", wanted, f"{apart:.0f} px", "scan it elsewhere")
+                wanted = f"a distance of at least {APART * max(first.cutout):.0f} px from region {other.name!r}"
+                raise InputError.expected(f"region {name!r}", wanted, f"{apart:.0f} px", "scan a region farther away")
         regions.append(FieldRegion(name, own.plan.period, own.plan.anchor))
     joined: dict[str, Any] = {
         key: np.concatenate([getattr(own, key) for own in parts])

@@ -37,8 +37,8 @@ __all__ = ["draw_field", "field_report_files", "iter_field_report", "wavefront_t
 PICTURE = "wavefront.png"
 
 CAPTION = (
-    "The wavefront over the pupil as seen from places on the sensor (left), and its rms (right). Circles are the "
-    "fitted regions; elsewhere the fitted laws are extrapolated."
+    "The wavefront over the pupil for points across the sensor (left), and its rms (right). Circles "
+    "mark the fitted regions; elsewhere the fitted laws are extrapolated."
 )
 
 ACROSS = 5
@@ -90,11 +90,11 @@ def wavefront_table(fit: FieldFit) -> tuple[list[str], list[list[str]]]:
 
 def _page(fit: FieldFit, picture: bytes, hybrids: Mapping[str, HybridSummary]) -> str:
     first = fit.first
-    title = f"{first.camera.name}: the optics from {len(fit.fits)} regions of the field"
+    title = f"{first.camera.name}: optics fitted from {len(fit.fits)} regions of the field"
     merit = "good" if first.complete else "bad"
     verdict = first.verdict[0].upper() + first.verdict[1:]
     many = sum(len(own.residuals) for own in fit.fits.values())
-    rest = f"{many} patterns of {len(fit.fits)} regions; each has a separate page in its folder"
+    rest = f"{many} patterns of {len(fit.fits)} regions; the folder of each region contains its own report"
     headers, rows = wavefront_table(fit)
     terms = html_table(headers, rows, escape=True) if rows else "<p>No term was needed.</p>"
     said = [f"{name}: {summary}" for name, summary in hybrids.items()]

@@ -177,7 +177,12 @@ def iter_fit_camera(
     if isinstance(source, Measured) and reading:
         # these options say how H is read, but patterns have already been read
         name = next(iter(reading))
-        raise InputError.expected("fit of patterns", "no options for reading H", name, "leave it out, or correct it")
+        raise InputError.expected(
+            "options of a fit of given patterns",
+            "no options for reading H",
+            name,
+            "leave this option out, or correct its name",
+        )
     measured = source if isinstance(source, Measured) else measured_of(source, camera, **reading)
     if isinstance(source, Measured) and camera is not None:
         measured = replace(measured, plan=replace(measured.plan, camera=camera))
@@ -286,7 +291,7 @@ def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str
         return core, tuple(group.name for group in GROUPS if not group.core)
     found = tuple(GROUPS.get(name).name for name in unknowns)
     if not found:
-        raise InputError.expected("unknowns", "one group or more", "none", f"choose from {', '.join(GROUPS.names())}")
+        raise InputError.expected("unknowns", "at least one group", "none", f"choose from {', '.join(GROUPS.names())}")
     return found, ()
 
 

@@ -170,10 +170,12 @@ def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, an
     """Raise where a scan's positions and pixels are not those that were fitted."""
     remedy = "give the H that was fitted"
     if tuple(shape) != tuple(planned.shape):
-        raise InputError.expected("patterns (z, y, x, t, s)", f"those fitted, {planned.shape}", tuple(shape), remedy)
+        raise InputError.expected(
+            "shape of the patterns (z, y, x, t, s)", f"{planned.shape}, as fitted", tuple(shape), remedy
+        )
     for name, wanted, got in (("depths (µm)", planned.depths_um, depths), ("anchor (pixels)", planned.anchor, anchor)):
         if not np.allclose(wanted, got, rtol=1e-9, atol=1e-6):
-            raise InputError.expected(f"patterns, {name}", f"those fitted, {wanted}", np.asarray(got).tolist(), remedy)
+            raise InputError.expected(f"patterns, {name}", f"{wanted}, as fitted", np.asarray(got).tolist(), remedy)
 
 
 def iter_plane_data(
@@ -349,11 +351,11 @@ class HybridSummary:
     def __str__(self) -> str:
         """Return the summary as one line."""
         if not self.hybrid:
-            return "hybrid H: no position deviates from the model by more than noise, so it equals the model"
+            return "hybrid H: no position deviates from the model by more than its noise, so it equals the model"
         said = f"{self.hybrid} positions changed by {100 * self.change:.2g} % (at most {100 * self.largest:.2g} %)"
         between = f", {self.between} of them between recorded ones" if self.between else ""
         outliers = f", {self.outliers} outliers use the model" if self.outliers else ""
-        return f"hybrid H: {said}{between}; {self.model} are only the model{outliers}"
+        return f"hybrid H: {said}{between}; {self.model} positions use only the model{outliers}"
 
     @classmethod
     def of(cls, planes: Sequence[tuple[Facts, NDArray[np.float64]]]) -> HybridSummary:

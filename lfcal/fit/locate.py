@@ -131,9 +131,9 @@ def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     if best is None:
         raise InputError.expected(
             f"{frame.label}, light",
-            "on the frame, at a recorded position of H",
+            "light on the frame, at a recorded position of H",
             "none",
-            "record it elsewhere",
+            "record the point at another position",
         )
     return best
 
@@ -183,6 +183,8 @@ def _middle_of_light(frame: NewFrame, cutout: tuple[int, int]) -> tuple[int, int
     part = values[top : int(row) + cutout[0] // 2 + 1, left : int(column) + cutout[1] // 2 + 1]
     total = float(part.sum())
     if total <= 0:
-        raise InputError.expected(f"{frame.label}, light", "some", "none", "check the shutter and the lamp")
+        raise InputError.expected(
+            f"{frame.label}, light", "light from the point", "none", "check the shutter and the lamp"
+        )
     rows, columns = (float((part.sum(1 - axis) * np.arange(part.shape[axis])).sum()) / total for axis in (0, 1))
     return round(top + rows) + frame.origin[0], round(left + columns) + frame.origin[1]

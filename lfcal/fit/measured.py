@@ -92,11 +92,14 @@ class Measured:
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
                 raise InputError.expected(
-                    name, f"shape {shape}", getattr(self, name).shape, "give one for each pattern"
+                    name, f"shape {shape}", getattr(self, name).shape, "give one value for each pattern"
                 )
         if self.plan.resample:
             raise InputError.expected(
-                "patterns", "on the sensor's own pixels", "on resampled pixels", "assemble them without resampling"
+                "patterns",
+                "patterns on the original pixels of the sensor",
+                "patterns on resampled pixels",
+                "assemble them without resampling",
             )
         for plan, own, _ in self.parts():
             _check_inside(self.index[own], plan.shape[:3])
@@ -104,7 +107,7 @@ class Measured:
             raise InputError.expected("patterns", "finite values", "NaN or infinity", "leave these pixels out")
         good = np.isfinite(self.noise).all() and (self.noise >= 0).all() and (self.noise.sum(1) > 0).all()
         if not good:
-            got = "unknown or without any"
+            got = "an unknown or zero variance"
             raise InputError.expected(
                 "noise of the patterns", "a variance above 0", got, "give noise=(constant, slope)"
             )
@@ -202,7 +205,7 @@ def measured_of(
     if positions is None and most is not None and len(chosen) > most:
         chosen = chosen[spread_out(chosen, most, plan.period)]
     if len(chosen) < MOST_FEW:
-        raise InputError.expected("recorded patterns", f"{MOST_FEW} or more", len(chosen), "record more positions")
+        raise InputError.expected("recorded patterns", f"at least {MOST_FEW}", len(chosen), "record more positions")
     _check_inside(chosen, plan.shape[:3])
     rows, columns = _middle(matrix.cutout, cutout)
     plan = replace(plan, cutout=(rows.stop - rows.start, columns.stop - columns.start))
@@ -220,7 +223,7 @@ def of_quick_pattern(matrix: PSFMatrix) -> bool:
 def check_optics(matrix: PSFMatrix) -> None:
     """Raise `InputError` if H was recorded with the simulator's quick pattern."""
     if of_quick_pattern(matrix):
-        remedy = "record with the simulator's default optics, without --option optics=pattern"
+        remedy = "record with the default optics of the simulator, without --option optics=pattern"
         raise InputError.expected("measured patterns", "those of a plenoptic camera", QUICK_PATTERN, remedy)
 
 
@@ -261,19 +264,24 @@ def _check_inside(index: NDArray[np.intp], shape: tuple[int, int, int]) -> None:
     inside = ((index >= 0) & (index < np.array(shape))).all(1)
     if not inside.all():
         first = tuple(int(v) for v in index[~inside][0])
-        raise InputError.expected("position (z, y, x)", f"within {shape}", first, "correct it")
+        raise InputError.expected("position (z, y, x)", f"a position inside {shape}", first, "choose another position")
 
 
 def _plan_of(matrix: PSFMatrix, camera: Camera | None) -> ScanPlan:
     owner = camera or matrix.camera
     if owner is None:
-        raise InputError.expected("camera", "a description", "none in H", "give the camera")
+        raise InputError.expected("camera", "a description", "none in H", "state the camera")
     if matrix.pixel_scale != (1.0, 1.0):
         raise InputError.expected(
-            "patterns", "on the sensor's own pixels", "on resampled pixels", "assemble them without resampling"
+            "patterns",
+            "patterns on the original pixels of the sensor",
+            "patterns on resampled pixels",
+            "assemble them without resampling",
         )
     if not matrix.knows_depths:
-        raise InputError.expected("patterns", "an H that states its depths", "one without", "give PSFMatrix its depths")
+        raise InputError.expected(
+            "patterns", "an H that states its depths", "one without", "give the PSFMatrix its depths"
+        )
     depths = tuple(float(z) for z in matrix.depths)
     return ScanPlan(owner, matrix.period, matrix.cutout, depths, matrix.anchor)
 
@@ -283,7 +291,7 @@ def _middle(have: tuple[int, int], want: int | tuple[int, int] | None) -> tuple[
     for size, most in zip(wanted, have, strict=True):
         check_number("cutout (pixels)", size, at_least=3, at_most=most, integer=True)
         if size % 2 == 0:
-            raise InputError.expected("cutout (pixels)", "an odd number", size, "choose one pixel more or less")
+            raise InputError.expected("cutout (pixels)", "an odd number", size, "add or remove one pixel")
     first, second = (slice((n - w) // 2, (n + w) // 2) for n, w in zip(have, wanted, strict=True))
     return first, second
 

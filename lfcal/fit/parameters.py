@@ -122,7 +122,9 @@ class Unknown:
             check_number(f"{self.name}: sigma", self.sigma, above=0)
         if not self.low <= self.start <= self.high:
             wanted = f"{self.low:g} to {self.high:g}"
-            raise InputError.expected(f"{self.name}: start", wanted, f"{self.start:g}", "correct the description")
+            raise InputError.expected(
+                f"starting value of {self.name}", wanted, f"{self.start:g}", "correct the camera description"
+            )
 
     def value(self, u: float) -> float:
         """Return the value at ``u`` scales from the start, limited to its bounds."""
@@ -235,7 +237,7 @@ class Vector:
         names = [one.name for one in self.unknowns]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
-            raise InputError.expected("unknowns", "each one once", f"{twice} twice", "leave one group out")
+            raise InputError.expected("unknowns", "each one once", f"{twice} twice", "remove the repetition")
 
     def __len__(self) -> int:
         """Return the number of unknowns."""
@@ -301,7 +303,7 @@ def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: Scan
         there = ", ".join(name for name in GROUPS.names() if name not in without)
         raise InputError.expected(
             "unknowns",
-            f"groups that {plan.camera.name} has",
+            f"groups that the camera {plan.camera.name} has",
             f"{wrong[0]}, which needs {without[wrong[0]]}",
             f"choose from {there}",
         )

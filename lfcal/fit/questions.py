@@ -100,7 +100,7 @@ def check_light(measured: Measured) -> None:
     keep = measured.of(~measured.held_out)
     data, valid = flat(keep)
     if not valid.any():
-        raise InputError.expected("patterns", "pixels that carry a measurement", "none", "expose shorter")
+        raise InputError.expected("patterns", "pixels that carry a measurement", "none", "reduce the exposure")
     # a constant background contains no information
     middle = np.array([np.median(one[good]) if good.any() else 0.0 for one, good in zip(data, valid, strict=True)])
     off = np.where(valid, data - middle[:, None], 0.0)
@@ -108,7 +108,7 @@ def check_light(measured: Measured) -> None:
     beyond = float(np.where(valid, np.square(off, dtype=np.float64) - noise, 0.0).sum())
     if beyond <= LIGHT * float(np.sqrt(2 * np.square(noise).sum())):
         remedy = "check the files and the background that was subtracted"
-        raise InputError.expected("light of the patterns", "more than their noise", "none", remedy)
+        raise InputError.expected("light of the patterns", "more light than noise", "no light above the noise", remedy)
 
 
 def check_described(measured: Measured) -> None:
@@ -121,9 +121,9 @@ def check_described(measured: Measured) -> None:
     if side > WIDE * max(plan.cutout):
         raise InputError.expected(
             "depths of the patterns",
-            f"depths at which {plan.camera.name!r} gives patterns of about {max(plan.cutout)} px",
+            f"depths at which the camera {plan.camera.name!r} has patterns of about {max(plan.cutout)} px",
             f"light over {side} px",
-            "check camera and depths",
+            "check the camera and the depths",
         )
 
 
@@ -131,15 +131,17 @@ def check_explained(problem: Problem, point: Point) -> None:
     """Raise `InputError` if the patterns do not belong to such a camera."""
     if (point.levels.gains[np.unique(problem.planes)] <= 0).any():
         remedy = "check what was subtracted from the frames"
-        raise InputError.expected("light of the patterns", "brighter than the background", "darker", remedy)
+        raise InputError.expected(
+            "light of the patterns", "patterns brighter than the background", "darker ones", remedy
+        )
     left = misfit(problem, point)
     if left > UNEXPLAINED:
         name = problem.measured.plan.camera.name
         raise InputError.expected(
             "measured patterns",
-            f"those of a camera like {name!r}",
-            f"{format_share(left)} of their light unexplained",
-            "check pitch, gap, pixels, depths and lens types of the description",
+            f"patterns of a camera like {name!r}",
+            f"patterns of which the model leaves {format_share(left)} of the light unexplained",
+            "check the pitch, gap, pixels, depths and lens types of the description",
         )
 
 

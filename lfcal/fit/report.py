@@ -30,9 +30,11 @@ PAGE = "index.html"
 
 PICTURES = ("patterns.png", "leftover.png", "parameters.png")
 CAPTIONS = (
-    "Measured, model, and residual in standard deviations of the noise; from the best explained pattern to the worst.",
-    "Mean square of the residuals over the cutout; chi² of each position, plane, and of the pixels behind each type.",
-    "How far each parameter is from the description, in its own standard deviations.",
+    "Measured pattern, model, and residual in standard deviations of the noise, from the best explained "
+    "pattern to the worst.",
+    "Mean square of the residuals over the cutout; χ² of each position, of each plane, and of the pixels "
+    "behind each lens type.",
+    "Deviation of each parameter from the description, in standard deviations of the parameter.",
 )
 
 
@@ -80,7 +82,7 @@ def add_picture(folder: Path, title: str, words: str, picture: Path, caption: st
 
 
 def _page(fit: Fit, left: FitResiduals, drawn: dict[str, bytes], source: str, notes: Sequence[str]) -> str:
-    title = f"{source or fit.camera.name}: the optics from {len(left.index)} patterns"
+    title = f"{source or fit.camera.name}: optics fitted from {len(left.index)} patterns"
     patterns, leftover, drawing = (
         html_figure(content, caption) for content, caption in zip(drawn.values(), CAPTIONS, strict=True)
     )
@@ -103,8 +105,9 @@ def _sentence(fit: Fit) -> str:
 def _rest(fit: Fit) -> str:
     chi2 = fit.chi_square
     said = (
-        f"χ² exceeds 1 by {chi2.excess:.1f} of its standard deviations ({chi2.sigma:.2g}); over all pixels, most of "
-        f"them dark, it is {chi2.all_pixels:.3f}. {fit.held_out_error.patterns} patterns were never fitted."
+        f"χ² exceeds 1 by {chi2.excess:.1f} of its standard deviations ({chi2.sigma:.2g}). Over all pixels, "
+        f"most of which are dark, it is {chi2.all_pixels:.3f}. {fit.held_out_error.patterns} patterns were "
+        "held out of the fit."
     )
     if fit.spread.response > 0:
         uneven = format_share(fit.spread.response)
@@ -131,7 +134,7 @@ def limits(fit: Fit) -> str:
     """Return the table of fixed parameters, and of what the scan does not determine."""
     rows = [("held", one) for one in fit.held]
     rows += [("not separated", one) for one in fit.unidentified]
-    rows += [("tried, did not help", one) for one in fit.unhelpful]
+    rows += [("tried without improvement", one) for one in fit.unhelpful]
     rows += [(name, answer) for name, answer in fit.answers.items()]
     rows += [("not measured", fit.unseen_words)] if fit.unseen else []
     rows += [(f"outlier: ({one.z}, {one.y}, {one.x})", one.reason) for one in fit.outliers]

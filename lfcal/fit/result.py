@@ -166,9 +166,9 @@ class Fit:
         """Reliability of the fit, as one line."""
         error = f"error of the model {self.held_out_error}"
         if not math.isfinite(self.chi_square.sigma):
-            return f"chi² unknown: not more samples than unknowns; {error}"
+            return f"chi² unknown: the samples do not outnumber the unknowns; {error}"
         if self.chi_square.excess < -INCOMPLETE:
-            less = f"{-self.chi_square.excess:.0f} sigma below 1: there is less noise than stated"
+            less = f"{-self.chi_square.excess:.0f} sigma below 1: the noise is smaller than stated"
             return f"chi² {self.chi2:.3f}, {less}; {error}"
         if self.complete:
             return f"chi² {self.chi2:.3f}; {error}"
@@ -185,7 +185,7 @@ class Fit:
         """
         if (z, y, x) not in self.residuals:
             where = Position(z, y, x)
-            raise InputError.expected("residual", "a measured position", tuple(where), "choose one that was recorded")
+            raise InputError.expected("residual", "a measured position", tuple(where), "choose a recorded position")
         return self.residuals[z, y, x]
 
     @property
@@ -223,10 +223,12 @@ class Fit:
         planes = ", ".join(map(str, self.unseen))
         if len(self.unseen) == 1:
             return (
-                f"plane {planes}: no pattern was recorded, H comes from the model, with the gain of neighbouring planes"
+                f"plane {planes}: no pattern was recorded; H is that of the model, with the gain of the "
+                "neighbouring planes"
             )
         return (
-            f"planes {planes}: no pattern was recorded, H comes from the model, with the gains of neighbouring planes"
+            f"planes {planes}: no pattern was recorded; H is that of the model, with the gains of the "
+            "neighbouring planes"
         )
 
     @property

@@ -156,6 +156,9 @@ def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Se
     wrong = [e.name for e in found.values() if isinstance(e, FrameEffect | MotionEffect)]
     if wrong:
         raise InputError.expected(
-            "effects of a fit", "effects on the light of a point", wrong[0], "leave it out: frames are corrected for it"
+            "effects of a fit",
+            "effects on the light of a point",
+            wrong[0],
+            "leave it out, because the frames are corrected for it",
         )
     return tuple(found.values())

@@ -126,11 +126,14 @@ class StoredFit:
         for name, (own, theirs) in have.items():
             if np.shape(own) != np.shape(theirs) or not np.allclose(own, theirs, rtol=1e-6, atol=1e-6):
                 raise InputError.expected(
-                    f"{self.folder}, {name}", f"that of the scan, {theirs}", own, "name the fit of this scan"
+                    f"{self.folder}, {name}", f"{theirs}, as in the scan", own, "name the fit of this scan"
                 )
         if plan.resample:
             raise InputError.expected(
-                f"{self.folder}, scan", "on the sensor's own pixels", "resampled pixels", "leave --fill out"
+                f"{self.folder}, scan",
+                "a scan on the original pixels of the sensor",
+                "a scan on resampled pixels",
+                "leave --fill out",
             )
 
 
@@ -156,7 +159,7 @@ def read_fits(folder: Path) -> dict[str, StoredFit]:
     names = [str(one["name"]) for one in listed if isinstance(one, dict) and "name" in one]
     # a file from elsewhere must not refer to places outside of its folder
     if not names or not all(Path(name).name == name for name in names):
-        raise FileFormatError.expected(str(path), "a fit of regions", "another file", "run lfcal fit again")
+        raise FileFormatError.expected(str(path), "a fit of regions", "another kind of file", "run lfcal fit again")
     return {name: read_fit(folder / name) for name in names}
 
 
@@ -172,9 +175,13 @@ def read_fit(folder: Path) -> StoredFit:
     again = "run lfcal fit again"
     found = parse_json(read_text(path), str(path), remedy=again)
     if not isinstance(found, dict) or found.get("format") != FORMAT or found.get("version") != VERSION:
-        raise FileFormatError.expected(str(path), f"{FORMAT}, version {VERSION}", "another file", again)
+        raise FileFormatError.expected(
+            str(path), f'"format": "{FORMAT}", version {VERSION}', "another kind of file", again
+        )
     if "scan" not in found:
-        raise FileFormatError.expected(str(path), "the scan that was fitted", "a fit of an older lfcal", again)
+        raise FileFormatError.expected(
+            str(path), "the scan that was fitted", "a result of an older version of lfcal", again
+        )
     camera = Camera.from_json(read_text(folder / "camera.json"))
     # effects without magnitudes are stored as switched on
     given = tuple(entry.effect or effect_from(entry.name, {}) for entry in read_entries(folder / "effects.json"))
@@ -197,7 +204,7 @@ def read_fit(folder: Path) -> StoredFit:
     except (KeyError, IndexError, TypeError, ValueError, AttributeError):
         good = False
     if not good:
-        raise FileFormatError.expected(str(path), "numbers of a fit", "others", again)
+        raise FileFormatError.expected(str(path), "the results of a fit", "other contents", again)
     return StoredFit(
         folder=folder,
         setup=setup,
@@ -255,7 +262,10 @@ class Filler:
         gain = self._fit.gains[z]
         if z not in self._fit.fitted_planes:
             raise InputError.expected(
-                f"{self._fit.folder}, plane {z}", "at least one fitted pattern", "none", "fit a pattern of each plane"
+                f"{self._fit.folder}, plane {z}",
+                "at least one fitted pattern",
+                "none",
+                "fit at least one pattern of each plane",
             )
         plan = replace(self._plan, camera=self._fit.setup.camera, cutout=(values.shape[2], values.shape[3]))
         model = PlaneModel(self._fit.setup, plan, z, Fineness.finest)
@@ -304,13 +314,15 @@ class Filler:
             raise InputError.expected(
                 f"{self._fit.folder}",
                 f"the fit of the camera that recorded plane {z}",
-                f"predictions {format_share(far)} off" if scale > 0 else "predictions of no likeness",
+                f"predictions with an error of {format_share(far)}"
+                if scale > 0
+                else "predictions that do not resemble it",
                 "fit these frames",
             )
         if abs(scale - 1.0) > OTHER_LIGHT:
             raise InputError.expected(
                 f"{self._fit.folder}",
-                f"light as in the frames of plane {z}",
+                f"as much light as in the frames of plane {z}",
                 f"{format_share(1 / scale)} of it",
-                "fit these frames, with the corrections that they are assembled with",
+                "fit these frames, with the same corrections as for their assembly",
             )

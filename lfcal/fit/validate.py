@@ -47,7 +47,7 @@ SIGNIFICANCE = 3.0
 WIDE = 0.2
 """Fraction of the field that points must cover to distinguish its edges from its middle."""
 
-CAPTION = "Error of each point that was not fitted: over the sensor, and from the middle of the field to its edge."
+CAPTION = "Error of each point that was not fitted: across the sensor, and from the middle of the field to its edge."
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,15 +139,15 @@ class Validation:
     @property
     def verdict(self) -> str:
         """Summary of the points, as one line."""
-        said = f"{len(self.points)} withheld points: error {self.error()}"
+        said = f"{len(self.points)} held-out points: error {self.error()}"
         if not self.wide:
-            return f"{said}; all are in one part of the field, so its edges were not tested"
+            return f"{said}; all points are in one part of the field, so its edges were not tested"
         edges = f"middle {self.error(self.middle)}, edges {self.error(self.edges)}"
         if self.worse(periodic=False):
             return f"{said}; the camera is not valid at the field's edges: {edges}"
         if self.worse(periodic=True):
             lost = f"middle {self.error(self.middle, periodic=True)}, edges {self.error(self.edges, periodic=True)}"
-            return f"{said}; but H is not periodic over the field: with one H everywhere, {lost}"
+            return f"{said}; but H is not periodic over the field: with the same H everywhere, {lost}"
         return f"{said}; {edges}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -218,10 +218,15 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     seen = known_of.positions if same and not another else frozenset()
     known = [k for k, at in enumerate(withheld.index.tolist()) if tuple(at) not in seen]
     if not known:
-        raise InputError.expected("withheld points", "points that were not fitted", "none", "record more positions")
+        raise InputError.expected("held-out points", "points that were not fitted", "none", "record more positions")
     if withheld.plan.camera.sensor.shape != known_of.setup.camera.sensor.shape:
         shapes = known_of.setup.camera.sensor.shape, withheld.plan.camera.sensor.shape
-        raise InputError.expected("withheld points", f"a sensor of {shapes[0]} pixels", shapes[1], "give its session")
+        raise InputError.expected(
+            "sensor of the held-out points",
+            f"{shapes[0]} pixels",
+            f"{shapes[1]} pixels",
+            "give a recording of this sensor",
+        )
     clock = Clock("predict withheld points", len(known))
     yield clock.at(0)
     points = []

@@ -163,7 +163,10 @@ def colour_error(
     for values in shown:
         if values.min() < 0 or values.max() > 1:
             raise InputError.expected(
-                "reflectances", "0 … 1", f"{values.min():.3g} … {values.max():.3g}", "correct them"
+                "reflectances",
+                "values from 0 to 1",
+                f"values from {values.min():.3g} to {values.max():.3g}",
+                "give fractions, not per cent",
             )
     matrix = _fitted(shown[0] @ kinds.T, shown[0] @ eye.T, kinds.sum(1), eye.sum(1))
     white, seen = eye.sum(1), shown[1] @ kinds.T

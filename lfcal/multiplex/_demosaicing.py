@@ -234,9 +234,9 @@ def reconstruct_by_estimation(
     if not can_estimate(modulator, modulator.side) or out.shape[1:] != frame.shape:
         raise InputError.expected(
             f"filter for {modulator.name}",
-            "another than " + " and ".join(COLOUR_FILTERS),
+            f"a filter that needs no colour filter array, not {' or '.join(COLOUR_FILTERS)}",
             repr(filter),
-            "these filters need a colour filter array and one sample per pixel",
+            "choose another filter: these need a colour filter array and one sample per pixel",
         )
     priors = (EVEN,) if filter == "lmmse" else (ALONG_ROWS, ALONG_COLUMNS)
     reach = reach_of(modulator, len(priors))

@@ -40,7 +40,12 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
         return values
     side = math.isqrt(values.size)
     if not values.size or side * side != values.size or not np.isfinite(values).all():
-        raise InputError.expected("black level", "a number, or those of a square pattern", values.shape, "correct it")
+        raise InputError.expected(
+            "black level",
+            "a number, or the square array of numbers of a pattern's period",
+            f"shape {values.shape}",
+            "give one of these",
+        )
     if values.size == 1:
         return values.reshape(())
     rows, columns = (np.arange(n) % side for n in shape)
@@ -62,7 +67,9 @@ def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
     """
     raw = np.asarray(frame)
     if raw.ndim != 2 or raw.dtype.kind not in "uif":
-        raise InputError.expected("frame", "numbers in rows and columns", f"{raw.dtype} {raw.shape}", "give one plane")
+        raise InputError.expected(
+            "frame", "numbers in rows and columns", f"{raw.dtype} {raw.shape}", "give one plane of real numbers"
+        )
     kind = np.float64 if raw.dtype == np.float64 else np.float32
     light: NDArray[Any] = raw.astype(kind) - black_level_map(levels, raw.shape).astype(kind)
     return light
@@ -184,7 +191,12 @@ def pixel_weights(
     bad = np.zeros(raw.shape, bool) if dead is None else np.asarray(dead).astype(bool)
     if raw.ndim != 2 or level.shape != raw.shape or bad.shape != raw.shape:
         got = f"{raw.shape}, {level.shape}, {bad.shape}"
-        raise InputError.expected("frame, expected values, dead pixels", "one shape (rows, columns)", got, "correct it")
+        raise InputError.expected(
+            "frame, expected values, dead pixels",
+            "arrays of one shape (rows, columns)",
+            got,
+            "give arrays of the same frame",
+        )
     noise = sensor_noise(sensor, gain=gain, exposure_s=exposure_s, flat_corrected=flat_corrected)
     step = sensor.electrons_per_count / gain
     black = black_level_map(sensor.black_level if black_level is None else black_level, raw.shape)

@@ -68,14 +68,18 @@ class DisplayFit:
         told = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"
-            return f"small enough: {told}; {met}"
+            return f"fine enough: {told}; {met}"
         if self.image_px > 1 + WHOLE:
-            remedy = f"up to {self.step_um:.4g} µm are needed, or optics that reduce it {self.image_px:.3g} times"
-            return f"too large: {told}; {remedy}"
+            remedy = (
+                f"choose display pixels of at most {self.step_um:.4g} µm, or optics that demagnify them "
+                f"{self.image_px:.3g} times"
+            )
+            return f"too coarse: {told}; {remedy}"
         needed = 2 * PLACING_PX * self.step_um
         return (
-            f"too coarse: {told}, and positions {self.step_um:.4g} µm apart are off by up to {self.placing_px:.2g} px; "
-            f"up to {needed:.4g} µm are needed, or a whole part of the step, or measured positions (fit)"
+            f"too coarse: {told}, and positions {self.step_um:.4g} µm apart are off by up to "
+            f"{self.placing_px:.2g} px; choose display pixels of at most {needed:.4g} µm, or of an integer "
+            "fraction of the step, or measure the positions (lfcal fit)"
         )
 
 
@@ -155,20 +159,27 @@ def display_frames(
     lit, positions = np.asarray(code, float), np.asarray(places, float)
     rows, columns = check_tuple("display (rows, columns)", shape, 2, at_least=1, at_most=20_000, integer=True)
     if lit.ndim != 2 or positions.shape != (lit.shape[1], 2):
-        raise InputError.expected("positions of the points", f"({lit.shape[-1]}, 2)", positions.shape, "one per column")
+        raise InputError.expected(
+            "positions of the points",
+            f"shape ({lit.shape[-1]}, 2)",
+            positions.shape,
+            "give one row and column for each point",
+        )
     scale = fit.step_um / fit.pixel_um
     spots = np.rint((positions - positions.min(axis=0)) * scale).astype(np.intp)
     if len(np.unique(spots, axis=0)) < len(spots):
-        raise InputError.expected("points", "a display pixel each", fit.words, "choose points farther apart")
+        raise InputError.expected(
+            "points", "a separate display pixel for each", fit.words, "choose points farther apart"
+        )
     height, width = spots.max(axis=0) + 1
     if height > rows or width > columns:
         raise InputError.expected(
-            "points", f"a block within {columns} x {rows} px", f"{width} x {height}", "fewer points"
+            "points", f"a block within {columns} x {rows} px", f"{width} x {height}", "choose fewer points"
         )
     steps = (rows, columns) if repeat is None else tuple(math.ceil(n * scale) for n in repeat)
     if any(n < size for n, size in zip(steps, (height, width), strict=True)):
         raise InputError.expected(
-            "distance of blocks", f"{height} x {width} display pixels or more", steps, "enlarge it"
+            "distance of blocks", f"{height} x {width} display pixels or more", steps, "increase the distance"
         )
     corners = [_corners(n, size, step) for n, size, step in zip((rows, columns), (height, width), steps, strict=True)]
     for frame in lit:

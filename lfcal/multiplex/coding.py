@@ -83,8 +83,8 @@ def s_matrix(order: int) -> Array:
             odd ^= both >> bit & 1
         return odd.astype(float)
     near = min(s_matrix_orders(), key=lambda n: abs(n - order))
-    wanted = "a prime 4k - 1, or a power of two minus 1"
-    raise InputError.expected("order of the S-matrix", wanted, order, f"the nearest is {near}")
+    wanted = "a prime of the form 4k - 1, or a power of two minus 1"
+    raise InputError.expected("order of the S-matrix", wanted, order, f"the nearest possible order is {near}")
 
 
 def _is_paley(n: int) -> bool:
@@ -114,7 +114,9 @@ def random_code(frames: int, points: int, density: float, rng: np.random.Generat
         code = np.asarray(rng.random((frames, points)) < density, float)
         if np.linalg.matrix_rank(code) == points:
             return code
-    raise InputError.expected("random code", "one that separates all points", "none of 100", "choose more frames")
+    raise InputError.expected(
+        "random code", "a code that separates all points", "none in 100 attempts", "choose more frames"
+    )
 
 
 def code_matrix(
@@ -147,7 +149,7 @@ def code_matrix(
     check_choice("code", kind, CODES)
     check_number("points", points, at_least=1, at_most=MOST_POINTS, integer=True)
     if frames is not None and kind != "random":
-        raise InputError.expected("frames", "none, except for random codes", frames, "omit the frames")
+        raise InputError.expected("frames", "no number of frames, except for random codes", frames, "omit the frames")
     if kind == "single":
         return np.eye(points)
     if kind == "random":
@@ -261,10 +263,11 @@ class CodingVerdict:
         if self.break_even_e == 0:
             return "never pays for this pattern and sensor: photon noise of bright cores is spread over dark entries"
         if math.isinf(self.break_even_e):
-            return "pays up to a full pixel: the sensor's own noise exceeds the photon noise"
+            return "pays up to a saturated pixel: the sensor's noise exceeds the photon noise"
         return (
-            f"pays up to {float(f'{self.break_even_e:.3g}'):g} electrons in a point's brightest pixel: with less light "
-            "the sensor's own noise dominates, with more the photon noise of bright cores is spread over dark entries"
+            f"pays up to {float(f'{self.break_even_e:.3g}'):g} electrons in a point's brightest pixel: with "
+            "less light, the sensor's noise dominates; with more, the photon noise of bright cores is spread "
+            "over dark entries"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -318,7 +321,9 @@ def overlapping_patterns(
     check_number("points", points, at_least=1, integer=True)
     check_number("step of the points (px)", step, at_least=1, at_most=10_000, integer=True)
     if values.ndim != 4 or not values.size or values.dtype.kind not in "uif":
-        raise InputError.expected("plane of H", "numbers (ny, nx, nt, ns)", values.shape, "give one plane")
+        raise InputError.expected(
+            "plane of H", "an array of numbers (ny, nx, nt, ns)", values.shape, "give one plane of H"
+        )
     across = math.ceil(math.sqrt(points))
     index = np.arange(points)
     places = np.stack([index // across, index % across], 1) * step
@@ -519,18 +524,30 @@ class _Overlap:
         good = given.ndim == 3 and given.size and not np.isinf(given).any() and np.nanmax(given, initial=-1.0) > 0
         if not good:
             raise InputError.expected(
-                "patterns", "light (points, rows, columns)", given.shape, "choose recorded positions"
+                "patterns",
+                "an array (points, rows, columns) that contains light",
+                given.shape,
+                "choose recorded positions",
             )
         points = len(given)
         fits = self.code.ndim == 2 and self.code.shape[1] == points and np.isfinite(self.code).all()
         if not fits or self.code.min() < 0 or self.code.max() > 1:
-            raise InputError.expected("code", f"0 … 1 (frames, {points})", self.code.shape, "one column per point")
+            raise InputError.expected(
+                "code",
+                f"values from 0 to 1, shape (frames, {points})",
+                self.code.shape,
+                "give one column for each point",
+            )
         if np.linalg.matrix_rank(self.code) < points:
-            raise InputError.expected("code", "one that separates all points", "fewer", "choose more frames")
+            raise InputError.expected(
+                "code", "a code that separates all points", "one that does not", "choose more frames"
+            )
         self.shape, flat = given.shape, given.reshape(points, -1)
         self.entries: NDArray[np.bool_] = ~np.isnan(flat)
         if not self.entries.any(axis=1).all():
-            raise InputError.expected("patterns", "entries of every point", "none for one point", "omit this point")
+            raise InputError.expected(
+                "patterns", "some light for every point", "no entries for one point", "omit this point"
+            )
         self.light: Array = np.where(self.entries, flat, 0.0) / np.nanmax(given)
 
     def signals(self, noise: SensorNoise, signal_e: float, limit: str) -> tuple[float, float]:

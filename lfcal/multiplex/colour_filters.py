@@ -52,7 +52,9 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
         If a letter is not a filter, or the rows have different lengths.
     """
     if not isinstance(pattern, str):
-        raise InputError.expected("colour filter pattern", "letters", repr(pattern)[:60], 'for example "RG/GB"')
+        raise InputError.expected(
+            "colour filter pattern", "letters that name filters", repr(pattern)[:60], 'for example "RG/GB"'
+        )
     wanted = "".join(pattern.lower().split()).replace("-", "").replace("×", "x")
     known = {"".join(name.lower().split()).replace("-", ""): rows for name, rows in CFA_PATTERNS.items()}
     known |= {"rgbw2x2": CFA_PATTERNS["RGBW"], "rgbw4": CFA_PATTERNS["RGBW 4x4"]}

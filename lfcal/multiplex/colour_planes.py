@@ -78,7 +78,12 @@ def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) ->
 
     level = read_average(dark, colour=colour)
     if level.shape != shape:
-        raise InputError.expected(str(dark), f"{shape} px", f"{level.shape} px", "use one sensor setting")
+        raise InputError.expected(
+            str(dark),
+            f"{shape} px",
+            f"{level.shape} px",
+            "record dark frames with the sensor settings of the other frames",
+        )
     return level
 
 

@@ -98,7 +98,12 @@ def demultiplex(
     if weights is not None:
         if route != "spatial" or filter not in (None, "linear"):
             got = f"{route}, {filter or 'default'}"
-            raise InputError.expected("route with weights", "spatial, linear", got, "omit route and filter")
+            raise InputError.expected(
+                "reconstruction route for given weights",
+                "the route spatial with the filter linear",
+                got,
+                "omit the route and the filter",
+            )
         weighed = demultiplex_weighted(frame, modulator, weights, samples=samples, origin=origin, rcond=rcond).samples
         filled = _output(out, weighed.shape, np.asarray(frame).dtype)
         filled[:] = weighed
@@ -115,7 +120,12 @@ def demultiplex(
     final = (placed.count, *cut)
     chosen = filter or ("cubic" if rcond is not None else default_filter(modulator, counts))
     if chosen in COLOUR_FILTERS and route == "spatial" and rcond is not None:
-        raise InputError.expected("cut-off", f"none with the filter {chosen}", rcond, "omit it, or choose cubic")
+        raise InputError.expected(
+            "cut-off of the singular values",
+            f"no cut-off with the filter {chosen}",
+            rcond,
+            "omit the cut-off, or choose the filter cubic",
+        )
     result = _output(out, final, image.dtype)
     target = result if cut == shape else np.empty((placed.count, *shape), result.dtype)
     if route == "fourier":
@@ -197,11 +207,11 @@ def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
             "frame",
             f"at least one super-pixel of {side} px",
             f"{image.shape} px",
-            "give a larger frame or a modulator of a shorter period",
+            "give a larger frame, or a modulator of a shorter period",
         )
     if image.dtype.kind == "f":
         if not np.isfinite(image).all():
-            raise InputError.expected("frame", "finite values", "NaN or infinity", "correct defect pixels first")
+            raise InputError.expected("frame", "finite values", "NaN or infinity", "correct defective pixels first")
         image = image if image.dtype == np.float64 else image.astype(np.float32, copy=False)
     # float32 represents 8- and 16-bit samples exactly; wider integers need float64
     elif image.dtype != np.uint16:
@@ -237,9 +247,9 @@ def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[An
     if out.shape != shape or out.dtype not in (np.float32, np.float64) or not out.flags.c_contiguous:
         raise InputError.expected(
             "output array",
-            f"contiguous float32 or float64 {shape}",
-            f"{out.dtype} {out.shape}",
-            "allocate it like this",
+            f"a contiguous float32 or float64 array of shape {shape}",
+            f"{out.dtype} of shape {out.shape}",
+            "allocate an array of this kind",
         )
     return out
 
@@ -273,7 +283,7 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
     if light.ndim != 3 or len(light) != modulator.count:
         raise InputError.expected(
             f"samples for {modulator.name}",
-            f"({modulator.count}, rows, columns)",
+            f"shape ({modulator.count}, rows, columns)",
             light.shape,
             "give one plane per sample",
         )

@@ -65,7 +65,7 @@ class Design:
         """Sentence on how far the best possible gain may be from this one."""
         if self.exhaustive:
             return f"the best of all {self.tried} candidates"
-        return f"at most {max(0.0, self.bound_db - self.gain_db):.3f} dB below the best there is"
+        return f"at most {max(0.0, self.bound_db - self.gain_db):.3f} dB below the best possible one"
 
 
 def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
@@ -146,12 +146,14 @@ def best_array(
         check_number("kinds of filters", most_kinds, at_least=1, integer=True)
     kinds = sorted(set(letters), key=letters.index)
     if not kinds or not set(kinds) <= set(FILTERS):
-        raise InputError.expected("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these")
+        raise InputError.expected(
+            "filters", f"letters out of {''.join(FILTERS)}", repr(letters), "use only these letters"
+        )
     count = rows * columns
     number = len(kinds) ** count if crosstalk else math.comb(len(kinds) + count - 1, count)
     if number > MOST_TRIED:
         remedy = "choose fewer filters or a smaller super-pixel"
-        raise InputError.expected("candidates to try", f"up to {MOST_TRIED}", number, remedy)
+        raise InputError.expected("number of candidates", f"at most {MOST_TRIED}", number, remedy)
     table = np.array([FILTERS[kind] for kind in kinds], float)
     best, least, tried = None, math.inf, 0
     for batch in _batches(len(kinds), count, places=bool(crosstalk)):
@@ -161,7 +163,9 @@ def best_array(
         if len(noise) and noise.min() < least:
             least, best = float(noise.min()), batch[good][int(np.argmin(noise))]
     if best is None or not math.isfinite(least):
-        raise InputError.expected("filters", "a choice that recovers red, green and blue", repr(letters), "allow more")
+        raise InputError.expected(
+            "allowed filters", "filters that recover red, green and blue", repr(letters), "allow more filters"
+        )
     best = _known_equal(
         best, least, kinds, (rows, columns), lambda b: _noise(b, table, (rows, columns), chi2, crosstalk)
     )
@@ -269,8 +273,10 @@ def best_printed_mask(
     check_number("levels", levels, at_least=2, at_most=256, integer=True)
     check_number("crosstalk", crosstalk, at_least=0, at_most=0.4)
     if not 0 <= least_light < most_light <= 1:
-        got = f"{least_light} … {most_light}"
-        raise InputError.expected("share of light", "0 ≤ least < most ≤ 1", got, "correct it")
+        got = f"from {least_light} to {most_light}"
+        raise InputError.expected(
+            "transmitted fraction of light", "limits with 0 ≤ least < most ≤ 1", got, "give limits in this order"
+        )
     random = rng or np.random.default_rng(0)
     limits = (least_light, most_light)
     gains = _MaskGain(size, chi2, crosstalk, limits)
@@ -283,7 +289,7 @@ def best_printed_mask(
     gain = gains.of(found[None] / (levels - 1))[0]
     if not math.isfinite(gain):
         raise InputError.expected(
-            "mask", "one within the limits that recovers all views", "none", "widen the limits of light"
+            "mask", "one within the limits of light that recovers all views", "none", "allow less or more light"
         )
     exhaustive = count <= 20_000
     # crosstalk reduces all Fourier weights except the zeroth, and those of the reference too

@@ -64,7 +64,12 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
     """
     array = np.asarray(open_shares, float)
     if array.ndim != 3:
-        raise InputError.expected(name, "shares (rows, columns, moments)", array.shape, "correct it")
+        raise InputError.expected(
+            name,
+            "fractions of the exposure, with shape (rows, columns, moments)",
+            array.shape,
+            "give an array of this shape",
+        )
     shares = _shares(name, array.reshape(-1, array.shape[2])).reshape(array.shape)
     moments = tuple(f"t{k}" for k in range(array.shape[2]))
     side = (array.shape[0], array.shape[1])
@@ -123,7 +128,12 @@ def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np
     shapes = {a.shape for a in arrays}
     if len(arrays) != rows * columns or len(shapes) != 1 or arrays[0].ndim != 2:
         wanted = f"{rows * columns} frames of one shape"
-        raise InputError.expected("frames to interleave", wanted, f"{len(arrays)} of {sorted(shapes)}", "correct them")
+        raise InputError.expected(
+            "frames to interleave",
+            wanted,
+            f"{len(arrays)} of {sorted(shapes)}",
+            "give one frame for each pixel of a super-pixel",
+        )
     h, w = arrays[0].shape
     kind = np.float64 if any(a.dtype == np.float64 for a in arrays) else np.float32
     mosaic = np.empty((h * rows, w * columns), kind)
@@ -138,5 +148,7 @@ def _shares(what: str, values: ArrayLike) -> Array:
     if not good or not shares.any():
         flat = shares.ndim == 2 and shares.size
         got = f"{shares.min():.3g} … {shares.max():.3g}" if flat else f"shape {shares.shape}"
-        raise InputError.expected(what, "rows and columns of shares from 0 to 1, not all 0", got, "correct it")
+        raise InputError.expected(
+            what, "rows and columns of fractions from 0 to 1, not all 0", got, "give such an array"
+        )
     return shares

@@ -145,7 +145,12 @@ def iter_demultiplex_generally(
     image = check_frame(seen, (1, 1)).astype(float)
     model = GeneralModel(transmissions, pair, (image.shape[0], image.shape[1]))
     if model.shape != image.shape:
-        raise InputError.expected("transmissions", f"(N, {image.shape})", model.transmissions.shape, "one per pixel")
+        raise InputError.expected(
+            "transmissions",
+            f"shape (N, {image.shape[0]}, {image.shape[1]})",
+            model.transmissions.shape,
+            "give one transmission per sample and pixel",
+        )
     check_number("smoothness", smoothness, at_least=0)
     check_number("iterations", most, at_least=1, integer=True)
     check_number("tolerance", tolerance, above=0, below=1)
@@ -222,7 +227,9 @@ def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, i
 
     values = np.asarray(pattern, float)
     if values.ndim != 2 or not values.size or not (values.min() >= 0 and values.max() <= 1):
-        raise InputError.expected("mask", "rows and columns of transmissions from 0 to 1", values.shape, "correct it")
+        raise InputError.expected(
+            "mask", "rows and columns of transmissions from 0 to 1", values.shape, "give such an array"
+        )
     wide = np.zeros([n + 2 * m for n, m in zip(values.shape, shape, strict=True)])
     wide[shape[0] : shape[0] + values.shape[0], shape[1] : shape[1] + values.shape[1]] = values
     found = []
@@ -238,18 +245,24 @@ def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, i
 def _transmissions(given: ArrayLike | Modulator, shape: tuple[int, int] | None) -> Array:
     if isinstance(given, Modulator):
         if shape is None:
-            raise InputError.expected("frame of the modulator", "its shape (rows, columns)", "none", "give it")
+            raise InputError.expected(
+                "modulator for a frame", "the shape (rows, columns) of the frame", "none", "state the shape"
+            )
         if not given.matrix.any():
-            raise InputError.expected(f"transmissions of {given.name}", "some light", "0 everywhere", "correct them")
+            raise InputError.expected(
+                f"transmissions of {given.name}", "some light", "only zeros", "give transmissions above 0"
+            )
         rows, columns = (np.arange(n) % s for n, s in zip(shape, given.side, strict=True))
         return np.ascontiguousarray(given.matrix[rows[:, None] * given.side[1] + columns].transpose(2, 0, 1))
     if np.asarray(given).dtype.kind not in "uifb":
-        raise InputError.expected("transmissions", "real numbers", np.asarray(given).dtype, "correct them")
+        raise InputError.expected("transmissions", "real numbers", np.asarray(given).dtype, "give real numbers")
     array = np.asarray(given, float)
     if array.ndim != 3 or not array.size or not np.isfinite(array).all() or np.abs(array).max() > MAX_SHARE:
-        raise InputError.expected("transmissions", "finite (N, rows, columns)", array.shape, "one plane per sample")
+        raise InputError.expected(
+            "transmissions", "finite numbers of shape (N, rows, columns)", array.shape, "give one plane per sample"
+        )
     if not array.any():
-        raise InputError.expected("transmissions", "some light", "0 everywhere", "correct them")
+        raise InputError.expected("transmissions", "some light", "only zeros", "give transmissions above 0")
     return array
 
 

@@ -150,7 +150,12 @@ def _steps(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
 def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
     """Return origin, along and across of a lattice as (row, column); it must be straight to be a lattice of waves."""
     if not is_straight(lattice):
-        raise InputError.expected("lattice", "a straight one", "a distorted one", "choose route spatial, filter cubic")
+        raise InputError.expected(
+            "lattice for the route fourier",
+            "a lattice without distortion",
+            "a distorted lattice",
+            "choose the route spatial with the filter cubic",
+        )
     return _steps(lattice)
 
 
@@ -241,8 +246,10 @@ def lattice_by_sinc(
     origin, along, across = _vectors(lattice)
     cells = _cells(image.shape, origin, along, across)
     if len(cells) > MOST_CELLS:
-        remedy = "use route fourier, which gives the same result, or filter cubic"
-        raise InputError.expected("super-pixels for the sinc filter", f"up to {MOST_CELLS}", len(cells), remedy)
+        remedy = "use the route fourier, which gives the same result, or the filter cubic"
+        raise InputError.expected(
+            "number of super-pixels for the filter sinc", f"at most {MOST_CELLS}", len(cells), remedy
+        )
     frequency, weight = _cell_waves(image.shape, along, across)
     leave = np.exp(2j * np.pi * (places @ frequency.T)) * weight
     steps = [(np.arange(n) - (n - 1) / 2) / n for n in modulator.side]
@@ -260,7 +267,9 @@ def _cells(shape: tuple[int, ...], origin: Array, along: Array, across: Array) -
     """Return the super-pixels' centres (row, column) within the frame, its lower borders excluded."""
     reach = math.ceil(2 * math.hypot(*shape) / min(math.hypot(*along), math.hypot(*across))) + 1
     if reach * reach > 64 * MAX_SAMPLES:
-        raise InputError.expected("super-pixels for the sinc filter", f"up to {MOST_CELLS}", "more", "use filter cubic")
+        raise InputError.expected(
+            "number of super-pixels for the filter sinc", f"at most {MOST_CELLS}", "more", "use the filter cubic"
+        )
     q, r = (v.ravel() for v in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
     centres = origin + q[:, None] * along + r[:, None] * across
     slack = 1e-6  # on a lattice that is periodic over the frame, the first cell also appears at the end

@@ -273,8 +273,13 @@ def lattice_channels(
 def _check_linear(route: str, filter: str) -> None:
     """Raise unless the route and the filter are those that take weights."""
     if (route, filter) != ("spatial", "linear"):
-        remedy = "choose route spatial, filter linear, or omit the weights"
-        raise InputError.expected("route with weights", "spatial, linear", f"{route}, {filter}", remedy)
+        remedy = "choose the route spatial with the filter linear, or omit the weights"
+        raise InputError.expected(
+            "reconstruction route for given weights",
+            "the route spatial with the filter linear",
+            f"{route}, {filter}",
+            remedy,
+        )
 
 
 def lattice_channels_weighted(
@@ -360,9 +365,9 @@ def _channel_grid(
     if not min(grid.shape):
         raise InputError.expected(
             "frame",
-            f"a super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px wholly inside",
+            f"at least one complete super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px",
             f"{shape} px",
-            "give a larger frame or fewer views",
+            "give a larger frame, or choose fewer views",
         )
     return grid, count, step
 
@@ -373,7 +378,10 @@ def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[An
         return np.empty(shape, np.float64 if dtype == np.float64 else np.float32)
     if out.shape != shape or out.dtype not in (np.float32, np.float64):
         raise InputError.expected(
-            "output array", f"float32 or float64 {shape}", f"{out.dtype} {out.shape}", "allocate it like this"
+            "output array",
+            f"a float32 or float64 array of shape {shape}",
+            f"{out.dtype} of shape {out.shape}",
+            "allocate an array of this kind",
         )
     return out
 
@@ -461,7 +469,7 @@ def _check_single(modulator: Modulator) -> None:
     if modulator.side != modulator.cell:
         raise InputError.expected(
             "modulator on a lattice",
-            "a square super-pixel that samples views alone",
+            "a square super-pixel that samples only views",
             modulator.name,
             "separate the colours first (lfcal.frames.channel_source)",
         )

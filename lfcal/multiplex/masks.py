@@ -120,7 +120,7 @@ def _sinusoids(p: int) -> Array:
     negative lobes between the pixels; scaled on the samples alone it would be a pinhole.
     """
     if p % 2 == 0:
-        raise InputError.expected("size of sum_of_sinusoids (px)", "an odd number", p, "choose an odd one")
+        raise InputError.expected("size of sum_of_sinusoids (px)", "an odd number", p, "choose an odd number")
     highest, lowest = float(p * p), p * dirichlet_minimum(p)
     pattern = np.full((p, p), -lowest)
     pattern[0, 0] += highest
@@ -183,10 +183,10 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     good = values.ndim == 2 and values.size and np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1
     if not good:
         raise InputError.expected(
-            "mask", "rows and columns of transmissions from 0 to 1", _range_words(values), "correct it"
+            "mask", "rows and columns of transmissions from 0 to 1", _range_words(values), "give such an array"
         )
     if values.size > MAX_SAMPLES:
-        raise InputError.expected("mask", f"up to {MAX_SAMPLES} pixels", values.size, "choose a smaller one")
+        raise InputError.expected("mask", f"up to {MAX_SAMPLES} pixels", values.size, "choose a smaller mask")
     check_number("shift of the shadow (px per view)", shift_px, at_least=-MAX_SHIFT_PX, at_most=MAX_SHIFT_PX)
     check_number("width of a view (steps)", view_width, at_least=0, at_most=1)
     rows, columns = values.shape
@@ -269,7 +269,7 @@ MAX_EXHAUSTIVE = 4
 def noise_shares(chi2: float) -> tuple[float, float]:
     """Return the fractions of the variance due to additive and to photon noise at ``chi2``, 0 … inf."""
     if not chi2 >= 0:
-        raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
+        raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "give a number in this range")
     additive = 1.0 / (1.0 + chi2)
     return additive, 1.0 - additive
 

@@ -61,7 +61,9 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
         raise
     except (ValueError, TypeError, OverflowError, RecursionError, InputError) as error:
         wanted = "transmissions (rows, columns, N) or (K, N)"
-        raise FileFormatError.expected(str(file), wanted, str(error)[:160], "see docs/modulators.md") from error
+        raise FileFormatError.expected(
+            str(file), wanted, str(error)[:160], "the format is described in docs/modulators.md"
+        ) from error
 
 
 def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
@@ -76,7 +78,9 @@ def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
     """
     file = Path(path)
     if file.suffix.lower() not in MATRIX_SUFFIXES:
-        raise InputError.expected("file of a modulator", " or ".join(MATRIX_SUFFIXES), file.name, "use one of these")
+        raise InputError.expected(
+            "file of a modulator", " or ".join(MATRIX_SUFFIXES), file.name, "convert the file to one of these formats"
+        )
     if file.suffix.lower() == ".json":
         kept = {key: getattr(modulator, key) for key in sorted(KEYS)}
         text = json.dumps(plain(kept), indent=None, allow_nan=False)
@@ -92,9 +96,9 @@ def _from_json(file: Path) -> dict[str, Any]:
     if isinstance(found, list):
         return {"matrix": found}
     if not isinstance(found, dict) or "matrix" not in found:
-        raise ValueError('no list of them, and no object with "matrix"')
+        raise ValueError('neither a list of transmissions nor an object with the entry "matrix"')
     if strange := sorted(set(found) - KEYS):
-        raise ValueError(f"unknown {', '.join(strange)}; known are {', '.join(sorted(KEYS))}")
+        raise ValueError(f"unknown entries {', '.join(strange)}; the known ones are {', '.join(sorted(KEYS))}")
     return found
 
 
@@ -106,7 +110,7 @@ def _made(stem: str, found: dict[str, Any]) -> Modulator:
         raise ValueError(f"{array.shape}: more than {MAX_SAMPLES} pixels or samples")
     side = tuple(found.get("side") or _side(array.shape))
     if len(side) != 2 or (array.ndim == 3 and side != array.shape[:2]):
-        raise ValueError(f"side {side} for {array.shape}")
+        raise ValueError(f"side {side} for an array of shape {array.shape}")
     lenslets = found.get("lenslets", False)
     if not isinstance(lenslets, bool):
         raise ValueError(f"lenslets {lenslets!r}, neither true nor false")
@@ -122,8 +126,11 @@ def _made(stem: str, found: dict[str, Any]) -> Modulator:
     )
     passed = made.matrix @ made.light
     if np.abs(made.matrix).max() > MOST or passed.min() < -1e-6 or passed.max() > 1 + 1e-6:
-        told = f"pixels that record {passed.min():.3g} … {passed.max():.3g} of unmodulated light, not 0 … 1"
-        raise ValueError(f"{told}: divide by a clear pixel's values, or give the light")
+        told = (
+            f"pixels that record {passed.min():.3g} to {passed.max():.3g} of unmodulated light, where 0 to "
+            "1 is possible"
+        )
+        raise ValueError(f'{told}: divide by the values of a pixel without a mask, or give the entry "light"')
     return made
 
 
@@ -141,5 +148,5 @@ def _side(shape: tuple[int, ...]) -> tuple[int, int]:
         return shape[0], shape[1]
     side = math.isqrt(shape[0])
     if side * side != shape[0]:
-        raise ValueError(f"{shape[0]} pixels do not make a square: give side, or an array (rows, columns, N)")
+        raise ValueError(f'{shape[0]} pixels do not fill a square: give "side", or an array (rows, columns, N)')
     return side, side

@@ -86,13 +86,17 @@ class Modulator:
             value = check_tuple(f"{what} of {self.name}", getattr(self, what), 2, at_least=1, integer=True)
             object.__setattr__(self, what, value)
         if any(s % c for s, c in zip(self.side, self.cell, strict=True)):
-            raise InputError.expected(f"cell of {self.name}", f"a divisor of {self.side}", self.cell, "correct it")
+            raise InputError.expected(
+                f"cell of {self.name}", f"a divisor of {self.side}", self.cell, "choose a divisor"
+            )
         for what, rows in (("spatial", math.prod(self.side)), ("plenoptic", self.count)):
             array = np.array(getattr(self, what))
             wanted = (rows, np.shape(self.spatial)[-1])
             if array.shape != wanted or not np.isfinite(array).all():
                 got = array.shape if array.shape != wanted else "NaN or infinity"
-                raise InputError.expected(f"{what} basis of {self.name}", f"finite values {wanted}", got, "correct it")
+                raise InputError.expected(
+                    f"{what} basis of {self.name}", f"finite values {wanted}", got, "give such an array"
+                )
             array.setflags(write=False)
             object.__setattr__(self, what, array)
         self._take_light()
@@ -102,7 +106,9 @@ class Modulator:
         light = even if self.light is None else np.array(self.light, float)
         if light.shape != (self.count,) or not np.isfinite(light).all() or not light.any():
             wanted = f"{self.count} finite values, not all zero"
-            raise InputError.expected(f"unmodulated light of {self.name}", wanted, light.shape, "one per sample")
+            raise InputError.expected(
+                f"unmodulated light of {self.name}", wanted, light.shape, "give one value per sample"
+            )
         light.setflags(write=False)
         object.__setattr__(self, "light", light)
 
@@ -150,7 +156,7 @@ class Modulator:
                 raise InputError.expected(
                     f"transmission of {self.name}",
                     "real values",
-                    f"imaginary parts of {worst:.1e}",
+                    f"imaginary parts of up to {worst:.1e}",
                     "correct the bases",
                 )
         return np.ascontiguousarray(product.real)
@@ -236,9 +242,9 @@ class Modulator:
         if self.lenslets and (rows % self.cell[0] or columns % self.cell[1]):
             raise InputError.expected(
                 f"shift of {self.name}",
-                f"whole lenslets of {self.cell} px",
+                f"a shift by whole lenslets of {self.cell} px",
                 (rows, columns),
-                "crop the frame to whole lenslets",
+                "crop the frame at the edges of lenslets",
             )
         block = np.asarray(self.spatial).reshape(*self.side, -1)
         return replace(self, spatial=np.roll(block, (rows, columns), (0, 1)).reshape(self.pixels, -1))
@@ -290,7 +296,7 @@ def _check_factors(one: Modulator, two: Modulator, entries: int) -> None:
         )
     if entries > MAX_SAMPLES:
         raise InputError.expected(
-            "super-pixel of the product", f"up to {MAX_SAMPLES} pixels and samples", entries, "choose smaller factors"
+            "super-pixel of the product", f"at most {MAX_SAMPLES} pixels and samples", entries, "choose smaller factors"
         )
 
 
@@ -346,6 +352,8 @@ def modulator_from_matrix(
     """
     array = np.asarray(matrix, float)
     if array.ndim != 2:
-        raise InputError.expected(f"transmissions of {name}", "a matrix (K, N)", array.shape, "correct it")
+        raise InputError.expected(
+            f"transmissions of {name}", "a matrix of shape (K, N)", array.shape, "give one row per pixel"
+        )
     samples: Any = None if light is None else np.asarray(light, float)
     return Modulator(name, side, array, np.eye(array.shape[1]), views, colours, cell, lenslets, samples)

@@ -20,7 +20,7 @@ __all__ = ["GRAMMAR", "is_whole", "modulator_of"]
 
 GRAMMAR = (
     "Bayer, RG/GB, MURA:11, lenslet:5, nd:1,0.25/0.0625,0.25, polarisers:0,45/135,90, bands:RG/GB:3, "
-    "shutter:100,010/001,111, cameras:2x2, FILE.npy, FILE.json, or these joined by *"
+    "shutter:100,010/001,111, cameras:2x2, FILE.npy, FILE.json, or several of these joined by *"
 )
 """Examples of names, for messages."""
 
@@ -65,10 +65,10 @@ def modulator_of(text: str) -> Modulator:
     found = {m.lower(): m for m in MASKS}.get(word)
     if found is None:
         if ":" in written:
-            raise InputError.expected("modulator", GRAMMAR, repr(text)[:60], "write it like one of these")
+            raise InputError.expected("modulator", GRAMMAR, repr(text)[:60], "write the name like one of these")
         return cfa(written)
     if ":" in written and not is_whole(rest.strip()):
-        raise InputError.expected(f"size of {found} (px)", "a whole number", repr(rest), "write it like MURA:11")
+        raise InputError.expected(f"size of {found} (px)", "an integer", repr(rest), "write it like MURA:11")
     return mask(found, int(rest or 11))
 
 
@@ -77,7 +77,7 @@ def _table(what: str, text: str) -> Any:
         return np.array([[float(cell) for cell in row.split(",")] for row in text.split("/")])
     except ValueError as error:
         raise InputError.expected(
-            what, "equal rows of numbers", repr(text)[:60], "write it like 1,0.25/0.5,1"
+            what, "rows of equally many numbers", repr(text)[:60], "write it like 1,0.25/0.5,1"
         ) from error
 
 
@@ -85,13 +85,17 @@ def _bands(text: str) -> Modulator:
     pattern, _, rest = text.partition(":")
     count, _, given = rest.partition(":")
     if not is_whole(count):
-        raise InputError.expected("bands", "a pattern and a number", repr(text)[:60], "write it like bands:RG/GB:3")
+        raise InputError.expected(
+            "bands", "a pattern and a number of bands", repr(text)[:60], "write it like bands:RG/GB:3"
+        )
     tables: dict[str, Spectra] = {}
     for words in filter(None, given.split(",")):
         what, _, table = (word.strip() for word in words.partition("="))
         if what not in BAND_TABLES or what in tables or not table:
             wanted = " or ".join(f"{name}=FILE.csv" for name in BAND_TABLES)
-            raise InputError.expected("tables of the bands", wanted, repr(words)[:60], "give each once, with commas")
+            raise InputError.expected(
+                "tables of the bands", wanted, repr(words)[:60], "give each table once, separated by commas"
+            )
         tables[what] = _spectra(table)
     tables.setdefault("efficiency", shipped_spectra("silicon"))
     filters, efficiency, illuminant = (tables.get(what) for what in BAND_TABLES)
@@ -110,14 +114,16 @@ def _shutter(text: str) -> Modulator:
     rows = [row.split(",") for row in text.split("/")]
     lengths = {len(pixel) for row in rows for pixel in row}
     if set(text) - set("01,/") or len({len(row) for row in rows}) != 1 or len(lengths) != 1:
-        raise InputError.expected("shutter", "equal rows of 0 and 1", repr(text)[:60], "write it like 100,010/001,111")
+        raise InputError.expected(
+            "shutter", "rows of equally many digits 0 and 1", repr(text)[:60], "write it like 100,010/001,111"
+        )
     return coded_shutter([[[float(c) for c in pixel] for pixel in row] for row in rows])
 
 
 def _cameras(text: str) -> Modulator:
     rows, _, columns = text.partition("x")
     if not (is_whole(rows) and is_whole(columns)):
-        raise InputError.expected("cameras", "rows x columns", repr(text)[:60], "write it like cameras:2x2")
+        raise InputError.expected("cameras", "ROWSxCOLUMNS", repr(text)[:60], "write it like cameras:2x2")
     return camera_array(int(rows), int(columns))
 
 

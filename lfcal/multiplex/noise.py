@@ -112,7 +112,7 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
     """
     ratios = np.asarray(chi2, float)
     if np.isnan(ratios).any() or (ratios < 0).any():
-        raise InputError.expected("chi^2", "numbers from 0 to inf", chi2, "correct it")
+        raise InputError.expected("chi^2", "numbers from 0 to inf", chi2, "give numbers in this range")
     if modulator.count != reference.count:
         raise InputError.expected(
             f"reference of {modulator.name}",
@@ -123,9 +123,9 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
     if not math.isfinite(amplification(reference)):
         raise InputError.expected(
             f"reference {reference.name}",
-            f"rank {reference.count}",
-            reference.rank(),
-            "choose one that recovers every sample",
+            f"a reference of rank {reference.count}",
+            f"rank {reference.rank()}",
+            "choose a reference that recovers every sample",
         )
     # 10 log10 of a ratio of deviations is 5 log10 of that of variances
     result = 5 * (np.log10(_variance(reference, ratios)) - np.log10(_variance(modulator, ratios)))
@@ -164,7 +164,7 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
     values = np.linalg.eigvalsh(full) if good and np.allclose(full, full.T) else np.zeros(1)
     if not values[0] > 0:
         wanted = f"positive variances ({modulator.pixels},) or a positive definite matrix"
-        raise InputError.expected(f"noise of {modulator.name}", wanted, f"shape {noise.shape}", "correct it")
+        raise InputError.expected(f"noise of {modulator.name}", wanted, f"shape {noise.shape}", "give one of these")
     # whitened: the pseudo-inverse of L^-1 A with C = L L^T, least squares of unit noise
     white = np.linalg.inv(np.linalg.cholesky(full))
     return np.asarray(np.linalg.pinv(white @ modulator.matrix, rcond=1e-12) @ white)
@@ -185,7 +185,7 @@ def pixel_variance(modulator: Modulator, chi2: float) -> Array:
     [0.333 0.333 0.333 1.   ]
     """
     if not chi2 >= 0:
-        raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "correct it")
+        raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "give a number in this range")
     additive = 1.0 / (1.0 + chi2)
     return np.asarray(additive + (1.0 - additive) * np.maximum(modulator.matrix @ modulator.light, 1e-12))
 
@@ -423,10 +423,12 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
     """
     ratios = np.logspace(-4, 4, 81) if chi2 is None else np.atleast_1d(np.asarray(chi2, float))
     if np.isnan(ratios).any() or (ratios < 0).any():
-        raise InputError.expected("chi^2", "numbers from 0 to inf", chi2, "correct it")
+        raise InputError.expected("chi^2", "numbers from 0 to inf", chi2, "give numbers in this range")
     if modulator.count != reference.count or reference.rank() < reference.count:
         got = f"{reference.name}: {reference.count} samples, rank {reference.rank()}"
-        raise InputError.expected("reference", f"one that recovers {modulator.count} samples", got, "choose another")
+        raise InputError.expected(
+            "reference", f"a reference that recovers {modulator.count} samples", got, "choose another reference"
+        )
     additive = 1.0 / (1.0 + ratios)
     logs = []
     for m in (reference, modulator):
@@ -488,10 +490,20 @@ def sensor_gain(
     """
     if modulator.count != reference.count:
         got = f"{modulator.count} and {reference.count}"
-        raise InputError.expected("modulator and reference", "the same number of samples", got, "choose others")
+        raise InputError.expected(
+            "modulator and reference",
+            "the same number of samples",
+            got,
+            "compare modulators that recover the same samples",
+        )
     rms = [
         m.pixels * np.mean(sample_deviation(m, noise, decorrelation=decorrelation) ** 2) for m in (reference, modulator)
     ]
     if not math.isfinite(rms[0]):
-        raise InputError.expected(f"reference {reference.name}", "all samples recovered", "fewer", "choose another")
+        raise InputError.expected(
+            f"reference {reference.name}",
+            "a reference that recovers all samples",
+            "one that recovers fewer",
+            "choose another reference",
+        )
     return -math.inf if math.isinf(rms[1]) else 5 * math.log10(float(rms[0] / rms[1]))

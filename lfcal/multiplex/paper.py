@@ -131,7 +131,7 @@ def _routes() -> PaperFigure:
     ]
     for name, colours in found:
         rings = ringing(colours, truth, modulator.side)
-        ring = f"even parts {100 * rings.flat:.2f} %, beyond {100 * rings.overshoot:.0f} %"
+        ring = f"uniform parts {100 * rings.flat:.2f} %, overshoot {100 * rings.overshoot:.0f} %"
         words = f"rms {_percent(colours - truth)}, {ring}"
         panels.append(PaperPanel(name, colour_picture(colours[zoom], top=top), words))
     return PaperFigure(3, "Bayer pattern: reconstruction by both theorems", tuple(panels), 3)
@@ -163,7 +163,9 @@ def _upsampling() -> PaperFigure:
         ):
             error = (views[middle] - wanted)[INNER]
             rings = _percent(error[even], span)
-            words = f"rms {_percent(error, span)}, even parts {rings}, worst {100 * np.abs(error).max() / span:.0f} %"
+            words = (
+                f"rms {_percent(error, span)}, uniform parts {rings}, worst {100 * np.abs(error).max() / span:.0f} %"
+            )
             row.append(PaperPanel(f"{_plain(kind)}: {name}", views[middle], words, levels))
     order = [ways[row][column] for column in range(2) for row in range(3)]
     return PaperFigure(5, "Middle view, three times upsampled", tuple(order), 3)
@@ -177,7 +179,10 @@ def _gains(camera: str, chi2: float | None) -> PaperFigure:
     marks = {} if chi2 is None else {camera or "camera": chi2}
     left = gain_curves([cfa(name) for name in PATTERNS], cfa("Bayer"), cameras=marks)
     right = gain_curves([mask(kind, SIDE) for kind in LIGHT_FIELD], mask("pinhole", SIDE), cameras=marks)
-    titles = ("colour filter arrays over Bayer", f"light-field modulators {SIDE} x {SIDE} over a pinhole")
+    titles = (
+        "colour filter arrays compared with Bayer",
+        f"light-field modulators of {SIDE} x {SIDE} compared with a pinhole",
+    )
     return PaperFigure(6, "Gain of signal to noise", curves=tuple(zip(titles, (left, right), strict=True)))
 
 
@@ -196,12 +201,12 @@ def _acquired(camera: str, chi2: float | None, seed: int) -> PaperFigure:
         gain = snr_gain(r.modulator, hole, ratio)
         part = _contrast(r.frame, r.modulator)
         low, top = (float(v) for v in np.percentile(part, (1, 99)))
-        words = f"over the mean of a super-pixel, {100 * (low - 1):+.1f} to {100 * (top - 1):+.1f} %"
+        words = f"relative to the mean of a super-pixel, {100 * (low - 1):+.1f} to {100 * (top - 1):+.1f} %"
         close.append(PaperPanel(f"{name}: frame", part, words, (low, top)))
-        words = f"SNR {r.snr_db:.1f} dB, forecast {gain:+.1f} dB over pinhole"
+        words = f"SNR {r.snr_db:.1f} dB, forecast {gain:+.1f} dB relative to a pinhole"
         views.append(PaperPanel(f"{name}: middle view", scale * r.views[middle], words, (0.0, high)))
     who = f"{camera or 'camera'}" if chi2 is not None else next(iter(PAPER_CAMERAS))
-    title = f"A light field by four modulators, noise of {who} (χ² = {ratio:.3g}), equal exposure"
+    title = f"A light field recorded with four modulators; noise of {who} (χ² = {ratio:.3g}), equal exposure"
     return PaperFigure(7, title, (*close, *views), len(LIGHT_FIELD))
 
 

@@ -51,7 +51,12 @@ def polarisers(
     """
     angles = np.asarray(angles_deg, float)
     if angles.ndim != 2 or not angles.size or np.isinf(angles).any() or angles.size > 4096:
-        raise InputError.expected("angles of polarisers", "rows and columns of degrees", angles.shape, "correct it")
+        raise InputError.expected(
+            "angles of polarisers",
+            "rows and columns of angles in degrees",
+            angles.shape,
+            "give a two-dimensional array",
+        )
     if extinction != math.inf:
         check_number("extinction ratio", extinction, above=1)
     contrast = 1.0 if math.isinf(extinction) else (extinction - 1) / (extinction + 1)
@@ -66,7 +71,12 @@ def polarisers(
 def _plates(retardance: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64]:
     plates = np.zeros(shape) if retardance is None else np.asarray(retardance, float)
     if plates.shape != shape or not np.isfinite(plates).all():
-        raise InputError.expected("retardance of plates", f"degrees {shape}", plates.shape, "one per polariser")
+        raise InputError.expected(
+            "retardance of plates",
+            f"degrees, in an array of shape {shape}",
+            plates.shape,
+            "give one retardance per polariser",
+        )
     return np.asarray(np.radians(plates.ravel()), float)
 
 

@@ -83,7 +83,9 @@ def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringi
 
     seen, scene = np.asarray(result, float), np.asarray(truth, float)
     if seen.shape != scene.shape or seen.ndim != 3:
-        raise InputError.expected("reconstruction", f"the scene's shape {scene.shape}", seen.shape, "give both alike")
+        raise InputError.expected(
+            "reconstruction", f"the scene's shape {scene.shape}", seen.shape, "give arrays of the same shape"
+        )
     size = (1, 4 * side[0] + 1, 4 * side[1] + 1)
     span = np.ptp(scene, axis=(1, 2))
     even = (maximum_filter(scene, size) - minimum_filter(scene, size)) <= 1e-9 * max(float(span.max()), 1e-300)
@@ -91,7 +93,9 @@ def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringi
     even &= inner
     lit = span > 0
     if not lit.any() or not even[lit].any():
-        raise InputError.expected("scene", "edges and flat parts between them", "none", "choose one with flat patches")
+        raise InputError.expected(
+            "scene", "edges, and uniform areas between them", "none", "choose a scene with uniform areas"
+        )
     flat, over = [], []
     for one, true, here, reach in zip(seen[lit], scene[lit], even[lit], span[lit], strict=True):
         flat.append(np.sqrt(np.mean((one - true)[here] ** 2)) / reach if here.any() else 0.0)
@@ -291,7 +295,9 @@ def modulation_transfer(
     check_choice("axis", axis, ("x", "y"))
     wanted = np.atleast_1d(np.asarray(frequencies, float))
     if wanted.ndim != 1 or not wanted.size or not (wanted.min() >= 0 and wanted.max() <= 0.5):
-        raise InputError.expected("frequencies", "0 … 0.5 cycles per pixel", wanted, "correct them")
+        raise InputError.expected(
+            "frequencies", "values from 0 to 0.5 cycles per pixel", wanted, "give frequencies up to that of Nyquist"
+        )
     shape = tuple(s * (CELLS if (k == 0) == (axis == "y") else 8) for k, s in enumerate(modulator.side))
     length = shape[0 if axis == "y" else 1]
     waves = np.rint(wanted * length)

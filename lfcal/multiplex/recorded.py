@@ -41,7 +41,9 @@ class RecordedFrame(NamedTuple):
         bad = None if dead is None else read_image(dead)
         if bad is not None and bad.shape != self.raw.shape:
             wanted = f"{self.raw.shape} px"
-            raise InputError.expected("dead pixels", wanted, bad.shape, "use the frame's own camera's")
+            raise InputError.expected(
+                "dead pixels", wanted, bad.shape, "use the dead pixels of the camera that recorded the frame"
+            )
         if sensor is None:
             return None if bad is None else np.where(bad == 0, 1.0, 0.0)
         return pixel_weights(self.raw, sensor, dead=bad, black_level=level, **how)

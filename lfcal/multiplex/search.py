@@ -132,7 +132,9 @@ def filter_set_frontier(
     """
     check_number("filters in the super-pixel", filters, at_least=3, at_most=6, integer=True)
     if not letters or not set(letters) <= set(FILTERS):
-        raise InputError.expected("filters", f"letters of {''.join(FILTERS)}", repr(letters), "choose among these")
+        raise InputError.expected(
+            "filters", f"letters out of {''.join(FILTERS)}", repr(letters), "use only these letters"
+        )
     kinds = sorted(set(letters), key=letters.index)
     layout = _layout(filters)
     known = {"".join(sorted(rows.replace("/", ""))): name for name, rows in CFA_PATTERNS.items()}

@@ -71,11 +71,11 @@ class Spectra:
         good = waves.ndim == 1 and len(waves) > 1 and np.isfinite(waves).all() and (np.diff(waves) > 0).all()
         if not good or waves[0] <= 0:
             raise InputError.expected(
-                "wavelengths (nm)", "two or more rising numbers above 0", waves.shape, "sort them"
+                "wavelengths (nm)", "two or more increasing numbers above 0", waves.shape, "sort the wavelengths"
             )
         if values.shape != (len(self.names), len(waves)) or not np.isfinite(values).all():
             wanted = f"finite values {(len(self.names), len(waves))}"
-            raise InputError.expected("spectra", wanted, values.shape, "one row per name")
+            raise InputError.expected("spectra", wanted, values.shape, "give one row per name")
         for name, array in (("wavelengths_nm", waves), ("values", values)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -96,7 +96,7 @@ class Spectra:
                 f"wavelengths of {', '.join(self.names)}"[:60],
                 f"{low:g} … {high:g} nm",
                 got,
-                "choose bands within the table",
+                "choose bands within the wavelengths of the table",
             )
         return np.stack([np.interp(wanted, self.wavelengths_nm, row) for row in self.values])
 
@@ -139,8 +139,8 @@ def read_spectra(path: str | os.PathLike[str]) -> Spectra:
             raise ValueError(f"first row {rows[0][:4]}")
         return Spectra(names, values[0], values[1:], source)
     except (ValueError, IndexError, InputError) as error:
-        wanted = "a row wavelength_nm,NAME,… and rows of numbers"
-        raise FileFormatError.expected(str(file), wanted, str(error)[:80], "correct it") from error
+        wanted = "a header row wavelength_nm,NAME,… followed by rows of numbers"
+        raise FileFormatError.expected(str(file), wanted, str(error)[:80], "correct the file") from error
 
 
 def shipped_spectra(name: str) -> Spectra:
@@ -153,7 +153,9 @@ def shipped_spectra(name: str) -> Spectra:
     ('A', 'D65') [[0.78 0.71 0.48]]
     """
     if name not in TABLES:
-        raise InputError.expected("table", " or ".join(TABLES), repr(name), "or read your own with read_spectra")
+        raise InputError.expected(
+            "table", " or ".join(TABLES), repr(name), "choose one of these, or read your own table with read_spectra"
+        )
     return read_spectra(FOLDER / f"{name}.csv")
 
 
@@ -168,7 +170,9 @@ def daylight(temperature_k: float) -> Spectra:
         Correlated colour temperature, 4000 … 25 000 K.
     """
     if not 4000 <= temperature_k <= 25_000:
-        raise InputError.expected("colour temperature (K)", "4000 … 25 000", temperature_k, "use illuminant A below")
+        raise InputError.expected(
+            "colour temperature (K)", "4000 to 25 000", temperature_k, "use illuminant A for lower temperatures"
+        )
     t = 1e3 / temperature_k
     x = (
         -4.6070 * t**3 + 2.9678 * t**2 + 0.09911 * t + 0.244063
@@ -216,7 +220,7 @@ def band_edges(bands: int | Sequence[float]) -> Array:
         return np.linspace(*VISIBLE_NM, int(bands) + 1)
     edges = np.array(check_tuple("edges of the bands (nm)", tuple(np.asarray(bands, float).tolist()), above=0))
     if len(edges) < 2 or (np.diff(edges) <= 0).any():
-        raise InputError.expected("edges of the bands (nm)", "two or more rising numbers", edges, "sort them")
+        raise InputError.expected("edges of the bands (nm)", "two or more increasing numbers", edges, "sort the edges")
     return edges
 
 
@@ -325,7 +329,7 @@ def _samples(seen: Array, edges: Array, basis: ArrayLike | None) -> tuple[Array,
         return seen.T, tuple(f"{middle:.0f} nm" if len(edges) < 60 else f"{middle:.1f} nm" for middle in middles), width
     table = np.asarray(basis, float)
     if table.ndim != 2 or len(table) != len(width) or not np.isfinite(table).all() or not table.size:
-        raise InputError.expected("basis of spectra", f"({len(width)}, N)", table.shape, "one row per band")
+        raise InputError.expected("basis of spectra", f"({len(width)}, N)", table.shape, "give one row per band")
     light = np.linalg.lstsq(table, width, rcond=None)[0]
     return (seen @ table).T, tuple(f"coefficient {k} nm" for k in range(table.shape[1])), light
 
@@ -334,7 +338,9 @@ def _shares(curve: Spectra, waves: Array) -> Array:
     values = curve.on(waves.ravel()).reshape(len(curve.names), *waves.shape)
     if values.min() < 0 or values.max() > 1:
         told = f"{values.min():.3g} … {values.max():.3g}"
-        raise InputError.expected(f"transmission of {curve.names[0]}", "0 … 1", told, "give shares, not per cent")
+        raise InputError.expected(
+            f"transmission of {curve.names[0]}", "values from 0 to 1", told, "give fractions, not per cent"
+        )
     return values
 
 
@@ -342,11 +348,11 @@ def _one_curve(curve: Spectra | None, waves: Array, what: str, most: float = np.
     if curve is None:
         return np.ones_like(waves)
     if len(curve.names) != 1:
-        raise InputError.expected(what, "one curve", ", ".join(curve.names), "choose with Spectra.named")
+        raise InputError.expected(what, "one curve", ", ".join(curve.names), "choose one with Spectra.named")
     values: Array = curve.on(waves.ravel()).reshape(waves.shape)
     if values.min() < 0 or values.max() > most or not values.any():
         told = f"{values.min():.3g} … {values.max():.3g}"
-        raise InputError.expected(what, f"0 … {most:g}, not all zero", told, "correct the table")
+        raise InputError.expected(what, f"values from 0 to {most:g}, not all zero", told, "correct the table")
     return values
 
 
@@ -358,7 +364,7 @@ def _pattern(pattern: str, known: tuple[str, ...]) -> list[list[str]]:
     good = all(len(row) == len(rows[0]) for row in rows) and len(rows) * len(rows[0]) <= MAX_SAMPLES
     strange = [name for row in rows for name in row if name not in known]
     if strange or not good or not rows[0]:
-        wanted = f"equal rows of {', '.join(known)}"[:90]
+        wanted = f"rows of equally many letters {', '.join(known)}"[:90]
         raise InputError.expected("filter pattern", wanted, repr(pattern)[:60], 'for example "RG/GB" or "F0,F1/F2,F3"')
     return rows
 

@@ -35,12 +35,14 @@ def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, 
     area = abs(a * d - b * c)
     tile = [check_tuple("pixel of the tile", tuple(p), 2, integer=True) for p in pixels]
     if area != len(tile) or not area:
-        raise InputError.expected("tile", f"{area} pixels, the area between its vectors", len(tile), "correct either")
+        raise InputError.expected(
+            "tile", f"{area} pixels, the area between its vectors", len(tile), "change the pixels or the vectors"
+        )
     # number of rows (columns) after which the lattice repeats along an axis
     rows, columns = area // math.gcd(b, d), area // math.gcd(a, c)
     if rows * columns > MAX_SAMPLES:
         raise InputError.expected(
-            "period of the tiles", f"up to {MAX_SAMPLES} px", rows * columns, "choose shorter vectors"
+            "period of the tiles", f"at most {MAX_SAMPLES} px", rows * columns, "choose shorter vectors"
         )
     found = np.full((rows, columns), -1, np.intp)
     reach = range(-max(rows, columns) - 1, max(rows, columns) + 2)
@@ -49,7 +51,10 @@ def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, 
         for dy, dx in steps:
             if found[(y + dy) % rows, (x + dx) % columns] >= 0:
                 raise InputError.expected(
-                    "tile", "pixels that never overlap when repeated", (y, x), "correct its shape"
+                    "tile",
+                    "pixels that do not overlap when the tile is repeated",
+                    f"an overlap at {(y, x)}",
+                    "change the shape of the tile",
                 )
             found[(y + dy) % rows, (x + dx) % columns] = k
     return found
@@ -83,7 +88,9 @@ def tiled_modulator(
     """
     array = np.asarray(matrix, float)
     if array.ndim != 2 or len(array) != len(pixels):
-        raise InputError.expected(f"transmissions of {name}", f"({len(pixels)}, N)", array.shape, "one row per pixel")
+        raise InputError.expected(
+            f"transmissions of {name}", f"shape ({len(pixels)}, N)", array.shape, "give one row per pixel"
+        )
     which = tile_pixels(pixels, vectors)
     side = (which.shape[0], which.shape[1])
     return modulator_from_matrix(name, side, array[which.ravel()], colours=colours, light=light)

@@ -52,7 +52,10 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
     if array.shape != shape or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or not array.any():
         told = f"shape {array.shape}" if array.shape != shape else f"{array.min():.3g} … {array.max():.3g}"
         raise InputError.expected(
-            "weights of the pixels", f"{shape}, 0 or more, finite, not all 0", told, "correct them"
+            "weights of the pixels",
+            f"finite values of 0 or more, not all 0, with shape {shape}",
+            told,
+            "give such an array",
         )
     return array
 

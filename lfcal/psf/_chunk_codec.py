@@ -43,7 +43,9 @@ def _one_pattern_each(shape: tuple[int, ...], chunks: tuple[int, ...] | None) ->
 
 def _check_plane_number(dataset: Any, z: int) -> None:
     if not 0 <= z < dataset.shape[0]:
-        raise InputError.expected("depth plane", f"0 to {dataset.shape[0] - 1}", z, "choose one of the file's planes")
+        raise InputError.expected(
+            "depth plane", f"0 to {dataset.shape[0] - 1}", z, "choose one of the planes of the file"
+        )
 
 
 def _batch_size(dataset: Any) -> int:
@@ -94,7 +96,12 @@ def parallel_write(
     _check_plane_number(dataset, z)
     dtype, shape = dataset.dtype, tuple(dataset.shape[1:])
     if plane.shape != shape or (convert is None and not np.can_cast(plane.dtype, dtype, "safe")):
-        raise InputError.expected(f"plane {z}", f"{shape} {dtype}", f"{plane.shape} {plane.dtype}", "convert it first")
+        raise InputError.expected(
+            f"plane {z}",
+            f"{shape} {dtype}",
+            f"{plane.shape} {plane.dtype}",
+            "convert the plane to this shape and type first",
+        )
     # little-endian on every machine, so that the checksum of a file does not depend on where it was written
     little = dtype.newbyteorder("<")
 
@@ -177,7 +184,7 @@ def copy_plane(source: H5Data, dataset: Any, z: int) -> None:
     theirs = (source.dtype, source.chunks, source.filters)
     if theirs != (dataset.dtype, tuple(dataset.chunks), filters) or source.table is None:
         raise InputError.expected(
-            source.where, f"{dataset.dtype} stored like the other planes", str(theirs), "write it again"
+            source.where, f"{dataset.dtype} values stored like the other planes", str(theirs), "write the plane again"
         )
     places = [(0, y, x, 0, 0) for y, x in np.ndindex(*source.shape[1:3])]
     write = dataset.id.write_direct_chunk

@@ -308,7 +308,10 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError.expected(
-            "export format", " ".join(WRITERS), suffix or "no suffix", "give the file one of these suffixes"
+            "export format",
+            " ".join(WRITERS),
+            suffix or "no suffix",
+            "end the name of the file with one of these suffixes",
         )
     for name in options.given():
         if name not in WRITERS[suffix].uses:
@@ -316,10 +319,14 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
             raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
     code = options.reader
     if suffix == ".npz" and code is None:
-        raise InputError.expected("code of an .npz file", "pyolaf", "none", "give the code with --for, or write .npy")
+        raise InputError.expected(
+            "code of an .npz file", "pyolaf", "none", "name the code with --for, or write a .npy file"
+        )
     if code is not None:
         if suffix != code.suffix:
-            raise InputError.expected(f"file for {code.title}", code.suffix, suffix, "give the file this suffix")
+            raise InputError.expected(
+                f"file for {code.title}", code.suffix, suffix, "end the name of the file with this suffix"
+            )
         problem = refused_by(code, matrix, options.position)
         if problem is not None:
             raise problem
@@ -333,9 +340,10 @@ def check_missing(matrix: PSFMatrix, suffix: str, options: ExportOptions) -> Non
     if "allow_missing" in WRITERS[suffix].uses and not options.allow_missing and _exports_empty(matrix, options):
         raise InputError.expected(
             f"H for a {suffix} file, which cannot mark missing positions",
-            "all recorded or filled",
+            "every position recorded or filled",
             empty_words(matrix),
-            "fill them (lfcal assemble --fill), write an H file (.h5), or write zeros in their place (--allow-missing)",
+            "fill the missing ones (lfcal assemble --fill), write an H file (.h5), or write zeros in their "
+            "place (--allow-missing)",
         )
 
 

@@ -26,7 +26,9 @@ def resolved(key: Any, shape: tuple[int, ...]) -> tuple[int | slice, ...]:
     if len(holes) > 1:
         raise IndexError("an index can have only one ellipsis ('...')")
     if len(parts) - len(holes) > len(shape):
-        raise IndexError(f"too many indices: a PSF matrix has 5 axes (z, y, x, t, s), {len(parts)} were given")
+        raise IndexError(
+            f"too many indices: a PSF matrix has 5 axes (z, y, x, t, s), but {len(parts)} indices were given"
+        )
     at = holes[0] if holes else len(parts)
     fill: Iterable[Any] = [slice(None)] * (len(shape) - (len(parts) - len(holes)))
     full = [*parts[:at], *fill, *parts[at + len(holes) :]]
@@ -38,5 +40,8 @@ def _axis_index(part: Any, axis: int, n: int) -> int | slice:
         return part
     # a bool has __index__ in Python, but numpy treats it as a mask
     if isinstance(part, bool | np.bool_) or not hasattr(part, "__index__"):
-        raise IndexError("a PSF matrix takes integers, slices and an ellipsis; read what you need, then use numpy")
+        raise IndexError(
+            "a PSF matrix can be indexed only with integers, slices and an ellipsis; read the part you need, "
+            "then index it with NumPy"
+        )
     return in_range(cast(int, part), axis, n)

@@ -35,15 +35,17 @@ def stored_plane(file: H5File) -> StoredPlane:
     """Return the plane of an H file with a single plane, in its stored form."""
     data = file.dataset("H")
     if data.ndim != 5 or data.shape[0] != 1:
-        raise FileFormatError.expected(data.where, "one plane", data.shape, "remove it and run the command again")
+        raise FileFormatError.expected(
+            data.where, "the file of one plane", f"shape {data.shape}", "remove this file and run the command again"
+        )
     shape = data.shape
     version = file.attributes().integer("version")
     if version != VERSION or scaling_of(file, data)[0].tolist() != [1]:
         raise FileFormatError.expected(
             str(file.path),
-            f"a plane of version {VERSION}, not scaled",
+            f"an unscaled plane of version {VERSION}",
             f"version {version}",
-            "remove it and run the command again",
+            "remove this file and run the command again",
         )
     facts = facts_in(file, "", (1, shape[1], shape[2], shape[3], shape[4]), {})
     step = file.values("step", shape[:3], kinds="f", finite=True)[0].astype(np.float32) if "step" in file else None

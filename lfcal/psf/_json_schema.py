@@ -106,7 +106,7 @@ def _own_faults(value: Any, schema: Schema, names: dict[str, int]) -> Iterator[s
     if "minimum" in schema and value < schema["minimum"]:
         yield f"expected {schema['minimum']} or more, got {_shown(value)}"
     if "not" in schema and not list(_denied(value, schema["not"])):
-        yield f"expected anything but {_words(schema['not'])}, got {_shown(value)}"
+        yield f"expected any value except {_words(schema['not'])}, got {_shown(value)}"
     if schema.get("contentMediaType") == "application/json" and not _is_json(value):
         yield f"expected JSON, got {_shown(value)}"
     if "dimensions" in schema:

@@ -215,7 +215,7 @@ def create_mat_data(file: Any, name: str, matrix: PSFMatrix, options: MatOptions
     data = file.create_dataset(name, shape, matrix.dtype, track_times=False, **storage)
     kind = matrix.dtype.str[1:]
     if kind not in _CLASSES:
-        raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "convert them first")
+        raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "convert the values first")
     # MATLAB reads the class from this attribute: without it the data set cannot be loaded
     data.attrs["MATLAB_class"] = np.bytes_(_CLASSES[kind])
     return data
@@ -226,7 +226,7 @@ def _small(matrix: PSFMatrix, options: MatOptions) -> dict[str, NDArray[np.float
     lens = lens_centre_of(matrix)
     if options.lens_centred and lens is None:
         raise InputError.expected(
-            "lens-centred export", "an H with its camera", "none in this file", "assemble it with its camera"
+            "lens-centred export", "an H with its camera", "an H without one", "assemble it with its camera"
         )
     ny, nx = matrix.period
     values: dict[str, NDArray[np.float64] | str] = {
@@ -279,7 +279,10 @@ def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str
         notes.append(f"the period is {ny} x {nx}; codes that need an odd Nnum cannot use this H")
     lens = lens_centre_of(matrix)
     if lens is None:
-        return (*notes, "H does not state where its lenses are; other codes assume one centred on pixel ceil(Nnum/2)")
+        return (
+            *notes,
+            "H does not state where its lenses are; other codes assume that a lens is centred on pixel ceil(Nnum/2)",
+        )
     row, column = (at + 1 for at in lens.position)
     wanted = "row {} and column {}".format(*(at + 1 for at in lens.expected))
     if not options.lens_centred and not lens.agrees:

@@ -98,16 +98,18 @@ def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, sub
         if abs(share) <= limit or (subtracted and level > 0 and not seen):
             continue
         told = f"{100 * share:.3g} %" if math.isfinite(share) else "more than all their light"
-        how = "give dark frames, the black level, or background border; or keep it (--keep-pedestal)"
+        how = (
+            "subtract dark frames, the black level or the background of the border; or keep the level (--keep-pedestal)"
+        )
         if subtracted:
-            told += " after dark or black level"
+            told += " after subtracting the dark or black level"
             how = (
-                "give the values for these frames (gain, exposure, bits: --shift), or background border; or keep it "
-                "(--keep-pedestal)"
+                "give dark frames or a black level recorded with the gain, exposure and bit depth (--shift) "
+                "of these frames, or subtract the background of the border; or keep the level (--keep-pedestal)"
             )
         raise InputError.expected(
             f"plane {z}",
-            f"frames less their black level (at most {100 * limit:g} % of the light of H)",
-            f"a constant level of {level:.4g}, {told}",
+            f"frames without their black level (at most {100 * limit:g} % of the light of H)",
+            f"a constant level of {level:.4g} ({told})",
             how,
         )

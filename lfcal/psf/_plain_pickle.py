@@ -147,7 +147,7 @@ def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
         return _resolved(_Reader(data, classes).load(), 0, {})
     except _Refused as error:
         raise UnsafeFileError.expected(
-            where, "numbers and arrays", f"a pickle that asks for {error}", "get the file from its source again"
+            where, "numbers and arrays", f"a pickle that requires {error}", "get the file from its source again"
         ) from error
     except Exception as error:  # a damaged pickle may raise any error
         raise FileFormatError.expected(

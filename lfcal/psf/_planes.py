@@ -168,7 +168,7 @@ def as_planes(data: Any) -> Planes:
         return DatasetPlanes(H5Data(data, holes=True))
     array = data if isinstance(data, np.ndarray) else np.asarray(data)
     if array.dtype.kind not in "iufcb":
-        raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert it to numbers")
+        raise InputError.expected("PSF matrix", "numbers", f"dtype {array.dtype}", "convert the array to numbers")
     return ArrayPlanes(array)
 
 
@@ -201,7 +201,7 @@ def _check_finite(values: NDArray[Any], where: str) -> None:
     place = f", position {bad}" if bad else ""
     got = f"{largest[bad]:.3g}" if np.isfinite(largest[bad]) else "NaN or infinity"
     raise FileFormatError.expected(
-        f"{where}{place}", f"finite values up to {MAX_SAMPLE:g}", got, "set it to 0 where nothing was measured"
+        f"{where}{place}", f"finite values up to {MAX_SAMPLE:g}", got, "set values that were not measured to 0"
     )
 
 

@@ -13,7 +13,7 @@ from lfcal.psf._planes import Planes, TransposedPlanes
 
 __all__ = ["ONE_PER_PLANE", "MirroredPlanes", "PlacedPlanes", "padding_note", "placed"]
 
-ONE_PER_PLANE = "read as one pattern for each plane (a period of 1 x 1), as of a Fourier light-field microscope"
+ONE_PER_PLANE = "read as one pattern for each plane (a period of 1 x 1), as in a Fourier light-field microscope"
 """Note on a stack of patterns."""
 
 Window = tuple[slice, slice]
@@ -44,7 +44,7 @@ def padding_note(shape: tuple[int, int]) -> str:
     if (rows, columns) == shape:
         return ""
     words = f"the patterns of {shape[0]} x {shape[1]} px are padded with zeros to {rows} x {columns}"
-    return f"{words}; the middle of n pixels is pixel n/2 + 1, as for MATLAB's conv2(…, 'same')"
+    return f"{words}; the middle of n pixels is taken as pixel n/2 + 1, as in MATLAB's conv2(…, 'same')"
 
 
 class PlacedPlanes:

@@ -80,7 +80,9 @@ class SteppedPlane:
 def check_store_tolerance(tolerance: float) -> float:
     """Return a tolerance of storage; raises `InputError` unless it is between 0 and 1."""
     if not 0 < tolerance < 1:
-        raise InputError.expected("tolerance of storage", "a share above 0 and below 1", tolerance, "0.005 is 0.5 %")
+        raise InputError.expected(
+            "storage tolerance", "a fraction above 0 and below 1", tolerance, "for example, give 0.005 for 0.5 %"
+        )
     return float(tolerance)
 
 
@@ -130,7 +132,10 @@ def stepped_plane(
     if not np.isfinite(total).all():
         y, x = np.argwhere(~np.isfinite(total))[0].tolist()
         raise InputError.expected(
-            f"{what}, position ({y}, {x})", "finite values", "NaN or infinity", "find the frame and record it again"
+            f"{what}, position ({y}, {x})",
+            "finite values",
+            "NaN or infinity",
+            "find the frame of this position and record it again",
         )
     window = (*_used(rows, total, CUT * limit / 4), *_used(columns, total, CUT * limit / 4))
     values, step = np.empty(plane.shape, np.float32), np.ones((ny, nx), np.float32)
@@ -147,8 +152,8 @@ def stepped_plane(
                     cut[y, x], rounding[y, x] = outside / light, lacking / light
                 if lost or cut[y, x] + rounding[y, x] > limit:
                     raise InputError.expected(
-                        f"{what}, position ({y}, {x}), tolerance of storage",
-                        f"a tolerance that {MOST} steps of float32 can keep",
+                        f"{what}, position ({y}, {x}), storage tolerance",
+                        f"a tolerance within the precision of {MOST} steps of float32",
                         f"{100 * limit:.3g} %",
                         "choose a larger tolerance, or store H as float32",
                     )

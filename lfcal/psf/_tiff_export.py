@@ -54,7 +54,9 @@ def iter_write_tiff(
     """
     target = Path(path)
     if matrix.dtype.name not in OME_TYPES:
-        raise InputError.expected("values for TIFF", " ".join(OME_TYPES), matrix.dtype, "export .npy or .h5")
+        raise InputError.expected(
+            "type of the values for TIFF", " ".join(OME_TYPES), matrix.dtype, "export a .npy or .h5 file"
+        )
     files = tiff_files(matrix, path, position)
     share = 1 if position is None else matrix.period[0] * matrix.period[1]
     require_space(target.parent, matrix.nbytes // share, what=target.name)
@@ -77,7 +79,9 @@ def iter_write_tiff(
 
 def _check_position(matrix: PSFMatrix, position: Position) -> None:
     if not all(0 <= at < n for at, n in zip(position, matrix.period, strict=True)):
-        raise InputError.expected("position (y, x)", f"inside {matrix.period}", position, "choose another")
+        raise InputError.expected(
+            "position (y, x)", f"a position inside the period {matrix.period}", position, "choose another position"
+        )
 
 
 def _write_one(matrix: PSFMatrix, target: Path, clock: Clock, quality: str) -> Work[None]:

@@ -146,9 +146,9 @@ def _check_dtype(dtype: np.dtype[Any]) -> None:
     if dtype.kind not in "biufc" or dtype.itemsize not in (1, 2, 4, 8, 16):
         raise InputError.expected(
             "PSF matrix",
-            "integers, bool, float or complex numbers up to 16 bytes",
+            "integers, Boolean values, or real or complex numbers of up to 16 bytes",
             f"dtype {dtype}",
-            "convert it first",
+            "convert the matrix first",
         )
 
 
@@ -160,7 +160,7 @@ def _check_method(method: str, shape: tuple[int, ...]) -> None:
     ny, nx = shape[1:3]
     if method != "exact" and (ny % 2 == 0 or nx % 2 == 0):
         raise InputError.expected(
-            f"transpose method {method}", "a period odd in y and x", f"{ny} x {nx}", "use method exact"
+            f"transpose method {method}", "an odd period in y and x", f"{ny} x {nx}", "use the method exact"
         )
 
 
@@ -169,7 +169,9 @@ def _checked_out(out: NDArray[Any], source: Any, shape: tuple[int, ...]) -> NDAr
         got = f"{out.shape} {out.dtype}" if isinstance(out, np.ndarray) else type(out).__name__
         raise InputError.expected("out", f"an array {shape} {source.dtype}", got, "make it with numpy.empty_like(H)")
     if not out.flags.writeable:
-        raise InputError.expected("out", "a writeable array", "a read-only one", "copy it or open it for writing")
+        raise InputError.expected(
+            "out", "a writeable array", "a read-only one", "copy the array, or open it for writing"
+        )
     if _overlap(source, out):
         raise InputError.expected("out", "separate memory", "memory shared with H", "transpose into another array")
     return out
@@ -299,6 +301,7 @@ def border_warning(H: Any, limit: float = BORDER_LIMIT) -> str | None:
         return None
     _, ny, nx, _, _ = check_psf_shape(tuple(H.shape))
     return (
-        f"{share:.2%} of the energy lies within {ny // 2} rows or {nx // 2} columns of the cutout's edge, where "
-        "other codes' transposers (and method paper) drop values; enlarge the cutout or transpose with method exact"
+        f"{share:.2%} of the energy is within {ny // 2} rows or {nx // 2} columns of the cutout's edge, "
+        "where the transposers of other codes (and the method paper) drop values; choose a larger cutout, or "
+        "transpose with the method exact"
     )

@@ -59,7 +59,7 @@ def reduced(
                 "H for another process",
                 "a file opened by open_psf, or an array",
                 type(stored).__name__,
-                "open it with open_psf",
+                "open the file with open_psf",
             )
     return _rebuilt, (kind, {key: value for key, value in state.items() if key not in _fresh()})
 

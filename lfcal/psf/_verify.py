@@ -104,7 +104,7 @@ class MatrixCheck:
         """Number of intact planes in words, for a verdict."""
         bad = len({(one.region, one.z) for one in self.damaged})
         how = "compared with their checksums" if self.compared else "read; a file of version 1 has no checksums"
-        return f"whole in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
+        return f"intact in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:
@@ -136,7 +136,9 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
         raise StorageError(f"{source}: no such file or folder; check the path")
     if source.suffix.lower() in FOREIGN:
         got = f"a {source.suffix.lower()} file, which has no checksums"
-        raise FileFormatError.expected(str(source), "an H file of lfcal (.h5)", got, "check it with lfcal inspect")
+        raise FileFormatError.expected(
+            str(source), "an H file of lfcal (.h5)", got, "check this file with lfcal inspect"
+        )
     regions = regions_of(source)
     with H5File(source) as file:
         strays = deviations_of(file) if (file.attributes().integer("version") or 0) >= CHECKED_VERSION else []

@@ -213,7 +213,7 @@ class Assembly:
                 f"plane {z}",
                 "light in its cutouts",
                 f"only zeros ({label} and others)",
-                "check exposure, anchor and dark frame",
+                "check the exposure, the anchor and the dark frame",
             )
         return plane.facts()
 
@@ -274,7 +274,7 @@ class AssembledPlanes(PlaneSource):
         """Return how other processes open the frames; each opens them once for all planes."""
         if self._reopening is None:
             remedy = "state what distinguishes these frames from any others (reopening=)"
-            raise InputError.expected("H in units", "how its frames are opened again", "none", remedy)
+            raise InputError.expected("H in units", "a way to open its frames again", "none", remedy)
         return replace(self._reopening, held=True)
 
     def shown(self, record: Progress) -> Progress:
@@ -342,7 +342,7 @@ def _drift_of(drift: ArrayLike | None, count: int) -> NDArray[np.float64] | None
         return None
     offsets = np.asarray(drift, np.float64)
     if offsets.shape != (count, 2):
-        raise InputError.expected("drift", f"shape ({count}, 2)", offsets.shape, "one row per frame")
+        raise InputError.expected("drift", f"shape ({count}, 2)", offsets.shape, "give one row per frame")
     return offsets
 
 
@@ -354,13 +354,25 @@ def _check_complete(
     strict: bool,
 ) -> None:
     if not counts.any():
-        raise InputError.expected("frames", f"some of {int(np.prod(shape))}", "none", "check the folder and --pattern")
+        raise InputError.expected(
+            "frames of the scan",
+            f"frames at some of the {int(np.prod(shape))} positions",
+            "none",
+            "check the folder and --pattern",
+        )
     if strict and missing:
         what = f"{len(missing)} missing, first (z, y, x) = {tuple(missing[0])}"
-        raise InputError.expected("positions", "a frame at each", what, "record them, or leave strict out")
+        raise InputError.expected(
+            "positions of the scan",
+            "a frame at each position",
+            what,
+            "record the missing positions, or allow missing positions",
+        )
     if strict and repeated:
         what = f"{len(repeated)} given more than once, first (z, y, x) = {tuple(repeated[0])}"
-        raise InputError.expected("positions", "one frame at each", what, "remove one, or leave strict out")
+        raise InputError.expected(
+            "positions", "one frame at each position", what, "remove the others, or allow repeated positions"
+        )
 
 
 def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
@@ -381,7 +393,7 @@ def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[
                 f"cutout of {gatherer.where(index)}",
                 f"rows {top}..{top + height - 1}, columns {left}..{left + width - 1}",
                 f"rows {window.row}..{window.row + nt - 1}, columns {window.column}..{window.column + ns - 1}",
-                "move the anchor, choose a smaller cutout, or pad",
+                "move the anchor, choose a smaller cutout, or allow padding",
             )
         padded[info.position] = None
     return tuple(padded), (largest[0], largest[1])
@@ -628,8 +640,8 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
         period = " x ".join(str(math.lcm(n, step)) for n in plan.period)
         raise InputError.expected(
             "period of a scan through a colour filter",
-            f"a multiple of {step} pixels, the filter's pattern",
-            f"{plan.period[0]} x {plan.period[1]}, after which the same place of a lenslet lies on another colour",
+            f"a multiple of {step} pixels, which is the period of the filter",
+            f"{plan.period[0]} x {plan.period[1]} pixels, after which the same point of a lenslet has another colour",
             f"scan {period} positions, or describe the sensor without its filter if it has none",
         )
 

@@ -103,7 +103,7 @@ CODES = {
 def code_of(name: str) -> Code:
     """Return the code called ``name``; raises `InputError` for an unknown name."""
     if name not in CODES:
-        raise InputError.expected("code", " or ".join(CODES), repr(name), "choose one")
+        raise InputError.expected("code", " or ".join(CODES), repr(name), "choose one of these")
     return CODES[name]
 
 

@@ -79,7 +79,9 @@ class Cutout:
         object.__setattr__(self, "anchor", tuple(float(v) for v in self.anchor))
         check_cutout(*self.shape)
         if not all(math.isfinite(v) for v in self.anchor):
-            raise InputError.expected("anchor", "finite numbers (row, column)", self.anchor, "correct it")
+            raise InputError.expected(
+                "anchor", "finite numbers (row, column)", self.anchor, "give a row and a column in pixels"
+            )
         for what, value, choices in (
             ("interpolation", self.interpolation, INTERPOLATIONS),
             ("outside", self.outside, ("error", "zero")),
@@ -89,10 +91,12 @@ class Cutout:
         object.__setattr__(self, "scale", tuple(float(v) for v in self.scale))
         # a factor far from 1 means a wrong period, not one that is rounded to whole pixels
         if not all(0.5 <= v <= 2 for v in self.scale):
-            raise InputError.expected("resampling factor", "between 0.5 and 2", self.scale, "check the period")
+            raise InputError.expected(
+                "resampling factor", "a factor from 0.5 to 2", self.scale, "check the period of the scan"
+            )
         if self.resamples and self.interpolation not in ("linear", "cubic"):
             raise InputError.expected(
-                "interpolation of resampled frames", "linear or cubic", self.interpolation, "choose cubic"
+                "interpolation of resampled frames", "linear or cubic", self.interpolation, "choose one of these"
             )
 
     @classmethod
@@ -217,7 +221,7 @@ def find_cutout(
     (5, 15)
     """
     if not 0 < lost < 1:
-        raise InputError.expected("energy lost", "a share between 0 and 1", lost, "0.005 is usual")
+        raise InputError.expected("energy that a cutout may lose", "a fraction from 0 to 1", lost, "0.005 is usual")
     height = width = 0
     for image, (row, column) in zip(images, centres, strict=True):
         data = np.asarray(image, np.float64)
@@ -227,7 +231,7 @@ def find_cutout(
         noise = 1.4826 * np.median(np.abs(_border(data)))
         data = np.where(data > 3 * noise, data, 0.0)  # otherwise noise far from the spots would count as energy
         if not data.sum() > 0:
-            raise InputError.expected("frame", "light from the point", "none", "check exposure and position")
+            raise InputError.expected("frame", "light from the point", "none", "check the exposure and the position")
         height = max(height, _half_width(data.sum(axis=1), row, lost / 2))
         width = max(width, _half_width(data.sum(axis=0), column, lost / 2))
     return 2 * height + 1, 2 * width + 1
@@ -310,19 +314,21 @@ class Gatherer:
         window, region = self.place(index)
         inside = clipped(region, self.source.shape)
         if min(region_shape(inside)) < 1:
-            raise InputError.expected(self.where(index), "a cutout on the sensor", "one outside it", "check the anchor")
+            raise InputError.expected(
+                self.where(index), "a cutout inside the sensor", "one that reaches beyond it", "check the anchor"
+            )
         found = self.source.samples(index, inside)
         if found.values.shape != region_shape(inside):
             raise InputError.expected(
-                self.where(index), f"{region_shape(inside)} pixels", found.values.shape, "take the frame again"
+                self.where(index), f"{region_shape(inside)} pixels", found.values.shape, "record the frame again"
             )
         if found.values.dtype.kind == "f" and not np.isfinite(found.values).all():
             raise InputError.expected(
-                self.where(index), "finite values", "NaN or infinity", "take the frame again or leave it out"
+                self.where(index), "finite values", "NaN or infinity", "record the frame again, or leave it out"
             )
         if found.valid is not None and not found.valid.any():
             raise InputError.expected(
-                self.where(index), "a point on a dark ground", "every pixel saturated", "expose shorter"
+                self.where(index), "a point on a dark background", "every pixel saturated", "reduce the exposure"
             )
         values, valid = _padded(found, region, inside)
         noise = self.noise if found.noise is None else found.noise
@@ -461,7 +467,12 @@ def by_position(
         position = Position(*info.position)
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
             where = f"{info.label} at (z, y, x) = {tuple(position)}"
-            raise InputError.expected(where, f"a position inside {shape}", "one outside", "check manifest and plan")
+            raise InputError.expected(
+                where,
+                f"a position inside the scan of {shape}",
+                "one outside it",
+                "check the manifest and the scan plan",
+            )
         flat[index] = np.ravel_multi_index(position, shape)
     order = np.argsort(flat, kind="stable")
     starts = np.searchsorted(flat[order], np.arange(int(np.prod(shape)) + 1))

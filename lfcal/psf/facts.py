@@ -109,7 +109,7 @@ def fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLik
     """Return ``value`` as a read-only array of ``dtype``; raises `InputError` unless it has ``shape``."""
     array = np.array(value, dtype)
     if array.shape != shape:
-        raise InputError.expected(what, f"shape {shape}", array.shape, "give one value per entry")
+        raise InputError.expected(what, f"shape {shape}", array.shape, "give one value for each entry")
     array.setflags(write=False)
     return array
 

@@ -55,7 +55,9 @@ class Header:
         """Check shape and depths."""
         object.__setattr__(self, "shape", check_psf_shape(self.shape))
         if self.plane_depths.shape != self.shape[:1]:
-            raise InputError.expected("depths", f"{self.shape[0]} values", self.plane_depths.shape, "one per plane")
+            raise InputError.expected(
+                "depths of the planes", f"{self.shape[0]} values", self.plane_depths.shape, "give one depth per plane"
+            )
 
     @property
     def plane_depths(self) -> NDArray[np.float64]:

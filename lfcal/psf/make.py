@@ -136,7 +136,9 @@ def iter_make(
     if out is not None:
         return open_psf((yield from iter_write(source, out, stored, run=run, workers=workers)))
     if run is not None:
-        raise InputError.expected("H in units", "a file to write", "none", "name a file with out=")
+        raise InputError.expected(
+            "H that is made unit by unit", "the name of the file to write", "none", "name a file with out="
+        )
     return (yield from _in_memory(source, workers))
 
 
@@ -236,7 +238,7 @@ def _in_memory(source: PlaneSource, workers: int | None) -> Work[PSFMatrix]:
         if plane.values is not values:
             values[:] = plane.values
         if not np.isfinite(values.sum(dtype=np.float64)):
-            remedy = "find the frame and record it again"
+            remedy = "find the frame with this value and record it again"
             raise InputError.expected(f"plane {z}", "finite values", "NaN or infinity", remedy)
         if plane.uncertainty is not None:
             uncertainty = np.zeros_like(whole) if uncertainty is None else uncertainty
@@ -341,7 +343,7 @@ def _opened(arguments: Mapping[str, Any], workers: int) -> Iterator[PlaneSource]
         module, _, name = arguments["opener"].partition(":")
         if not name:
             expected = "threads of the process that has the frames open"
-            raise InputError.expected("executor", expected, "others", "use threads")
+            raise InputError.expected("executor", expected, "another executor", "use threads")
         found: PlaneSource = getattr(importlib.import_module(module), name)(arguments["values"], workers)
         return found
 

@@ -39,7 +39,9 @@ _WORDS = {
 def check_mat_order(mat_order: str) -> str:
     """Return ``mat_order`` unchanged; raises `InputError` unless it is empty or one of `MAT_ORDERS`."""
     if mat_order and mat_order not in MAT_ORDERS:
-        raise InputError.expected("order of a .mat file's axes", " or ".join(MAT_ORDERS), mat_order, "choose one")
+        raise InputError.expected(
+            "order of the axes in a .mat file", " or ".join(MAT_ORDERS), mat_order, "choose one of these"
+        )
     return mat_order
 
 
@@ -95,9 +97,7 @@ class _Reader:
         self._order = self._text("axisOrder")
         if stated and self._order not in ("", stated):
             wanted = f"{_WORDS[self._order][0]}, as its axisOrder states"
-            raise InputError.expected(
-                f"{file.path}, order of its axes", wanted, _WORDS[stated][0], "leave the order out"
-            )
+            raise InputError.expected(f"{file.path}, order of its axes", wanted, _WORDS[stated][0], "omit the order")
         known = [name for name in THEIRS if name in file]
         self._theirs = not self._order and bool(known)
         self._name = "PSF" if "H" not in file and len(file.dataset_shape("PSF")) == 3 else "H"
@@ -110,7 +110,7 @@ class _Reader:
         """Return the order in which the axes were read and the reason; if inferred, also how to state the other."""
         read = f"read as {_WORDS[taken][1]}"
         if self._order or stated:
-            return f"{read}, as {'its axisOrder states' if self._order else 'stated'}"
+            return f"{read}, as {'its axisOrder states' if self._order else 'requested'}"
         other, axes = _WORDS[COLUMNS_FIRST if taken == ROWS_FIRST else ROWS_FIRST]
         why = f"as in codes that write {known[0]}" if known else "because nothing in the file states the order"
         return f"{read}, {why}; if it is {axes}, import it with `lfcal export --mat-order {other}`"
@@ -142,14 +142,17 @@ class _Reader:
         where = f"{self._file.path}: {self._name}"
         if (kind := self._class(self._name)) in ("cell", "struct"):
             raise FileFormatError.expected(
-                where, "an array of numbers", f"a {kind} array", "convert it: H = full(H{aa,bb,cc}) for each"
+                where,
+                "an array of numbers",
+                f"a {kind} array",
+                "convert it in MATLAB, for example H = full(H{aa,bb,cc}) for each cell",
             )
         if self._name in self._file and self._file.attributes(self._name).integer("MATLAB_sparse") is not None:
             raise FileFormatError.expected(
                 where,
-                "a full array of numbers",
+                "a full numeric array",
                 "a sparse matrix",
-                "write it in full, with its axes: H = reshape(full(H), [nt ns ny nx nz])",
+                "convert it in MATLAB: H = reshape(full(H), [nt ns ny nx nz])",
             )
         data = self._file.dataset(self._name)
         if self._stack:
@@ -157,7 +160,9 @@ class _Reader:
         if data.ndim == 4:
             return FilePlanes(data.read()[None], self._file.path)
         if data.ndim != 5:
-            raise FileFormatError.expected(where, "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the file")
+            raise FileFormatError.expected(
+                where, "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the variable in the file"
+            )
         return DatasetPlanes(data)
 
     def _placed(self, base: Planes, windows: list[Window] | None) -> Planes:
@@ -172,7 +177,9 @@ class _Reader:
         if stated is None:
             return None
         if not all(v == int(v) and 1 <= v <= n for v, n in zip(stated, shape, strict=True)):
-            raise FileFormatError.expected(f"{self._file.path}: cutout", f"up to {shape}", stated, "export it again")
+            raise FileFormatError.expected(
+                f"{self._file.path}: cutout", f"a size of up to {shape}", stated, "export the file again"
+            )
         return int(stated[0]), int(stated[1])
 
     def _windows(self, nz: int, nt: int, ns: int) -> list[Window] | None:
@@ -197,7 +204,7 @@ class _Reader:
         if (whole != table).any() or (whole[0] < 1).any() or (whole[1] > n).any() or (whole[0] > whole[1]).any():
             wanted = f"first and last pixel (1 to {n}) of each of {nz} planes"
             raise FileFormatError.expected(
-                f"{self._file.path}: CAindex", wanted, f"shape {found.shape[::-1]}", "check the file"
+                f"{self._file.path}: CAindex", wanted, f"shape {found.shape[::-1]}", "check this variable in the file"
             )
         return whole
 
@@ -212,7 +219,10 @@ class _Reader:
             return None
         if np.unique(values).size < nz:
             raise FileFormatError.expected(
-                f"{self._file.path}: x3objspace", "a depth for each plane", "one twice", "check the file"
+                f"{self._file.path}: x3objspace",
+                "different depths for all planes",
+                "a repeated depth",
+                "check this variable in the file",
             )
         return values
 
@@ -233,7 +243,9 @@ class _Reader:
             return None
         values = self._file.values(name, finite=True).ravel()
         if values.size != 2:
-            raise FileFormatError.expected(f"{self._file.path}: {name}", "two numbers", values.size, "check the file")
+            raise FileFormatError.expected(
+                f"{self._file.path}: {name}", "two numbers", values.size, "check this variable in the file"
+            )
         pair = values.tolist() if self._swapped else values[::-1].tolist()
         return float(pair[0]), float(pair[1])
 
@@ -245,7 +257,7 @@ class _Reader:
         order = "".join(chr(letter) if letter < 128 else "?" for letter in letters[:16])
         if order not in (ROWS_FIRST, COLUMNS_FIRST):
             known = f"{COLUMNS_FIRST} or {ROWS_FIRST}"
-            raise FileFormatError.expected(f"{self._file.path}: {name}", known, repr(order), "export it again")
+            raise FileFormatError.expected(f"{self._file.path}: {name}", known, repr(order), "export the file again")
         return order
 
     def _flag(self, name: str) -> bool:

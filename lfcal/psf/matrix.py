@@ -102,10 +102,15 @@ class PSFMatrix:
         self._shape = shape
         self._depths = fitting("depths", np.full(shape[0], np.nan) if depths is None else depths, per_plane, np.float64)
         if np.isnan(self._depths).any() and not np.isnan(self._depths).all():
-            raise InputError.expected("depths", "one for each plane, or none", self._depths.tolist(), "complete them")
+            raise InputError.expected(
+                "depths", "one for each plane, or none", self._depths.tolist(), "give the missing depths"
+            )
         if camera is not None and not self.knows_depths:
             raise InputError.expected(
-                "depths of a camera's planes", f"{shape[0]} in µm", "none", "state the depths as well"
+                "depths of the planes of H with a camera",
+                f"{shape[0]} depths in µm",
+                "none",
+                "give the depths together with the camera",
             )
         self._camera = camera
         self._anchor = (float(anchor[0]), float(anchor[1]))
@@ -113,7 +118,9 @@ class PSFMatrix:
         self._facts = Facts.of(shape[:3], shape[3:], **given)
         self._uncertainty = None if uncertainty is None else _as_planes(uncertainty)
         if self._uncertainty is not None and self._uncertainty.shape != shape:
-            raise InputError.expected("uncertainty", f"shape {shape}", self._uncertainty.shape, "one value per entry")
+            raise InputError.expected(
+                "uncertainty", f"shape {shape}", self._uncertainty.shape, "give one value for each entry of H"
+            )
         self.region = region
         self._provenance = dict(provenance or {})
         self._sums: dict[int, NDArray[np.float64]] = {}
@@ -222,7 +229,7 @@ class PSFMatrix:
         """
         if self._is_transposed:
             raise InputError.expected(
-                "facts of the positions", "H", "HT, whose positions are pixels of H", "use HT.T.facts"
+                "metadata of the positions", "H", "HT, whose positions are pixels of H", "use HT.T.facts"
             )
         return self._facts
 
@@ -391,7 +398,9 @@ class PSFMatrix:
             array = self._planes.array
             return np.array(array, dtype, copy=True) if copy else np.asarray(array, dtype)
         if copy is False:
-            raise ValueError("a PSF matrix from a file, scaled or transposed, cannot be an array without a copy")
+            raise ValueError(
+                "a PSF matrix that is read from a file, scaled or transposed cannot become an array without a copy"
+            )
         out = np.empty(self._shape, self.dtype if dtype is None else dtype)
         for z in range(self._shape[0]):
             out[z] = self._planes.plane(z)

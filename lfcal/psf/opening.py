@@ -96,7 +96,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     if matrix.dtype.kind == "c":
         matrix.close()
         raise FileFormatError.expected(
-            str(source), "real numbers", f"{matrix.dtype}", "store the intensity, |amplitude|²"
+            str(source), "real numbers", f"{matrix.dtype}", "store the intensity, which is |amplitude|²"
         )
     return matrix.opened_by(partial(open_psf, os.path.abspath(source), region=region, mat_order=mat_order))
 
@@ -104,11 +104,13 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
 def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
     suffix = source.suffix.lower()
     if mat_order and suffix != ".mat":
-        raise InputError.expected("order of a .mat file's axes", "a .mat file", source.name, "leave the order out")
+        raise InputError.expected("order of a .mat file's axes", "a .mat file", source.name, "omit the order")
     if region and suffix in FOREIGN:
-        raise InputError.expected(f"{source}, region", "an H file of lfcal", f"a {suffix} file", "leave it out")
+        raise InputError.expected(f"{source}, region", "an H file of lfcal", f"a {suffix} file", "omit the region")
     if check and suffix in FOREIGN:
-        raise InputError.expected(f"{source}, checksums", "an H file of lfcal", f"a {suffix} file", "leave them out")
+        raise InputError.expected(
+            f"{source}, checksums", "an H file of lfcal", f"a {suffix} file", "omit the checksums"
+        )
     if suffix == ".npy":
         return _of_npy(source)
     if suffix == ".mat":
@@ -142,7 +144,7 @@ def _of_tiff(source: Path) -> PSFMatrix:
     values = read_tiff(source)
     if values.ndim not in (2, 3) or values.shape[-1] in (3, 4):  # the last axis is one of colours
         raise InputError.expected(
-            str(source), "one pattern for each plane", f"shape {values.shape}", "export H as .h5, .mat or .npy"
+            str(source), "one pattern for each plane", f"shape {values.shape}", "export H as a .h5, .mat or .npy file"
         )
     return _stack_of(values if values.ndim == 3 else values[None], source)
 
@@ -221,7 +223,9 @@ def _check_format(file: H5File) -> int:
         )
     version = attributes.integer("version")
     if version not in VERSIONS:
-        raise FileFormatError.expected(str(file.path), f"version {VERSIONS[-1]} or older", version, "update lfcal")
+        raise FileFormatError.expected(
+            str(file.path), f"format version {VERSIONS[-1]} or older", f"version {version}", "update lfcal"
+        )
     return version
 
 
@@ -234,8 +238,12 @@ def _region_group(file: H5File, region: str) -> str:
     names = (own, *file.names(REGIONS))
     if region not in names:
         if names == ("",):
-            raise InputError(f"{file.path}: has one region of the field, without a name; leave --region out")
-        raise InputError.expected(f"{file.path}, region", " or ".join(filter(None, names)), repr(region), "choose one")
+            raise InputError(
+                f"{file.path}: the file contains one region of the field, which has no name; omit --region"
+            )
+        raise InputError.expected(
+            f"{file.path}, region", " or ".join(filter(None, names)), repr(region), "choose one of these"
+        )
     return f"{REGIONS}/{region}"
 
 
@@ -327,7 +335,10 @@ def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
     depths = file.values(f"{prefix}depths", (planes,), finite=True, at_most=1e15).astype(np.float64)
     if np.unique(depths).size < planes:
         raise FileFormatError.expected(
-            f"{file.path}:/{prefix}depths", "a depth for each plane", "one twice", "get the file from its source again"
+            f"{file.path}:/{prefix}depths",
+            "different depths for all planes",
+            "a repeated depth",
+            "get the file from its source again",
         )
     return depths
 
@@ -384,17 +395,20 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
         found = attributes.text(key, wanted[0])
         if found not in wanted:
             raise FileFormatError.expected(
-                f"{file.path}, attribute {key}", " or ".join(wanted), repr(found[:60]), "get it from its source again"
+                f"{file.path}, attribute {key}",
+                " or ".join(wanted),
+                repr(found[:60]),
+                "get the file from its source again",
             )
 
 
 def provenance_of(file: H5File, group: str = "") -> dict[str, Any]:
     """Return the provenance of the matrix in a group; raises `FileFormatError` if it is not a JSON object."""
     attributes = file.attributes(group)
-    what, remedy = f"{file.path}, attribute provenance", "get it from its source again"
+    what, remedy = f"{file.path}, attribute provenance", "get the file from its source again"
     found = parse_json(attributes.text("provenance", "{}"), what, remedy=remedy, finite=False)
     if not isinstance(found, dict):
-        raise FileFormatError.expected(what, "a JSON object", "other text", remedy)
+        raise FileFormatError.expected(what, "a JSON object", "text that is not JSON", remedy)
     return found
 
 
@@ -443,7 +457,12 @@ def _check_planes(file: H5File, group: str) -> None:
     """Raise `FileFormatError` unless every plane has its stated checksum."""
     prefix = f"{group}/" if group else ""
     if f"{prefix}checksum" not in file:
-        raise FileFormatError.expected(str(file.path), "checksums", "version 1 without them", "save it again")
+        raise FileFormatError.expected(
+            str(file.path),
+            "an H file with checksums",
+            "a file of version 1, which has none",
+            "save it again with lfcal",
+        )
     data = file.dataset(f"{prefix}H")
     sums = file.values(f"{prefix}checksum", data.shape[:1], kinds="u")
     for z, wanted in enumerate(sums.tolist()):

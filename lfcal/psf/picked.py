@@ -85,7 +85,9 @@ def iter_pick(
         flat = int(np.ravel_multi_index(place, shape))
         own = order[starts[flat] : starts[flat + 1]]
         if not len(own):
-            raise InputError.expected("position (z, y, x)", "a position with a frame", place, "choose another")
+            raise InputError.expected(
+                "position (z, y, x)", "a position that has a frame", place, "choose another position"
+            )
         found = gatherer.pattern(own)
         patterns[place] = found.values
         recorded[place], variances[place], saturated[place] = len(own), found.noise, found.saturated

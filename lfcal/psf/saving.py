@@ -80,7 +80,7 @@ class MatrixPlanes(PlaneSource):
         """Return how other processes read plane ``z``: from the same file."""
         matrix = self.matrix
         if not matrix.path:
-            raise InputError.expected("H", "a matrix opened from a file", repr(matrix), "save it first")
+            raise InputError.expected("H", "a matrix opened from a file", repr(matrix), "save the matrix first")
         source = os.path.abspath(matrix.path)
         values = {
             "source": source,
@@ -221,7 +221,9 @@ def iter_save_regions(
     ['0 of 2', '1 of 2', '2 of 2']
     """
     if not matrices or any(not name or "/" in name or name == "." for name in matrices):
-        raise InputError.expected("regions of the field", "one or more names without /", list(matrices), "rename them")
+        raise InputError.expected(
+            "regions of the field", "names without /, at least one", list(matrices), "rename them"
+        )
     sources: dict[str, tuple[PlaneSource, Stored]] = {}
     for name, matrix in matrices.items():
         planes = MatrixPlanes(matrix)

@@ -122,17 +122,22 @@ class MatrixGroup:
 
         shape = self._header.shape
         if plane.shape != shape[1:]:
-            raise InputError.expected(f"plane {z}", f"shape {shape[1:]}", plane.shape, "check the assembly")
+            raise InputError.expected(
+                f"plane {z}", f"shape {shape[1:]}", plane.shape, "check how the plane was assembled"
+            )
         if not 0 <= z < shape[0] or self._written[z]:
             raise InputError.expected("plane number", "each number once", z, "write every plane once")
         if plane.dtype.kind == "c":
             raise InputError.expected(
-                f"plane {z}", "real numbers", f"{plane.dtype}", "export a complex H as .npy, or store its parts"
+                f"plane {z}",
+                "real numbers",
+                f"{plane.dtype}",
+                "export a complex H as a .npy file, or store its real and imaginary parts separately",
             )
         sums = depth_sum(plane, workers=self._workers)
         if not np.isfinite(sums).all():
             raise InputError.expected(
-                f"plane {z}", "finite values", "NaN or infinity", "find the frame and record it again"
+                f"plane {z}", "finite values", "NaN or infinity", "find the frame with this value and record it again"
             )
         if self._stored.store_tolerance is not None:
             self._write_steps(z, plane, facts, self._stored.store_tolerance)
@@ -177,11 +182,19 @@ class MatrixGroup:
         """
         if plane.shape != self._header.shape[1:]:
             raise InputError.expected(
-                f"uncertainty of plane {z}", f"shape {self._header.shape[1:]}", plane.shape, "one value per entry"
+                f"uncertainty of plane {z}",
+                f"shape {self._header.shape[1:]}",
+                plane.shape,
+                "give one value for each entry",
             )
         low, largest = _range(plane, self._workers)
         if not (np.isfinite(largest) and low >= 0):
-            raise InputError.expected(f"uncertainty of plane {z}", "numbers ≥ 0", f"{low:g} to {largest:g}", "check it")
+            raise InputError.expected(
+                f"uncertainty of plane {z}",
+                "values of 0 or more",
+                f"{low:g} to {largest:g}",
+                "check how the uncertainty was computed",
+            )
         if self._uncertainty is None:
             self._uncertainty = self._create_dataset("uncertainty", np.dtype(np.float32))
         parallel_write(self._uncertainty, z, plane, convert=_rounded_up, workers=self._workers)
@@ -191,7 +204,10 @@ class MatrixGroup:
         """Copy plane ``z`` from another file as it is stored: its bytes are neither decompressed nor rounded again."""
         if stored.data.shape[1:] != self._header.shape[1:] or self._written[z]:
             raise InputError.expected(
-                f"plane {z}", f"{self._header.shape[1:]} once", stored.data.shape, "write it again"
+                f"plane {z}",
+                f"shape {self._header.shape[1:]}, not written before",
+                stored.data.shape,
+                "write each plane once, with the shape of the others",
             )
         copy_plane(stored.data, self._data, z)
         self._sums[z], self._used[z], self._error[z] = stored.sums, stored.used, stored.error
@@ -246,9 +262,9 @@ class MatrixGroup:
         if low < 0 or high > np.iinfo(dtype).max or not _whole(plane):
             raise InputError.expected(
                 f"plane {z}, stored as {dtype}",
-                f"whole numbers from 0 to {np.iinfo(dtype).max}",
+                f"integers from 0 to {np.iinfo(dtype).max}",
                 f"other values, from {low:.6g} to {high:.6g}",
-                f"store it as {ROUNDED} or float32 (--dtype)",
+                f"store the values as {ROUNDED} or float32 (--dtype)",
             )
         return (lambda pattern: pattern.astype(dtype)), 0.0
 
@@ -427,7 +443,9 @@ class PSFWriter:
         """Complete the file and rename it to its final name, or remove it after an error."""
         if error is None and self._matrix.lacking:
             lacking = self._matrix.lacking[:5]
-            error = InputError.expected(str(self.path), "every plane written", f"planes {lacking} missing", "write")
+            error = InputError.expected(
+                str(self.path), "all planes written", f"a file without planes {lacking}", "write these planes"
+            )
             self._stack.__exit__(type(error), error, None)
             raise error
         try:
@@ -452,7 +470,10 @@ def check_storable(header: Header, stored: Stored) -> None:
     """Raise `InputError` if a matrix cannot be stored with these options."""
     if header.transposed and stored.store_tolerance is not None:
         raise InputError.expected(
-            "store tolerance", "H, because it limits the error of its patterns", "HT", "store H; HT is a view of it"
+            "storage tolerance",
+            "H, because the tolerance limits the error of its patterns",
+            "HT",
+            "store H, and derive HT from it",
         )
 
 

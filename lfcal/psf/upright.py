@@ -95,10 +95,10 @@ def check_place(
         first = known.origin
         row, column = (round(a - b) for a, b in zip(first, found.offset_px, strict=True))
         raise InputError.expected(
-            "origin of the frames (row, column)",
-            f"about {row},{column}, according to the place of the light",
+            "first pixel of the frames (--origin ROW,COLUMN)",
+            f"about {row},{column}, according to the position of the light",
             f"{first[0]},{first[1]}",
-            "correct it (row first), or the plan's anchor",
+            "correct --origin (the row comes first), or the anchor in the plan",
         )
 
 
@@ -109,7 +109,10 @@ def check_found(found: FoundOrientation, choice: str) -> None:
     keep = "--orientation as-is leaves them unchanged"
     if not found.name and choice == AUTO:
         raise InputError.expected(
-            "frames", "a path of the pattern that shows their orientation", found.reason, "state it with --orientation"
+            "frames",
+            "motion of the pattern that shows their orientation",
+            found.reason,
+            "state the orientation with --orientation",
         )
     if not found.wrong or (choice == AUTO and found.cause != "scan"):
         return

@@ -143,8 +143,8 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
     source, order = _session(path)
     places = {source.info(k).origin for k in order}
     if len(places) > 1:
-        got = f"{len(places)} places, as in a scan of cutouts"
-        raise InputError.expected(f"frames of {path}", "one place of the sensor", got, "record whole frames")
+        got = f"{len(places)} positions, as in a scan of cutouts"
+        raise InputError.expected(f"frames of {path}", "one position on the sensor", got, "record whole frames")
     times = [float(source.record(k)["elapsed_s"]) for k in order]
     return [FrameFile(f"{path.name}_{n:04d}", path, n, t) for n, t in enumerate(times)]
 
@@ -161,7 +161,7 @@ def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[floa
         return None
     if resample:
         raise InputError.expected(
-            "--resample", "whole frames", f"a part that starts at (row, column) {(row, column)}", "record whole frames"
+            "--resample", "whole frames", f"frames that start at (row, column) {(row, column)}", "record whole frames"
         )
     return H.anchor[0] - row, H.anchor[1] - column
 

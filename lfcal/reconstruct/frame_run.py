@@ -197,7 +197,12 @@ class FrameRun:
     def _iter_units(self, out: Path, run: RunChoice, saved: Saved) -> Work[tuple[FrameResult, ...]]:
         """Reconstruct frame by frame, each volume in a file that stays until all are there and ``saved``."""
         if self.warm and run.executor != "threads":
-            raise InputError.expected("--warm", "--executor threads", run.executor, "each frame needs the previous one")
+            raise InputError.expected(
+                "--warm",
+                "--executor threads",
+                run.executor,
+                "leave --warm out, because each frame needs the previous one",
+            )
         # each process has its own H
         share = 1 if run.executor == "threads" else worker_count(run.workers)
         P, optics = self.projector, self.optics

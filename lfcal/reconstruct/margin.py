@@ -39,7 +39,9 @@ def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) 
         return start
     narrow = (wanted[0], wanted[1] - 2 * margin, wanted[2] - 2 * margin)
     if start.shape != narrow:
-        raise InputError.expected("initial volume", f"shape {wanted} or {narrow}", start.shape, "correct it")
+        raise InputError.expected(
+            "initial volume", f"shape {wanted} or {narrow}", start.shape, "give a volume of one of these shapes"
+        )
     return np.pad(start, ((0, 0), (margin, margin), (margin, margin)), mode="edge")
 
 

@@ -99,15 +99,15 @@ def room_for_projections(
     needed = max(_solver_bytes(shape, choice, itemsize, warm))
     if needed < most:
         return most - needed
-    remedies = ["take a smaller image or fewer planes"]
+    remedies = ["reconstruct a smaller image or fewer planes"]
     if share > 1:
         remedies.append(f"fewer than {share} --workers")
     leanest = min(SOLVERS, key=lambda solver: (max(_held(SolverChoice(solver.name), warm)), solver.rank))
     if (least := max(_held(SolverChoice(leanest.name), warm))) < (own := max(_held(choice, warm))):
         remedies.append(f"choose {leanest.name}, which needs {least} volumes in memory instead of {own}")
     raise InputError.expected(
-        "memory of the reconstruction",
-        f"more than {format_bytes(needed)} for the arrays of {choice.name} alone",
+        "memory for the reconstruction",
+        f"more than {format_bytes(needed)}, which the arrays of {choice.name} alone need",
         format_bytes(most),
         "; or ".join(remedies),
     )

@@ -92,7 +92,7 @@ class MetricGrid:
             counts.append(max(1, math.ceil((high - low) / side - 1e-6)))
         if math.prod(counts) * len(sides_um) > MOST_VOXELS:
             got = f"{len(sides_um)} x {counts[0]} x {counts[1]}"
-            raise InputError.expected("voxels of the volume", f"at most {MOST_VOXELS}", got, "choose larger ones")
+            raise InputError.expected("voxels of the volume", f"at most {MOST_VOXELS}", got, "choose larger voxels")
         matrices = [
             tuple(_shares(shape[k], axis[k], pair[k], lows[k], counts[k], side) for pair in sides_um) for k in range(2)
         ]
@@ -128,7 +128,7 @@ class MetricGrid:
         """
         if matrix.camera is None:
             raise InputError.expected(
-                "voxels of one size", "an H with its camera", "one without", "leave the voxel size out"
+                "voxels of a fixed size", "an H with its camera", "an H without one", "leave the voxel size out"
             )
         sides = [voxel_um(matrix, float(z)) for z in matrix.depths]
         middle, scale = matrix.camera.pixels((0.0, 0.0)), matrix.pixel_scale
@@ -151,7 +151,7 @@ class MetricGrid:
         """
         wanted = (len(self.rows), self.rows[0].shape[1], self.columns[0].shape[1])
         if volume.shape != wanted:
-            raise InputError.expected("volume", f"shape {wanted}", volume.shape, "give one of the grid's planes")
+            raise InputError.expected("volume", f"shape {wanted}", volume.shape, "give a volume of this grid")
         out = np.empty((len(self.rows), *self.shape), np.float32)
         for z, (rows, columns) in enumerate(zip(self.rows, self.columns, strict=True)):
             out[z] = (columns @ (rows @ volume[z].astype(np.float64)).T).T

@@ -169,8 +169,10 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
         elif Path(name).exists():
             found.append((Path(name), ""))
         else:
-            named = ", ".join(filter(None, own)) or "no names"
-            raise InputError.expected("--region", f"a region of {psf.name} ({named}) or an H file", name, "correct it")
+            named = ", ".join(filter(None, own)) or "unnamed"
+            raise InputError.expected(
+                "--region", f"a region of {psf.name} ({named}) or an H file", name, "choose one of these"
+            )
     if not found:
-        raise InputError.expected("--region", f"other regions than the first of {psf.name}", "none", "leave it out")
+        raise InputError.expected("--region", f"regions other than the first of {psf.name}", "none", "leave it out")
     return found

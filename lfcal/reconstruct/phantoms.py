@@ -23,14 +23,18 @@ def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
     a, b = _pair(estimate, truth)
     size = float(np.linalg.norm(b))
     if size == 0:
-        raise InputError.expected("truth", "a volume that is not zero everywhere", "zeros", "use another measure")
+        raise InputError.expected(
+            "truth", "a volume that contains values other than zero", "only zeros", "use another measure"
+        )
     return float(np.linalg.norm(a - b)) / size
 
 
 def _pair(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
     if x.shape != y.shape or x.size == 0:
-        raise InputError.expected("arrays to compare", f"one shape, {y.shape}", x.shape, "crop them to one shape")
+        raise InputError.expected(
+            "arrays to compare", f"arrays of the same shape, {y.shape}", x.shape, "crop them to the same shape"
+        )
     return x, y
 
 
@@ -46,7 +50,7 @@ def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: 
     volume = np.zeros(shape)
     for position in positions:
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
-            raise InputError.expected("point", f"inside {shape}", position, "move it")
+            raise InputError.expected("point", f"a point inside {shape}", position, "move the point")
         volume[position] += brightness
     return volume
 

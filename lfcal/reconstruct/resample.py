@@ -79,7 +79,7 @@ class Resampling:
         """Check that the map exists."""
         if min(self.period) < 1 or min(self.shape) < 1:
             raise InputError.expected(
-                "period and shape", "positive", (self.period, self.shape), "give pixels per period"
+                "period and shape", "positive values", (self.period, self.shape), "give the number of pixels per period"
             )
         _invertible(self.down, self.across, self.period)
 
@@ -325,10 +325,13 @@ def resampling_for(
         return None
     as_they_are = given.asked is False or bool(placed)
     if not quiet and not as_they_are:
-        note(f"{drift_words(view, shape)}; frames are resampled to it (--resample never: use them unchanged)")
+        note(
+            f"{drift_words(view, shape)}; frames are resampled to this period (with --resample never, they are "
+            "used unchanged)"
+        )
     elif not quiet:
-        remedy = f"frames with a place from {placed} are not resampled" if placed else ""
-        remedy = remedy or "leave --resample never out to resample frames"
+        remedy = f"frames whose position on the sensor comes from {placed} are not resampled" if placed else ""
+        remedy = remedy or "to resample frames, leave --resample never out"
         warn(f"{drift_words(view, shape)}, so volumes show ghosts; {remedy}")
     return None if as_they_are else view
 
@@ -342,7 +345,7 @@ def _known_resampling(
             return resampling_of(H, light_field)
         except InputError as error:
             if not quiet:
-                note(f"the lattice could not be measured in the white image; {error}")
+                note(f"the lattice could not be measured in the white image: {error}")
     return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H)) if _is_whole(H.camera, shape) else None
 
 
@@ -357,7 +360,9 @@ def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
         fit = load_lattice(light_field.lattice)
         if kind not in (None, fit.kind):
             name = str(light_field.lattice)
-            raise InputError.expected(name, f"the {kind} lattice of H", fit.kind, "use its own camera's")
+            raise InputError.expected(
+                name, f"the {kind} lattice of H", fit.kind, "use a white image or lattice of the same camera"
+            )
     elif white is not None:
         fit = fit_lattice(white, kind=kind)
     elif H.camera is not None:
@@ -383,7 +388,7 @@ def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None
         try:
             lattice = classify_lens_types(white, fit, expected_blur(camera)).to_lattice(fit, camera)
         except InputError as error:
-            note(f"lens types are taken from the camera of H; {error}")
+            note(f"lens types are taken from the camera of H, because they could not be measured: {error}")
     return replace(camera, lattice=lattice)
 
 
@@ -394,7 +399,7 @@ def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> 
     view = Resampling.of_camera(camera, period)
     if view.drift(shape) <= MOST_DRIFT:
         return ""
-    return f"{drift_words(view, shape)}: resample it (lfcal.reconstruct.resample.resampling_for)"
+    return f"{drift_words(view, shape)}; resample frames with lfcal.reconstruct.resample.resampling_for"
 
 
 def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:

@@ -58,7 +58,7 @@ class FrameResult:
 def check_any(results: Sequence[FrameResult]) -> None:
     """Raise `InputError` if no frame of a series has a volume, because the cause may be common to all."""
     if results and all(result.failed for result in results):
-        raise InputError(f"{results[0].failed}; none of the {len(results)} frames has a volume")
+        raise InputError(f"{results[0].failed}; none of the {len(results)} frames was reconstructed")
 
 
 def check_warm(choice: SolverChoice) -> None:

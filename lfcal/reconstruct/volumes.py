@@ -102,7 +102,7 @@ def check_zarr() -> ModuleType:
     try:
         import zarr
     except ImportError:
-        raise InputError("OME-Zarr needs the library zarr; pip install 'lfcal[zarr]'") from None
+        raise InputError("OME-Zarr files need the library zarr; install it with pip install 'lfcal[zarr]'") from None
     found: ModuleType = zarr
     return found
 
@@ -214,7 +214,7 @@ def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
         shape, _ = tuple(array.shape), np.dtype(array.dtype)
     names = [str(axis.get("name")) if isinstance(axis, Mapping) else str(axis) for axis in image.get("axes", ())]
     if names and len(names) != len(shape):
-        raise FileFormatError.expected(str(source), f"{len(shape)} axes", len(names), "copy it again")
+        raise FileFormatError.expected(str(source), f"{len(shape)} axes", len(names), "copy the file again")
     own = said.get(LFCAL_KEY)
     return array, image, dict(own) if isinstance(own, Mapping) else {}
 
@@ -233,7 +233,7 @@ def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
         held = sum(path.stat().st_size for path in source.rglob("*") if path.is_file())
     if nbytes > MAX_EXPANSION * held:
         raise FileFormatError.expected(
-            str(source), f"chunks of {nbytes} bytes", f"{held} bytes on disk", "copy it again"
+            str(source), f"chunks of {nbytes} bytes on disk", f"{held} bytes", "copy the file again"
         )
     return array, image, own
 
@@ -268,7 +268,9 @@ def check_suffix(path: str | os.PathLike[str]) -> Path:
     """Return ``path``, or raise `InputError` if its suffix is not that of a volume."""
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
-        raise InputError.expected("volume file", " or ".join(SUFFIXES), target.name, "give it one of these endings")
+        raise InputError.expected(
+            "volume file", " or ".join(SUFFIXES), target.name, "end the name of the file with one of these"
+        )
     return target
 
 

@@ -74,14 +74,18 @@ def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> B
     tolerance = tolerance_for(effects, tolerance)
     if isinstance(effects, str):
         if effects != "auto":
-            raise InputError.expected("effects", "effects, an EffectSelection or 'auto'", repr(effects), "correct it")
+            raise InputError.expected(
+                "effects", "a list of effects, an EffectSelection or 'auto'", repr(effects), "pass one of these"
+            )
         effects = plan_effects(plan, tolerance)
     if isinstance(effects, EffectSelection):
         return Budget(effects.effects, tolerance, effects)
     chosen = tuple(effects)
     for effect in chosen:
         if not isinstance(effect, Effect):
-            raise InputError.expected("effects", "effect objects", type(effect).__name__, "see lfcal.simulate")
+            raise InputError.expected(
+                "effects", "objects derived from Effect", type(effect).__name__, "lfcal.simulate lists the effects"
+            )
     return Budget(chosen, tolerance)
 
 

@@ -187,7 +187,7 @@ class PlaneResponse:
                     raise
                 # the sampling of a grid depends on the light's angles: refining it changes nothing
                 if self.level in ("reference", "grid") or attempt == RETRIES:
-                    balance = f"no more energy out than in at level {self.level!r}"
+                    balance = f"no more light on the sensor than enters, at level {self.level!r}"
                     remedy = "choose another level, or a smaller tolerance"
                     raise EnergyError.expected("simulated light", balance, "more", remedy) from None
                 engine = self._finer(engine)

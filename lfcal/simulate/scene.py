@@ -100,7 +100,7 @@ def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
         # Zernike radial polynomials exist for these indices only
         if n != int(n) or m != int(m) or n < 0 or abs(m) > n or (n - abs(m)) % 2:
             raise InputError.expected(
-                "Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n:g}, m={m:g}", "correct it"
+                "Zernike term", "n >= |m| >= 0 with n - |m| even", f"n={n:g}, m={m:g}", "correct the indices"
             )
 
 
@@ -355,8 +355,10 @@ class Scene:
             check_number("period (positions)", n, at_least=1, integer=True)
         self._check_pupil()
         if self.type_waves and len(self.type_waves) != len(self.lattice.types):
-            wanted, got = f"{len(self.lattice.types)}, one for each lens type", len(self.type_waves)
-            raise InputError.expected("spherical aberrations of lenslets", wanted, got, "give one for each type")
+            wanted, got = f"{len(self.lattice.types)} values, one for each lens type", len(self.type_waves)
+            raise InputError.expected(
+                "spherical aberrations of lenslets", wanted, got, "give one value for each lens type"
+            )
         check_wavefront(self.wavefront)
         object.__setattr__(self, "wavefront", tuple((int(n), int(m), float(w)) for n, m, w in self.wavefront))
         if self.offsets_um is not None:
@@ -367,13 +369,16 @@ class Scene:
         # 1 + a/b > 0: the image lies behind the pupil
         if not (b > 0 and 1.0 + self.image_um / b > 0):
             limit = f"beyond {max(0.0, -self.image_um):g} µm, or inf for a telecentric lens"
-            raise InputError.expected("exit pupil's distance (µm)", limit, b, "correct the pupil or the depth")
+            raise InputError.expected("distance of the exit pupil (µm)", limit, b, "correct the pupil or the depth")
 
     def _check_offsets(self, offsets: NDArray[np.float64]) -> None:
         wanted = (*self.period, 2)
         if offsets.shape != wanted or not np.isfinite(offsets).all():
             raise InputError.expected(
-                "source offsets", f"finite numbers of shape {wanted}", offsets.shape, "correct them"
+                "source offsets",
+                f"finite numbers of shape {wanted}",
+                offsets.shape,
+                "give one offset (y, x) for each source",
             )
         # a scene is immutable, including its arrays
         offsets.flags.writeable = False

@@ -138,7 +138,7 @@ def effects_to_records(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     for effect in chosen:
         if effect.name not in CATALOGUE or CATALOGUE.get(effect.name) is not type(effect):
             raise InputError.expected(
-                f"effect {effect.name}", "a known effect", type(effect).__name__, "register it (lfcal.effects)"
+                f"effect {effect.name}", "a known effect", type(effect).__name__, "register it with lfcal.effects"
             )
     found: list[dict[str, Any]] = plain(describe(chosen))
     return found
@@ -260,4 +260,4 @@ def _check_memory(plan: ScanPlan) -> None:
     need = int(np.prod(plan.shape, dtype=np.int64)) * 4
     if need > MEMORY_LIMIT:
         limit = f"at most {format_bytes(MEMORY_LIMIT)}"
-        raise InputError.expected("H in memory", limit, format_bytes(need), "name a file with out=")
+        raise InputError.expected("memory of H", limit, format_bytes(need), "name a file with out=")

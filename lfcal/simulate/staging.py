@@ -79,9 +79,9 @@ def scene_of(
     # an unknown field would otherwise be ignored, and the camera's value used
     unknown = sorted(set(overrides) - {f.name for f in fields(Scene)})
     if unknown:
-        raise InputError.expected("scene", "fields of Scene", unknown[0], "correct the name")
+        raise InputError.expected("scene", "names of fields of Scene", unknown[0], "correct the name")
     if z_um is not None and virtual_depth is not None:
-        raise InputError.expected("depth", "z or virtual depth", "both", "give one of them")
+        raise InputError.expected("depth", "a depth z or a virtual depth", "both", "give one of the two")
     positions = _whole_period(camera) if period is None else period
     # one of the two is computed from the other, so that a and z always agree
     depth = camera.depth_of(virtual_depth) if virtual_depth is not None else float(z_um or 0.0)

@@ -119,7 +119,7 @@ def iter_light_field(
     nz, ny, nx, nt, ns = source.shape
     if volume.ndim != 3 or volume.shape[0] != nz or not np.isfinite(volume).all():
         raise InputError.expected(
-            "volume", f"finite values of shape ({nz}, rows, columns)", volume.shape, "one per plane"
+            "volume", f"finite values of shape ({nz}, rows, columns)", volume.shape, "give one image per plane"
         )
     rows, columns = volume.shape[1:]
     half_t, half_s = centre(nt), centre(ns)
@@ -255,7 +255,7 @@ def _from_middle(shape: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.
 
 def _checked_shape(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     if len(shape) != 3:
-        raise InputError.expected("volume", "(planes, rows, columns)", shape, "give three numbers")
+        raise InputError.expected("shape of a volume", "(planes, rows, columns)", shape, "give three numbers")
     for n in shape:
         check_number("size of the volume (voxels)", n, at_least=1, integer=True)
     return shape

@@ -115,7 +115,7 @@ def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Finding]:
         own = _tuples(holes[sorted(group)])
         most = float(share[group].max())
         what = "neighbours" if len(own) > 1 else "a hole"
-        says = f"{_words(own)}, {what}, up to {most:.1f} times as bright as others, and so are their tails"
+        says = f"{_words(own)}, {what}, up to {most:.1f} times as bright as others, and with brighter tails"
         out.append(_mistake("bright", says, own))
     dim = np.flatnonzero(share < DIM)
     if len(dim):

@@ -122,7 +122,7 @@ def find_spots(
     whole = ((pixels >= radius_px) & (pixels <= np.array(values.shape) - 1 - radius_px)).all(axis=1)
     if not whole.any():
         remedy = "check the lamp, and that the frame shows the target"
-        raise InputError.expected("points of light in the frame", "some whole patterns", "none", remedy)
+        raise InputError.expected("points of light in the frame", "complete patterns", "none", remedy)
     order = np.flatnonzero(whole)
     return Spots(pixels[order], light[order], mode)
 

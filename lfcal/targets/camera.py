@@ -100,14 +100,16 @@ class TargetCamera(Frames):
         budget = budgeted(effects, scan, tolerance)
         chosen = budget.effects
         if any(isinstance(effect, MotionEffect) for effect in chosen):
-            raise InputError.expected("effects of a target's frames", "no stage motion", "motion", "leave it out")
+            raise InputError.expected(
+                "effects of a target's frames", "no effect of stage motion", "one", "leave it out"
+            )
         if self.target.hole_um > 0 and not any(isinstance(effect, FiniteSource) for effect in chosen):
             chosen = (*chosen, FiniteSource(self.target.hole_um))
         count = len(self.target.holes)
         light = np.ones(count) if brightness is None else np.asarray(brightness, float)
         if light.shape != (count,) or not np.isfinite(light).all() or (light < 0).any():
             wanted = f"{count} values of 0 or more, one for each hole"
-            raise InputError.expected("brightness of holes", wanted, light.shape, "correct it")
+            raise InputError.expected("brightness of holes", wanted, light.shape, "give such values")
         self.brightness: NDArray[np.float64] = light
         # only light; the sensor is applied once for all holes
         self.single = SimulatedCamera(
@@ -304,7 +306,7 @@ class TargetCamera(Frames):
 
     def _at(self, index: int) -> tuple[int, int]:
         if not 0 <= index < len(self):
-            raise InputError.expected("frame index", f"0 … {len(self) - 1}", index, "choose one in this range")
+            raise InputError.expected("frame index", f"0 to {len(self) - 1}", index, "choose one in this range")
         return self._frames[index]
 
 

@@ -52,7 +52,7 @@ class DecodedFrames(SourceView):
     def __init__(self, source: FrameSource, plan: TargetPlan) -> None:
         super().__init__(source)
         if plan.lit is None or len(source) != len(plan.frames):
-            wanted = f"{len(plan.frames)} of a plan that shows several offsets together"
+            wanted = f"{len(plan.frames)} frames of a plan that shows several offsets together"
             raise InputError.expected("coded frames", wanted, len(source), "give all frames, and their plan")
         self._weights: list[F8] = []
         self._shown: list[F8] = []

@@ -135,7 +135,7 @@ def _on_display(scan: ScanPlan, display: Display, target: Target) -> Target:
     if min(shape) < 1 or max(shape) < 2:
         need = " x ".join(f"{math.ceil(p + 2 * period + 1)}" for p, period in zip(pitch, periods, strict=True))
         raise InputError.expected(
-            "display", f"room for two points and their way: {need} pixels", display.shape, "choose a larger one"
+            "display", f"room for two points and their motion: {need} pixels", display.shape, "choose a larger display"
         )
     return replace(target, shape=(shape[0], shape[1]), pitch_um=(pitch[0] * pixel, pitch[1] * pixel))
 
@@ -170,8 +170,10 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
         more = -len(own) % len(code)
         own += [(row + (-period if row > 0 else period), column) for row, column in own[:more]]
         if len(own) % len(code):
-            wanted = f"{math.ceil(len(code) / 2)} offsets or more in plane {z}"
-            raise InputError.expected("frames that are shown together", wanted, len(plan.offsets_px[z]), "choose fewer")
+            wanted = f"at least {math.ceil(len(code) / 2)} offsets in plane {z}"
+            raise InputError.expected(
+                "frames that are shown together", wanted, len(plan.offsets_px[z]), "show fewer offsets together"
+            )
         offsets.append(tuple(own))
         lit.append(lit_by(code, len(own)))
     return replace(plan, offsets_px=tuple(offsets), lit=tuple(lit))
@@ -207,7 +209,10 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
         inside = (rows >= 0) & (columns >= 0) & (rows < display.shape[0]) & (columns < display.shape[1])
         if not inside.all():
             raise InputError.expected(
-                "points", f"within the display's {display.shape}", "some outside it", "plan again"
+                "points",
+                f"points within the {display.shape} pixels of the display",
+                "some outside it",
+                "plan the target again",
             )
         out[rows, columns] = 255
     return out

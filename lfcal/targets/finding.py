@@ -57,10 +57,10 @@ def refined_basis(pixels: Array, basis: Array) -> Array:
         apart = np.linalg.norm(basis, axis=1)
         nearest = np.asarray(tree.query(pixels, 2)[0])[:, 1]
         raise InputError.expected(
-            "neighbours in the frame",
-            f"points {apart[0]:.1f} or {apart[1]:.1f} px apart, turned by at most 15°",
+            "distance of neighbouring points in the frame",
+            f"{apart[0]:.1f} or {apart[1]:.1f} px, with a rotation of at most 15°",
             f"{np.median(nearest):.1f} px",
-            "check pitch, depth and rotation of the target",
+            "check the pitch, the depth and the rotation of the target",
         )
     return found
 
@@ -406,8 +406,10 @@ def _labelled(
     places, has = lattice_labels(spots.pixels, lattice)
     used, places = spots.only(has), places[has]
     if len(used) < max(2, ENOUGH * len(spots)):
-        wanted = f"{len(spots)} points of one lattice"
-        raise InputError.expected("points in the frame", wanted, f"{len(used)}", "check pitch and depth of the target")
+        wanted = f"{len(spots)} points on one lattice"
+        raise InputError.expected(
+            "points in the frame", wanted, f"{len(used)}", "check the pitch and the depth of the target"
+        )
     found = _chosen(used, places, target, camera, (z_um, lattice, radius))
     holes = holes_of(places + np.array(found.shift), target)
     there = {tuple(h) for h in target.holes.tolist()}
@@ -428,8 +430,10 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
     least = max(1, int(ENOUGH * len(places)))
     every = sorted(matches(places, target, on_frame, around, least), key=lambda m: -m.score)
     if not every:
-        got = f"{len(places)} points that no {target.shape[0]} x {target.shape[1]} holes explain"
-        raise InputError.expected("points in the frame", "the holes of the target", got, "check the target's rows")
+        got = f"{len(places)} points that do not fit {target.shape[0]} x {target.shape[1]} holes"
+        raise InputError.expected(
+            "points in the frame", "the holes of the target", got, "check the numbers of rows and columns of the target"
+        )
     rivals = [one for one in every if one.score >= every[0].score - RIVAL]
     right = [one for one in rivals if one.turn == "as described"]
     if not right:
@@ -437,9 +441,9 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
         assert own is not None
         raise InputError.expected(
             "target",
-            "marks where they are described",
+            "the marks as described",
             f"the target {every[0].turn} ({every[0].hits} points on its holes, {every[0].misses} missing)",
-            "reverse the target, or change its description",
+            "turn the target around, or change its description",
         )
     if len(right) == 1:
         return right[0]
@@ -449,9 +453,9 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
     shifts = " or ".join(f"{a.shift[0] - right[0].shift[0]}:{a.shift[1] - right[0].shift[1]}" for a in right[:4])
     raise InputError.expected(
         "labels of the points",
-        "a unique assignment to the target's holes",
-        f"{len(right)} that differ by rows:columns {shifts} and fit equally well",
-        "state the target's position to half a pitch, or mark it with absent holes",
+        "a unique assignment to the holes of the target",
+        f"{len(right)} assignments that differ by {shifts} (rows:columns) and fit equally well",
+        "state the position of the target to half a pitch, or mark it with absent holes",
     )
 
 

@@ -33,10 +33,10 @@ class TargetFrames(SourceView):
         self.plan = plan
         self._order = list(range(len(source))) if order is None else order
         if len(self._order) != len(plan.frames):
-            wanted = f"{len(plan.frames)}, as many as the plan has"
+            wanted = f"{len(plan.frames)}, as in the plan"
             raise InputError.expected("frames of a target", wanted, len(self._order), "give the plan of these frames")
         if source.shape != plan.scan.camera.sensor.shape:
-            wanted = f"{plan.scan.camera.sensor.shape} pixels, the plan's sensor"
+            wanted = f"{plan.scan.camera.sensor.shape} pixels, as on the sensor of the plan"
             raise InputError.expected("frames of a target", wanted, source.shape, "give whole sensor frames")
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
@@ -96,13 +96,15 @@ def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = F
         else:
             source = open_frames(frames, order="raster", plan_shape=(1, 1, count), skip_damaged=skip_damaged)
     except InputError as error:
-        raise InputError(f"{error} (frames of a target: its plan expects {count}, in order)") from None
+        raise InputError(f"{error} (the plan of the target needs {count} frames, in order)") from None
     numbers = np.array([source.info(k).position.x for k in range(len(source))], np.intp)
     order = np.argsort(numbers, kind="stable")
     if not np.array_equal(numbers[order], np.arange(count)):
         source.close()
-        wanted = f"frames 0 … {count - 1} of the plan, each once"
-        raise InputError.expected(str(frames), wanted, f"{len(numbers)} frames", "give the plan they were recorded by")
+        wanted = f"each of the frames 0 to {count - 1} of the plan once"
+        raise InputError.expected(
+            str(frames), wanted, f"{len(numbers)} frames", "give the plan by which they were recorded"
+        )
     return TargetFrames(source, plan, order.tolist())
 
 
@@ -121,6 +123,8 @@ def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], .
     told = source.metadata.target_frames
     frames = plan.frames if told is None else tuple((int(z), int(k)) for z, k in told)
     if len(frames) != len(source):
-        wanted = f"{len(frames)}, as many as the plan has"
-        raise InputError.expected("frames of a target", wanted, len(source), "give the plan they were recorded by")
+        wanted = f"{len(frames)}, as in the plan"
+        raise InputError.expected(
+            "frames of a target", wanted, len(source), "give the plan by which they were recorded"
+        )
     return frames

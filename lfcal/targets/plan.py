@@ -41,7 +41,9 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
     """
     order = len(code)
     if code.shape != (order, order) or count % order:
-        raise InputError.expected("offsets that are shown together", f"groups of {order}", count, "fill them up")
+        raise InputError.expected(
+            "offsets that are shown together", f"groups of {order}", count, "add the missing offsets"
+        )
     return tuple(tuple(group + int(m) for m in np.flatnonzero(row)) for group in range(0, count, order) for row in code)
 
 
@@ -51,18 +53,27 @@ def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
     check_type(what, lit, (tuple, list))
     found = []
     if len(lit) != len(counts):
-        raise InputError.expected(what, f"a list for each of {len(counts)} planes", len(lit), "correct them")
+        raise InputError.expected(what, f"a list for each of {len(counts)} planes", len(lit), "give one list per plane")
     for plane, count in zip(lit, counts, strict=True):
         check_type(what, plane, (tuple, list))
         if len(plane) != count or count > MOST:
-            raise InputError.expected(what, f"{count} frames, as many as offsets, up to {MOST}", len(plane), "correct")
+            raise InputError.expected(
+                what,
+                f"{count} frames, as many as offsets, and at most {MOST}",
+                len(plane),
+                "give as many frames as offsets",
+            )
         for one in plane:
             check_type(what, one, (tuple, list))
         frames = tuple(check_tuple(what, one, len(one), integer=True, at_least=0, at_most=count - 1) for one in plane)
         if not all(frames) or any(len(set(one)) < len(one) for one in frames):
-            raise InputError.expected(what, "one or more, each once", "none, or one twice", "correct them")
+            raise InputError.expected(
+                what, "at least one offset, and each offset once", "no offset, or a repeated one", "correct the frame"
+            )
         if not _solvable(frames, count):
-            raise InputError.expected(what, "frames that determine every offset", "fewer", "use an S-matrix")
+            raise InputError.expected(
+                what, "frames that determine every offset", "frames that do not", "use an S-matrix"
+            )
         found.append(frames)
     return tuple(found)
 
@@ -192,8 +203,8 @@ class TargetPlan:
         object.__setattr__(self, "crosstalk", check_tuple("crosstalk", self.crosstalk, planes, at_least=0))
         check_type("offsets of the target", self.offsets_px, (tuple, list))
         if len(self.offsets_px) != planes or sum(map(len, self.offsets_px)) > MOST_OFFSETS:
-            wanted = f"a list for each of {planes} planes"
-            raise InputError.expected("offsets of the target", wanted, len(self.offsets_px), "correct them")
+            wanted = f"one list for each of the {planes} planes"
+            raise InputError.expected("offsets of the target", wanted, len(self.offsets_px), "give one list per plane")
         offsets = tuple(
             tuple(check_tuple("offset (rows, columns) (px)", offset, 2) for offset in plane)
             for plane in self.offsets_px
@@ -319,12 +330,16 @@ class TargetPlan:
         """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
         what = "plan of a target"
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
-            raise FileFormatError.expected(what, f'"format": "{FORMAT}"', "something else", "check the file")
+            raise FileFormatError.expected(
+                what, f'"format": "{FORMAT}"', "something else", "choose a plan made by lfcal plan target"
+            )
         if data.get("version") != VERSION:
             raise FileFormatError.expected(what, f"version {VERSION}", data.get("version"), "update lfcal")
         body = {"lit": None} | {k: v for k, v in data.items() if k not in ("format", "version", "scan_version")}
         if not isinstance(body.get("scan"), Mapping):
-            raise FileFormatError.expected(what, "a scan", type(body.get("scan")).__name__, "check the file")
+            raise FileFormatError.expected(
+                what, "a scan", type(body.get("scan")).__name__, "make the plan again with lfcal plan target"
+            )
         whole = {"format": "lfcal-plan", "version": data.get("scan_version"), **body["scan"]}
         body["scan"] = ScanPlan.from_dict(whole)
         return build(cls, body, what)

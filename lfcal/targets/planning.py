@@ -207,7 +207,12 @@ class Tails:
         for pitch in range(first, last):
             if self.grid((pitch, pitch)) <= crosstalk:
                 return pitch
-        raise InputError.expected("crosstalk", "a limit that can be kept within two cutouts", crosstalk, "allow more")
+        raise InputError.expected(
+            "crosstalk",
+            "a limit that can be met with points at most two cutouts apart",
+            crosstalk,
+            "allow more crosstalk",
+        )
 
 
 @lru_cache(maxsize=KEPT)
@@ -236,7 +241,9 @@ def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
     bare = Tails(light, plan.cutout, response.level)
     own = float(bare.share(np.zeros((1, 2)))[0])
     if not own > 0:
-        raise InputError.expected("simulated light", "some in the cutout", "none", "check cutout and depths")
+        raise InputError.expected(
+            "simulated light", "some light in the cutout", "none", "check the cutout and the depths"
+        )
     light /= own
     light.setflags(write=False)  # cached for later calls
     return Tails(light, plan.cutout, response.level)
@@ -366,7 +373,7 @@ def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = Non
         images.append(hole_images(target, scan.camera, depth))
         if not images[z].whole(scan.camera.sensor.shape, scan.cutout).any():
             wanted = f"a hole whose cutout of {scan.cutout[0]} x {scan.cutout[1]} px is on the sensor"
-            raise InputError.expected("target", wanted, "none", "move it, or choose another pose")
+            raise InputError.expected("target", wanted, "none", "move the target, or choose another pose")
         tails.append(simulated_tails(scan, z, level=wishes.level))
     crosstalk = tuple(light.among(holes) for light, holes in zip(tails, images, strict=True))
     if max(crosstalk) > wishes.crosstalk:
@@ -410,7 +417,7 @@ def _too_close(
         f"{format_length(scan.depths_um[worst])}",
         f"at most {format_share(limit)}",
         format_share(crosstalk[worst]),
-        f"choose holes {format_length(wider * target.nearest_um)} apart, or allow more",
+        f"choose holes {format_length(wider * target.nearest_um)} apart, or allow more crosstalk",
     )
 
 

@@ -78,7 +78,7 @@ class Pose:
                 )
             key = DEGREES.get(name) or LENGTHS[name]
             if key in found:
-                raise InputError.expected("pose", "each value once", repr(name), "remove one")
+                raise InputError.expected("pose", "each value once", repr(name), "remove the repetition")
             found[key] = _angle_rad(name, value) if name in DEGREES else length_um(value)
         return cls(**found)
 
@@ -143,5 +143,7 @@ def _number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError.expected("number of a target", "a number, a length in um or mm", repr(text), "correct it")
+        raise InputError.expected(
+            "number of a target", "a number, or a length in um or mm", repr(text), "write it like one of these"
+        )
     return value

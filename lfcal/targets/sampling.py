@@ -29,4 +29,4 @@ def resampling_words(scan: ScanPlan) -> str:
     if may_resample(camera):
         return "their phases differ, which resampling cannot correct"
     wanted, own = coarsest_pixel_um(camera), camera.sensor.pixel_um
-    return f"pixels of {own:g} µm are too coarse to resample them ({wanted:.2g} µm are needed)"
+    return f"pixels of {own:g} µm are too coarse for resampling, which needs {wanted:.2g} µm"

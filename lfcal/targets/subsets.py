@@ -83,7 +83,7 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
         return None
     noise = sensor_noise(plan.scan.camera.sensor, exposure_s=plan.scan.exposures[at])
     if signal_e is not None and not 0 < signal_e <= noise.full_e:
-        wanted = f"above 0, up to the full well of {noise.full_e:.4g}"
+        wanted = f"a number above 0, at most the full well of {noise.full_e:.4g}"
         raise InputError.expected("--signal (electrons)", wanted, f"{signal_e:g}", "give that of the planned exposure")
     light = subset_patterns(plan, at, order)
     return coding_pays(light, noise, signal_e=PEAK * noise.full_e if signal_e is None else signal_e)
@@ -106,4 +106,4 @@ def display_words(plan: TargetPlan, display: Display) -> str:
     if plan.lit is None:
         return f"display: {fit.words}; frames show one subset of points after the other"
     most = max(len(one) for plane in plan.lit for one in plane)
-    return f"display: {fit.words}; frames show {most} subsets of points together, by an S-matrix"
+    return f"display: {fit.words}; frames show {most} subsets of points together, coded by an S-matrix"

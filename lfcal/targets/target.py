@@ -86,12 +86,14 @@ class Target:
     def _check_kind(self) -> None:
         if self.kind == "point":
             if self.shape != (1, 1):
-                raise InputError.expected("target", "one hole of a point", f"{self.shape}", "call it an array")
+                raise InputError.expected("target of a point", "one hole", f"{self.shape}", "describe it as an array")
             return
         for pitch in self.pitch_um:
             check_number("pitch of the target (µm)", pitch, above=self.hole_um, remedy="holes may not touch")
         if math.prod(self.shape) < 2:
-            raise InputError.expected("target", "an array of 2 holes or more", f"{self.shape}", "call it a point")
+            raise InputError.expected(
+                "target of an array", "at least 2 holes", f"{self.shape}", "describe it as a point"
+            )
 
     def _check_absent(self) -> None:
         check_type("absent holes", self.absent, (tuple, list))
@@ -99,8 +101,8 @@ class Target:
         object.__setattr__(self, "absent", holes)
         outside = [hole for hole in holes if hole[0] >= self.shape[0] or hole[1] >= self.shape[1]]
         if outside or len(set(holes)) < len(holes) or len(holes) >= math.prod(self.shape):
-            wanted = f"some of the holes of {self.shape}, each once"
-            raise InputError.expected("absent holes", wanted, outside[:1] or len(holes), "correct them")
+            wanted = f"some of the holes of an array of {self.shape}, each once"
+            raise InputError.expected("absent holes", wanted, outside[:1] or len(holes), "list each absent hole once")
 
     @property
     def holes(self) -> NDArray[np.intp]:
@@ -142,7 +144,9 @@ class Target:
     def from_dict(cls, data: Mapping[str, Any]) -> Target:
         """Return the target described by ``data``; unknown or missing entries raise `InputError`."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
-            raise FileFormatError.expected("target", f'"format": "{FORMAT}"', "something else", "check the file")
+            raise FileFormatError.expected(
+                "target", f'"format": "{FORMAT}"', "something else", "choose a file that describes a target"
+            )
         if data.get("version") != VERSION:
             raise FileFormatError.expected("target", f"version {VERSION}", data.get("version"), "update lfcal")
         return build(cls, {k: v for k, v in data.items() if k not in ("format", "version")}, "target")

@@ -413,7 +413,7 @@ def test_work_by_executors(bench: Bench, tmp_path: Path) -> None:
 def test_storage_wants_shares_and_a_free_name(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "old.png").write_bytes(b"old")
     assert "exists" in bench("storage", "--chart", tmp_path / "old.png", code=2)
-    assert "a share above 0 and below 1" in bench("storage", "--tolerances", "2", code=2)
+    assert "a fraction above 0 and below 1" in bench("storage", "--tolerances", "2", code=2)
 
 
 @pytest.mark.long

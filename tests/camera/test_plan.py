@@ -349,17 +349,17 @@ def test_a_turned_array_counts_with_its_turn() -> None:
     camera = camera_of((20.0, 34.0))
     small = plan_of(replace(camera, lattice=replace(camera.lattice, rotation_rad=0.0015)))
     assert 0.01 < max(map(abs, half_cell(small).residual_px)) < 0.05
-    with pytest.raises(InputError, match=r"within 0\.05 px of whole pixels"):
+    with pytest.raises(InputError, match=r"within 0\.05 px of a whole number of pixels"):
         half_cell(plan_of(replace(camera, lattice=replace(camera.lattice, rotation_rad=0.006))))
 
 
 @pytest.mark.parametrize(
     ("camera", "what"),
     [
-        (preset("r29"), "even numbers of pixels, got 55 x 95: half of it is not a whole number of pixels"),
+        (preset("r29"), "got 55 x 95, half of which is not a whole number of pixels"),
         (preset("bench"), "got 19 x 33"),
-        (camera_of((20.2, 34.0)), r"within 0\.05 px of whole pixels, got \+0\.100 rows"),
-        (camera_of((20.0, 34.24)), r"\+0\.120 columns off"),
+        (camera_of((20.2, 34.0)), r"within 0\.05 px of a whole number of pixels, got deviations of \+0\.100 rows"),
+        (camera_of((20.0, 34.24)), r"\+0\.120 columns"),
         (camera_of((20.0, 20.0), 1, "square"), "a lenslet half a period from each"),
     ],
 )

@@ -61,9 +61,9 @@ def test_a_description_survives_a_file_and_older_programs_refuse_it_by_version()
     ("change", "message"),
     [
         ({"lens_centres_um": ()}, "lenslets"),
-        ({"lens_centres_um": ((0.0, 0.0), (0.0, 0.0))}, "different places"),
+        ({"lens_centres_um": ((0.0, 0.0), (0.0, 0.0))}, "a different centre"),
         ({"lens_centres_um": ((0.0, math.nan),)}, "centre of a lenslet"),
-        ({"focal_lengths_um": (1.0, 2.0)}, "one for all, or one for each of 7"),
+        ({"focal_lengths_um": (1.0, 2.0)}, "one for all lenslets, or one for each of the 7"),
         ({"aperture": "star"}, "round or square"),
         ({"fourier_um": 0.0}, "Fourier lens"),
         ({"clear_um": -1.0}, "clear diameter"),

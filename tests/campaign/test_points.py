@@ -199,7 +199,7 @@ def test_a_stage_that_moves_otherwise_is_told() -> None:
 def test_frames_that_are_not_the_plans_are_refused() -> None:
     plan = plan_of(OFFSETS[:2])
     frames = frames_of_drawn(plan)
-    with pytest.raises(InputError, match="as many as the plan"):
+    with pytest.raises(InputError, match="as in the plan"):
         view_of(plan_of(OFFSETS), frames)
     with pytest.raises(InputError, match="whole sensor"):
         view_of(plan, frames[:, :300])

@@ -56,7 +56,7 @@ def test_half_a_scan_makes_a_whole_h(lfcal: Lfcal, place: Path) -> None:
     [
         (
             "plan odd.json --virtual-depths 3 --cutout 31 --half-cell --list a.json",
-            "half of it is not a whole number of pixels",
+            "half of which is not a whole number of pixels",
         ),
         ("plan bench --virtual-depths 3 --half-cell -o a.json", "got 19 x 33"),
         ("plan camera.json --virtual-depths 3 --cutout 31 --list a.json", "--list: expected --half-cell"),

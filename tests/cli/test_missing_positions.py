@@ -52,7 +52,7 @@ def test_what_a_model_filled_is_not_missing() -> None:
 def test_a_format_that_cannot_mark_them_needs_leave(tmp_path: Path, suffix: str, turned: bool) -> None:
     made = matrix().T if turned else matrix()
     target = tmp_path / f"H{suffix}"
-    with pytest.raises(InputError, match=r"expected all recorded or filled, got 2 of 18 .*--allow-missing"):
+    with pytest.raises(InputError, match=r"expected every position recorded or filled, got 2 of 18 .*--allow-missing"):
         export(made, target)
     assert not list(tmp_path.iterdir())
     assert export(made, target, allow_missing=True) == target

@@ -47,7 +47,7 @@ def test_coding_pays_for_weak_light_only(plan: TargetPlan) -> None:
     words = bright.frames_words
     assert words.count("\n") == 0 and "does not pay at 16000 electrons" in words
     assert "it pays up to " + f"{bright.break_even_e:.3g}"[:1] in words and "photon noise of bright cores" in words
-    assert "pays at 100 electrons" in dim.frames_words and "the sensor's own noise dominates" in dim.frames_words
+    assert "pays at 100 electrons" in dim.frames_words and "the sensor's noise dominates" in dim.frames_words
     facts = dim.to_dict()
     assert facts["pays"] and facts["together"] == 7 and facts["gain_db"] > 1
 

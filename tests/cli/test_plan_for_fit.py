@@ -128,7 +128,7 @@ def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Pat
         ("plan fit plan.json --count 9 --beside 0", "--beside: expected another spelling; type --position-error"),
         ("plan fit plan.json", "Missing option '--count'"),
         ("plan fit plan.json --count 2", "positions to record: expected"),
-        ("plan fit plan.json --count 9 --from nowhere", "a folder of lfcal fit"),
+        ("plan fit plan.json --count 9 --from nowhere", "the folder of a fit"),
         ("plan fit plan.json --count 9 --unknowns gap", "--unknowns: expected geometry or"),
         ("plan fit plan.json --count 9 --unknowns depths", "needs two planes or more"),
         ("plan fit plan.json --count 9 --full 2", "--full: expected a number > 0 and ≤ 1"),

@@ -203,7 +203,7 @@ def test_it_stops_by_the_noise_that_it_is_told(lfcal: Callable[..., Run], folder
         assert done.code == 0, done.err
         (one,) = done.json["volumes"]  # type: ignore[index, call-overload]
         counts.append(one["iterations"])
-    assert "the residual is down to the noise" in one["stopped"]
+    assert "the residual reached the noise level" in one["stopped"]
     assert counts[1] < counts[0]
     with h5py.File(tmp_path / "v.h5") as file:
         known = json.loads(str(file.attrs["details"]))
@@ -275,7 +275,7 @@ def test_one_bad_frame_does_not_end_the_others(
     done = lfcal(*words, "--out", tmp_path / "each")
     assert done.code == 1 and done.out.count("residual") == 2
     assert sorted(path.name for path in (tmp_path / "each").iterdir()) == ["0.tif", "4.tif"]
-    assert "1: no volume; image: expected light, got no pixel above 0; check light" in done.err
+    assert "1: no volume; image: expected light, got no pixel above 0; check the light" in done.err
     assert "2: no volume; image: expected pixels to fit, got none; 930 pixels are not finite and left out" in done.err
     assert "3: no volume; " in done.err and "expected an intact TIFF file" in done.err
     told: Any = lfcal(*words, "--out", tmp_path / "all.npy", "--json").json
@@ -292,10 +292,12 @@ def test_frames_that_tell_nothing_are_refused(
 ) -> None:
     words = ("reconstruct", folder / "H.h5", "--out", tmp_path / "v.npy", "--solver", "rl", "-n", 2, *more)
     alone = lfcal(*words, one_bad / "1.npy")
-    assert alone.code == 2 and alone.err.endswith("expected light, got no pixel above 0; check light and background\n")
+    assert alone.code == 2 and alone.err.endswith(
+        "expected light, got no pixel above 0; check the light and the background\n"
+    )
     assert not list(tmp_path.glob("v.npy*"))
     for name in ("0.npy", "3.tif", "4.npy"):
         (one_bad / name).unlink()
     none = lfcal(*words, one_bad)
-    assert none.code == 2 and "none of the 2 frames has a volume" in none.err and "kept" not in none.err
+    assert none.code == 2 and "none of the 2 frames was reconstructed" in none.err and "kept" not in none.err
     assert not list(tmp_path.glob("v.npy*"))

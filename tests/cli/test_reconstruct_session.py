@@ -64,9 +64,11 @@ def test_frames_that_follow_their_spots_are_no_series(lfcal: Lfcal, place: Path)
     plan = small_plan(planes=1)
     record(place / "scan", plan, rig_for(plan), CAREFUL)
     run = lfcal("reconstruct", "H.h5", "scan", *RL, "-o", "out")
-    assert run.code == 2 and run.err.count("\n") == 1 and "expected one place of the sensor, got 9 places" in run.err
+    assert (
+        run.code == 2 and run.err.count("\n") == 1 and "expected one position on the sensor, got 9 positions" in run.err
+    )
     run = lfcal("reconstruct", "H.h5", "session", *RL, "--resample", "always", "-o", "out")
-    assert run.code == 2 and "--resample: expected whole frames, got a part that starts at" in run.err
+    assert run.code == 2 and "--resample: expected whole frames, got frames that start at" in run.err
     assert not Path("out").exists()
 
 

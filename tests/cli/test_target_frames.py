@@ -80,7 +80,7 @@ def test_frames_that_do_not_belong_to_the_plan_are_refused(lfcal: Lfcal, recorde
     other.write_text(plan_of([(0.0, 0.0), (3.0, -2.0), (1.0, 1.0)]).to_json())
     for command in ("assemble", "fit"):
         run = lfcal(command, recorded / "frames", "--plan", other, "-o", tmp_path / "out")
-        assert run.code == 2 and "its plan expects 3" in run.err and "Traceback" not in run.err
+        assert run.code == 2 and "plan of the target needs 3" in run.err and "Traceback" not in run.err
 
 
 def test_a_fit_begins_with_the_camera_that_is_named(

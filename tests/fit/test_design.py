@@ -236,9 +236,9 @@ def test_an_earlier_fit_is_read_from_its_folder(tmp_path: Path) -> None:
         ({"format": "other"}, '"format": "lfcal-fit"'),
         ({"parameters": []}, "with their correlations"),
         ({"correlations": None}, "with their correlations"),
-        ({"positions": "none"}, "what lfcal fit writes"),
-        ({"spread": {}}, "what lfcal fit writes"),
-        ({"stage_scale": "x"}, "what lfcal fit writes"),
+        ({"positions": "none"}, "a result of lfcal fit"),
+        ({"spread": {}}, "a result of lfcal fit"),
+        ({"stage_scale": "x"}, "a result of lfcal fit"),
     ],
 )
 def test_damaged_fits_end_in_a_line(tmp_path: Path, change: dict[str, object], what: str) -> None:
@@ -250,7 +250,7 @@ def test_damaged_fits_end_in_a_line(tmp_path: Path, change: dict[str, object], w
 
 
 def test_a_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a folder of lfcal fit, got no camera\.json"):
+    with pytest.raises(InputError, match=r"the folder of a fit, got a folder without camera\.json"):
         read_earlier(tmp_path)
 
 

@@ -97,7 +97,7 @@ def test_the_report_is_one_page_with_its_pictures(tmp_path: Path, monkeypatch: p
     page = drain(iter_fit_report(fit, measured, tmp_path / "report", "<H>.h5"))
     assert set((tmp_path / "report").iterdir()) == set(report_files(tmp_path / "report"))
     text = page.read_text()
-    assert "<h1>&lt;H&gt;.h5: the optics from 6 patterns</h1>" in text and fit.verdict.split(";")[0][4:] in text
+    assert "<h1>&lt;H&gt;.h5: optics fitted from 6 patterns</h1>" in text and fit.verdict.split(";")[0][4:] in text
     assert all(name in text for name in fit.parameters) and "tilt is fixed" in text
     uneven = replace(fit, spread=replace(fit.spread, response=0.012))
     unpictured(monkeypatch)

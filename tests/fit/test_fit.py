@@ -83,7 +83,9 @@ def test_names_that_patterns_have_no_use_for_are_refused() -> None:
     """They say how H is read, and a misspelt one fitted everything."""
     _, measured = patterns()
     for wrong in ({"unknwons": ["geometry"]}, {"cutout": 21}):
-        with pytest.raises(InputError, match=rf"fit of patterns: expected no options .*, got {next(iter(wrong))}"):
+        with pytest.raises(
+            InputError, match=rf"options of a fit of given patterns: expected no options .*, got {next(iter(wrong))}"
+        ):
             next(iter_fit_camera(measured, **wrong))
 
 
@@ -139,7 +141,7 @@ def test_unknowns_that_are_none(unknowns: object, what: str) -> None:
 def test_patterns_without_light_are_refused(noise: float) -> None:
     measured = patterns()[1]
     dark = noise * np.random.default_rng(0).standard_normal(measured.patterns.shape) + 3.0
-    with pytest.raises(InputError, match="light of the patterns: expected more than their noise, got none"):
+    with pytest.raises(InputError, match="light of the patterns: expected more light than noise, got no light"):
         fit_camera(replace(measured, patterns=dark.astype(np.float32)))
 
 

@@ -189,7 +189,7 @@ def test_patterns_that_were_fitted_do_as_well() -> None:
     np.testing.assert_array_equal(H.recorded, few_patterns().recorded)
     np.testing.assert_allclose(np.asarray(H), np.asarray(few_fit().model(workers=1)))
     assert str(HybridSummary.of([(H.facts.plane(0), np.zeros((2, 4)))])) == (
-        "hybrid H: no position deviates from the model by more than noise, so it equals the model"
+        "hybrid H: no position deviates from the model by more than its noise, so it equals the model"
     )
 
 

@@ -93,7 +93,7 @@ def test_positions_with_a_frame_of_their_own_keep_it() -> None:
     assert copied.sum() == len(HALF) - 1 and not copied[0, NY - 1, 2]
     with pytest.raises(InputError, match="frames of all positions"):
         with_partners(Drawn(PLAN.order_indices(), cut=True), PLAN)
-    with pytest.raises(InputError, match="half of it is not a whole number of pixels"):
+    with pytest.raises(InputError, match="half of which is not a whole number of pixels"):
         with_partners(Drawn(HALF, cut=True), plan_of(camera_of((7.0, 12.0), 1)))
 
 

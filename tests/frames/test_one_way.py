@@ -153,7 +153,7 @@ def test_a_level_nobody_subtracts_is_refused(places: tuple[ScanPlan, dict[str, P
     bare = replace(plan, camera=replace(plan.camera, sensor=replace(plan.camera.sensor, black_level=0.0)))
     with opened(ways, "frames") as source:
         with pytest.raises(
-            InputError, match=r"plane 0: expected frames less their black level .* got a constant level"
+            InputError, match=r"plane 0: expected frames without their black level .* got a constant level"
         ):
             assemble_plan(corrected_view(source, CorrectionRecipe(), bare), bare)
         for recipe in (
@@ -165,10 +165,10 @@ def test_a_level_nobody_subtracts_is_refused(places: tuple[ScanPlan, dict[str, P
         kept = assemble_plan(corrected_view(source, CorrectionRecipe(), bare), bare, None, EXACT)
         assert kept.frames == 12, "kept when the user says so"
         said_to_be_none = corrected_view(source, CorrectionRecipe(black_level=0.0), bare)
-        with pytest.raises(InputError, match="after dark or black level"):
+        with pytest.raises(InputError, match="after subtracting the dark or black level"):
             assemble_plan(said_to_be_none, bare)
         assert assemble_plan(said_to_be_none, bare, None, EXACT).frames == 12
-    with opened(ways, "session") as source, pytest.raises(InputError, match="give dark frames, the black level"):
+    with opened(ways, "session") as source, pytest.raises(InputError, match="subtract dark frames, the black level"):
         assemble_plan(corrected_view(source, CorrectionRecipe(dark="none"), bare), bare)
 
 

@@ -325,7 +325,7 @@ def test_modulators_are_kept_in_files(tmp_path: Path, m: Modulator) -> None:
         assert getattr(kept, what) == getattr(m, what)
     np.testing.assert_array_equal(kept.matrix, m.matrix)
     np.testing.assert_array_equal(kept.light, m.light)
-    with pytest.raises(InputError, match="use one of these"):
+    with pytest.raises(InputError, match="to one of these formats"):
         save_modulator(m, tmp_path / "kept.txt")
 
 

@@ -13,7 +13,7 @@ from lfcal.multiplex import display_fit, display_frames, s_matrix
 def test_a_display_is_judged_by_its_pixel_in_the_image() -> None:
     step = preset("r29").step_um(0.0)
     fine, equal = display_fit(step, step / 8), display_fit(step, step)
-    assert fine.fits and fine.placing_px == 0 and "small enough" in fine.words
+    assert fine.fits and fine.placing_px == 0 and "fine enough" in fine.words
     assert equal.fits and equal.image_px == pytest.approx(1), "one display pixel to each position"
     coarse = display_fit(step, 3 * step)
     assert not coarse.fits and coarse.image_px == pytest.approx(3)
@@ -44,7 +44,7 @@ def test_frames_show_the_code_at_the_points() -> None:
     for bad in ({"shape": (4, 60)}, {"repeat": (1, 1), "shape": (40, 60)}):
         with pytest.raises(InputError):
             list(display_frames(code, places, fit, bad.pop("shape"), **bad))
-    with pytest.raises(InputError, match="display pixel each"):
+    with pytest.raises(InputError, match="display pixel for each"):
         list(display_frames(code, places, display_fit(10.0, 30.0), (40, 60)))
     with pytest.raises(InputError, match="positions"):
         list(display_frames(code, places[:3], fit, (40, 60)))

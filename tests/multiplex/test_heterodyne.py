@@ -119,7 +119,7 @@ def test_bad_lattices_and_profiles() -> None:
     m = mask("MURA", 3)
     with pytest.raises(InputError, match="profile"):
         lattice_transmissions((9, 9), TURNED, m, profile="steps")
-    with pytest.raises(InputError, match="super-pixels for the sinc filter"):
+    with pytest.raises(InputError, match="super-pixels for the filter sinc"):
         demultiplex_lattice(np.ones((400, 400)), TURNED, m, filter="sinc")
     with pytest.raises(InputError, match="route"):
         demultiplex_lattice(np.ones((90, 90)), TURNED, m, route="radon")

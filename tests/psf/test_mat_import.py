@@ -151,7 +151,7 @@ def test_a_sparse_matrix_is_refused_with_what_to_do(tmp_path: Path) -> None:
         group.attrs["MATLAB_class"] = np.bytes_(b"double")
         group.attrs["MATLAB_sparse"] = np.uint64(25)
         group["data"], group["ir"], group["jc"] = np.ones(2), np.zeros(2, np.uint64), np.arange(3, dtype=np.uint64)
-    with pytest.raises(FileFormatError, match=r"expected a full array of numbers, got a sparse matrix; .*full\(H\)"):
+    with pytest.raises(FileFormatError, match=r"expected a full numeric array, got a sparse matrix; .*full\(H\)"):
         open_psf(tmp_path / "H.mat")
 
 

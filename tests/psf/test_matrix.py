@@ -172,7 +172,7 @@ def test_positions_of_ht_are_pixels_and_have_no_facts() -> None:
     H = PSFMatrix(random_matrix(), recorded=recorded)
     assert H.missing.tolist() == [[0, 1, 2]]
     for name in ("missing", "recorded", "saturated", "facts"):
-        with pytest.raises(InputError, match=r"facts of the positions: expected H, got HT"):
+        with pytest.raises(InputError, match=r"metadata of the positions: expected H, got HT"):
             getattr(H.T, name)
     assert H.T.T.missing.tolist() == [[0, 1, 2]]
 

@@ -24,7 +24,7 @@ def scan():
 def test_a_wrong_level_is_refused_with_its_size(scan, off):
     plan, frames = scan
     view = corrected_view(frames, CorrectionRecipe(black_level=100.0 + off), plan)
-    with pytest.raises(InputError, match="after dark or black level; give the values for these frames") as told:
+    with pytest.raises(InputError, match="after subtracting the dark or black level\); give dark frames") as told:
         find_plan_cutout(view, plan, AssemblySettings())
     said = float(str(told.value).split("a constant level of ")[1].split(",")[0])
     assert said == pytest.approx(-off, abs=0.3)
@@ -53,7 +53,7 @@ def test_a_mosaic_whose_colours_do_not_come_back_is_refused(scan):
         seen = replace(plan, camera=replace(plan.camera, sensor=sensor), period=period)
         return find_plan_cutout(corrected_view(frames, recipe, seen), seen, AssemblySettings(strict=False))
 
-    with pytest.raises(InputError, match=r"got 3 x 4, after which the same place .* scan 6 x 4 positions"):
+    with pytest.raises(InputError, match=r"got 3 x 4 pixels, after which the same point .* scan 6 x 4 positions"):
         chosen("RGGB", (3, 4))
     chosen("", (3, 4))
     chosen("RGGB", (2, 4))

@@ -60,5 +60,5 @@ def test_repeats_are_averaged_and_pixels_beyond_the_frame_are_marked() -> None:
 
 
 def test_a_position_without_a_frame_is_refused() -> None:
-    with pytest.raises(InputError, match=r"expected a position with a frame, got \(1, 1, 2\)"):
+    with pytest.raises(InputError, match=r"expected a position that has a frame, got \(1, 1, 2\)"):
         drain(iter_pick(ArraySource(frames(11), PLACES[:11]), PLAN, np.array([(1, 1, 2)])))

@@ -178,7 +178,7 @@ def test_a_scale_of_the_plane_has_no_bound(path: Path, tmp_path: Path) -> None:
 
 
 def test_ht_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"store tolerance: expected H.*got HT; store H; HT is a view of it"):
+    with pytest.raises(InputError, match=r"storage tolerance: expected H.*got HT; store H, and derive HT from it"):
         save(matrix().T, tmp_path / "HT.h5", store_tolerance=TOLERANCE)
     assert not list(tmp_path.iterdir())
 

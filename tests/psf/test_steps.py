@@ -128,7 +128,7 @@ def test_what_is_not_finite_is_refused(value: float) -> None:
 
 @pytest.mark.parametrize("tolerance", [0.0, -0.1, 1.0, np.nan, np.inf])
 def test_a_tolerance_is_a_share(tolerance: float) -> None:
-    with pytest.raises(InputError, match="a share above 0 and below 1"):
+    with pytest.raises(InputError, match="a fraction above 0 and below 1"):
         stepped_plane(spots(), tolerance)
 
 

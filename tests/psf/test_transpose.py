@@ -292,7 +292,7 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
     with pytest.raises(InputError, match="expected exact, paper or paper-padded, got 'fast'"):
         transpose(H, method="fast")
     for method in ("paper", "paper-padded"):
-        with pytest.raises(InputError, match="odd in y and x, got 3 x 4; use method exact"):
+        with pytest.raises(InputError, match="odd period in y and x, got 3 x 4; use the method exact"):
             transpose(H, method=method)
     for wrong in (H[0], H[..., :6], H[..., :4, :], H[:0]):
         with pytest.raises(InputError):

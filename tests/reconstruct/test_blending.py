@@ -231,10 +231,13 @@ def test_planes_that_cannot_be_kept_are_counted_as_such() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"values": (3, 4, 3, 7, 9)}, r"H of region other: expected 2 planes of 4 x 3 positions, as the first, got 3"),
-        ({"values": (2, 4, 4, 7, 9)}, r"got 2 of 4 x 4; measure all regions by one plan"),
+        (
+            {"values": (3, 4, 3, 7, 9)},
+            r"H of region other: expected 2 planes of 4 x 3 positions, as in the first, got 3",
+        ),
+        ({"values": (2, 4, 4, 7, 9)}, r"got 2 planes of 4 x 4 positions; measure all regions by the same plan"),
         ({"depths": (-1.0, 5.0)}, r"expected depths"),
-        ({"anchor": (3, 4)}, r"a different place for each, got 1 and 2 at the same place"),
+        ({"anchor": (3, 4)}, r"a different position for each, got 1 and 2 at the same position"),
     ],
 )
 def test_regions_that_do_not_belong_together_are_refused(change: dict[str, Any], words: str) -> None:
@@ -243,9 +246,9 @@ def test_regions_that_do_not_belong_together_are_refused(change: dict[str, Any],
     other = PSFMatrix(values, anchor=change.get("anchor", (9, 9)), depths=depths, region="other")
     with pytest.raises(InputError, match=words):
         FieldProjector([*regions(1), other], SHAPE)
-    with pytest.raises(InputError, match="one H or more"):
+    with pytest.raises(InputError, match="at least one H"):
         FieldProjector([], SHAPE)
-    with pytest.raises(InputError, match="which states its place in the field"):
+    with pytest.raises(InputError, match="which states its position in the field"):
         FieldProjector([np.ones((2, 4, 3, 7, 9))], SHAPE)
 
 

@@ -133,7 +133,7 @@ def test_forecast_and_list_of_solvers_write_nothing(files, run):
         (["frames/t0.tif", "-o", "v.tif", "--strength", 0.1], "rl-tv"),
         (["frames/t0.tif", "-o", "v.tif", "--anchor", "left"], "--anchor"),
         (["frames/t0.tif", "-o", "v.tif", "--resample", "always"], "--resample"),
-        (["frames/t0.tif", "-o", "v.tif", "--memory", "0.000001"], "memory of the reconstruction"),
+        (["frames/t0.tif", "-o", "v.tif", "--memory", "0.000001"], "memory for the reconstruction"),
         (["frames/t0.tif", "-o", "v.tif", "--solver", "rl", "--margin", 0, "--memory", "0.00008"], "memory limit"),
     ],
 )

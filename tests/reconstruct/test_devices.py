@@ -187,7 +187,7 @@ def test_planes_are_kept_there_or_moved_or_prepared_anew(method, monkeypatch):
         moved = on(moved.forecast().device.operand_bytes)
     use, cost = moved.forecast().device, moved.forecast().chosen
     assert not moved.prepare()._operand(0).there and cost.resident
-    assert use.memory_bytes <= use.free and "moved each time" in str(moved.forecast())
+    assert use.memory_bytes <= use.free and "transferred for each projection" in str(moved.forecast())
     assert run_memory(moved, choice).matrix == cost.operand_bytes > 0
     anew = moved
     while anew.forecast().chosen.resident:
@@ -290,7 +290,7 @@ def test_a_device_that_computes_wrongly_is_not_taken(monkeypatch):
     # ten bits of a product, as short formats have
     monkeypatch.setattr(ArrayDevice, "fetched", lambda self, array: fetched(self, array) * (1 + 2.0**-11))
     assert find_device("auto") is None
-    with pytest.raises(InputError, match=r"products on cpu \(numpy\): expected numpy's to 1e-5"):
+    with pytest.raises(InputError, match=r"products on cpu \(numpy\): expected agreement with NumPy to 1e-5"):
         find_device("cuda")
 
 
@@ -302,7 +302,7 @@ def test_a_device_that_fails_is_told_of(monkeypatch):
 
     monkeypatch.setattr(devices, "check_arithmetic", fail)
     assert find_device("auto") is None
-    with pytest.raises(InputError, match=r"an accelerator that works.*no kernel image.*choose cpu"):
+    with pytest.raises(InputError, match=r"a working accelerator.*no kernel image.*choose cpu"):
         find_device("cuda")
 
 

@@ -94,7 +94,7 @@ def test_what_cannot_be() -> None:
         MetricGrid.of(SIDES, (30, 40), (0, 0), -1.0)
     with pytest.raises(InputError, match="voxel"):
         MetricGrid.of(SIDES, (30, 40), (0, 0), 1e-320)  # so many that they have no number
-    with pytest.raises(InputError, match="choose larger ones"):
+    with pytest.raises(InputError, match="choose larger voxels"):
         MetricGrid.of(SIDES, (30000, 40000), (0, 0), 0.1)
     with pytest.raises(InputError, match="an H with its camera"):
         MetricGrid.for_matrix(PSFMatrix(np.ones((1, 2, 2, 3, 3))), (10, 10))

@@ -166,7 +166,7 @@ def test_planes_that_cannot_be_kept_are_prepared_anew():
     assert np.allclose(tight.forward(g), free.forward(g), rtol=1e-4)
     with pytest.raises(InputError, match="at least"):
         Projector(H, (60, 60), method="direct", memory_limit=1000)
-    with pytest.raises(InputError, match="period for polyphase: expected a shorter one"):
+    with pytest.raises(InputError, match="period for the method polyphase: expected a shorter period"):
         Projector(H, (60, 60), method="polyphase", memory_limit=1000)
 
 

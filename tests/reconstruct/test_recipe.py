@@ -68,7 +68,7 @@ def test_a_recipe_of_regions() -> None:
     wanted = pair(P)
     assert_same(pair(FieldProjector(matrices, (60, 161), None, P.recipe, workers=1)), wanted)
     assert_same(pair(pickle.loads(pickle.dumps(P))), wanted)
-    with pytest.raises(InputError, match=r"one, or one for each of 2 regions, got 3"):
+    with pytest.raises(InputError, match=r"one method, or one for each of 2 regions, got 3"):
         FieldProjector(matrices, (60, 161), None, "direct+direct+sparse")
 
 

@@ -234,7 +234,7 @@ def test_an_image_that_tells_nothing_is_refused(name):
         reconstruct(P, image, SolverChoice(name, saturation=0.5))
     with pytest.raises(NothingMeasured, match="pixels to fit, got none"):
         reconstruct(P, image, SolverChoice(name), weights=np.zeros(image.shape))
-    with pytest.raises(NothingMeasured, match="expected light of at least 1e-31, got no pixel above 1e-42"):
+    with pytest.raises(NothingMeasured, match="expected a pixel of at least 1e-31, got no pixel above 1e-42"):
         reconstruct(P, image / image.max() * 1e-42, SolverChoice(name))
     with pytest.raises(InputError, match=r"image: expected counts up to 1e\+12, got 1e\+30; scale the frame"):
         reconstruct(P, image / image.max() * 1e30, SolverChoice(name))
@@ -310,7 +310,7 @@ def test_what_a_solver_honours_reaches_it(scene, name):
 
 def test_an_image_of_another_size_is_refused(scene):
     P, _, image = scene
-    with pytest.raises(InputError, match="build the projector for this image"):
+    with pytest.raises(InputError, match="make the projector for this image"):
         richardson_lucy(P, image[:-1], 2)
     with pytest.raises(InputError, match="solver"):
         SolverChoice("magic")
@@ -320,7 +320,7 @@ def test_an_image_of_another_size_is_refused(scene):
 @pytest.mark.parametrize("level", [0.0, -1.0])
 def test_a_matrix_without_light_is_refused(name: str, level: float) -> None:
     projector = Projector(np.full((1, 2, 2, 3, 3), level, np.float32), (8, 8))
-    with pytest.raises(InputError, match="PSF matrix: expected light of the volume on the image"):
+    with pytest.raises(InputError, match="PSF matrix: expected light from the volume on the image"):
         reconstruct(projector, np.ones((8, 8)), SolverChoice(name, 2))
 
 

@@ -136,7 +136,7 @@ def test_solvers_of_others_are_judged_by_their_volumes(noisy, monkeypatch):
     for setting, words in (
         (
             {"auto": True},
-            "iterations of solver blind: expected a number, .* got auto; give one, stop by discrepancy, or",
+            "iterations of solver blind: expected a number, .* got auto; give a number, stop by the discrepancy, or",
         ),
         ({"margin": 8}, "margin of solver blind: expected 0, .* got 8; give 0, or choose .*sieve or "),
     ):
@@ -225,7 +225,7 @@ def test_stops_once_the_frame_is_met_to_within_its_noise(noisy, name, margin):
     wide = P if not margin else Projector(lenslet_psf(), (SHAPE[0] + 16, SHAPE[1] + 16), (1 + 8, 3 + 8))
     choice = SolverChoice(name, 100, 2.0, margin=margin, auto=True, stop="discrepancy")
     found = reconstruct(wide, image, choice)
-    assert "the residual is down to the noise" in found.stopped and len(found.history) < 60
+    assert "the residual reached the noise level" in found.stopped and len(found.history) < 60
     # the first that does: by one projection with the frame's own projector
     records = list(iter_reconstruct(wide, image, choice))
     assert len(records) == len(found.history)
@@ -246,7 +246,7 @@ def test_noise_that_is_never_met_is_told(noisy):
     spoilt = image + 40 * (np.indices(SHAPE).sum(0) % 2)
     found = reconstruct(P, spoilt, SolverChoice("rl", 6, 2.0, auto=True, stop="discrepancy"))
     assert not found.stopped and len(found.history) == 6
-    assert any("times the noise: check gain and read noise, or H" in note for note in found.notes)
+    assert any("times the noise; check the gain and the read noise, or H" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("margin", [0, 8])

@@ -154,7 +154,9 @@ def test_leaving_is_the_adjoint_of_meeting() -> None:
 
 
 def test_a_tilt_too_far_for_any_polynomial_is_refused() -> None:
-    with pytest.raises(InputError, match=r"array tilt: expected a small one, got 0\.5 rad over"):
+    with pytest.raises(
+        InputError, match=r"array tilt: expected a smaller tilt over the lit lenslets, got 0\.5 rad over"
+    ):
         engine_for(camera_scene(6.0, tilt=(0.5, 0.0)), "grid")
 
 

@@ -105,7 +105,7 @@ def _numbers(effect: Effect) -> list[str]:
         ("coma=0.3@40um", "expected a number, with rad, mrad, deg"),
         ("coma=size:3", "expected waves or angle_rad"),
         ("spherical=0.1@3", "expected waves"),
-        ("cos4=0.3", "it has no magnitude"),
+        ("cos4=0.3", "this effect has no magnitude"),
         ("crosstalk=0.9", "0.25"),
         ("zernike=4,0", "n,m,waves"),
         ("lenslet_gap=1e400", "got inf"),

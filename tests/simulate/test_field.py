@@ -140,9 +140,9 @@ def test_part_of_a_large_shadow_is_the_part_of_the_whole(corner):
 def test_tables_that_cannot_be_are_refused():
     with pytest.raises(InputError, match="switch it on"):
         field_table(camera_scene(0.1, main_diffraction=False), 2.0, 100.0)
-    with pytest.raises(InputError, match="samples a side"):
+    with pytest.raises(InputError, match="samples on each side"):
         field_table(camera_scene(0.1), 0.02, 500.0)
-    with pytest.raises(InputError, match="raise the samples"):
+    with pytest.raises(InputError, match="increase the number of samples"):
         field_table(camera_scene(0.1), 5.0, 100.0)
     dark = field_table(camera_scene(3.0, iris=PupilIris(9, stop=(5.0, 0.0, 1.0))), 2.0, 100.0)
     assert not dark.values.any()

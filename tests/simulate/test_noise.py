@@ -169,7 +169,7 @@ def test_stray_light_keeps_all_light() -> None:
 
 
 def test_light_must_cover_the_sensor() -> None:
-    with pytest.raises(InputError, match="give all pixels"):
+    with pytest.raises(InputError, match="every pixel of the sensor"):
         expose(np.zeros((3, 3), np.float32), small_camera(), (), exposure_s=0.02)
 
 

@@ -64,7 +64,7 @@ def test_rows_are_points_and_follow_the_source():
 def test_what_it_refuses():
     with pytest.raises(InputError, match="whole number"):
         ReferencePlane(camera_scene(), Sampling(2.5))
-    with pytest.raises(InputError, match="samples a side"):
+    with pytest.raises(InputError, match="samples on each side"):
         ReferencePlane(camera_scene(400.0), Sampling(8.0))
 
 

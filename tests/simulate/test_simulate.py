@@ -171,7 +171,7 @@ def test_bad_input() -> None:
     for options, match in (
         ({"level": "fast"}, "choose one of these"),
         ({"effects": "none"}, "auto"),
-        ({"effects": (1,)}, "effect objects"),
+        ({"effects": (1,)}, "objects derived from Effect"),
     ):
         with pytest.raises(InputError, match=match):
             simulate_psf(plan, **options)  # type: ignore[arg-type]

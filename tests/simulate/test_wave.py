@@ -154,7 +154,7 @@ def test_energy_out_never_exceeds_energy_in(v):
 
 
 def test_a_window_wider_than_its_samples_allow_is_an_error_that_names_the_remedy():
-    with pytest.raises(EnergyError, match="raise samples_per_px above 1"):
+    with pytest.raises(EnergyError, match="samples_per_px above 1"):
         WavePlane(camera_scene(3.0), Sampling(1.0, 3, 20)).point(0.0, 0.0)
 
 

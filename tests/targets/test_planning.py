@@ -124,7 +124,7 @@ def test_the_least_pitch_is_sought_up_to_two_cutouts(away: int, least: int | Non
     light[10, 10], light[10 + away, 10] = 1.0, 0.01
     tails = Tails(light, (5, 5), "waves")
     if least is None:
-        with pytest.raises(InputError, match="within two cutouts"):
+        with pytest.raises(InputError, match="at most two cutouts apart"):
             tails.least_pitch(0.005)
     else:
         assert tails.least_pitch(0.005) == least

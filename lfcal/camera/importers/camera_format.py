@@ -97,7 +97,7 @@ class CameraFormat:
 def required(entries: Mapping[str, Any], name: str, what: str) -> Any:
     """Return the entry called ``name``; raise if it is missing."""
     if name not in entries:
-        raise FileFormatError.expected(what, f"the entry {name!r}", "none", "add it")
+        raise FileFormatError.expected(what, f"the entry {name!r}", "none", "add this entry")
     return entries[name]
 
 
@@ -107,7 +107,7 @@ def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0)
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise FileFormatError.expected(f"{what}: {name}", "a number", repr(value)[:40], "correct it")
+        raise FileFormatError.expected(f"{what}: {name}", "a number", repr(value)[:40], "replace it by a number")
     return float(f"{value * scale:.15g}")
 
 
@@ -118,13 +118,15 @@ def file_text(source: Path) -> str:
         # one byte more than allowed shows that the file is too large, without reading all of it
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
-        raise UnsafeFileError.expected(str(source), "a camera description of at most 16 MB", "more", "check the path")
+        raise UnsafeFileError.expected(
+            str(source), "a camera description of at most 16 MB", "a larger file", "check the path"
+        )
     utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     try:
         return data.decode("utf-16" if utf16 else "utf-8-sig")
     except UnicodeDecodeError:
         raise FileFormatError.expected(
-            str(source), "a camera description, text in UTF-8 or UTF-16", "other bytes", "check the path"
+            str(source), "a camera description in UTF-8 or UTF-16 text", "other data", "check the path"
         ) from None
 
 
@@ -187,5 +189,8 @@ def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = 
             return form.read(text, source, options or ImportOptions())
     names = ", ".join(form.name for form in CAMERA_FORMATS)
     raise FileFormatError.expected(
-        str(source), f"a camera description ({names})", "something else", "describe it with lfcal camera new"
+        str(source),
+        f"a camera description ({names})",
+        "another kind of file",
+        "describe the camera with lfcal camera new",
     )

@@ -24,7 +24,8 @@ OBJECTIVE = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\s*[xX×]|[xX×]\s?(\d+(?:\.\d
 APERTURE = re.compile(r"(?:NA\s*|/\s?)([01]\.\d+)")
 
 UNKNOWN = (
-    "Micro-Manager files do not describe lenslets: pitch, gap and focal length are assumed; see lfcal camera check"
+    "Micro-Manager files do not describe lenslets; pitch, gap and focal length are assumed; measure the "
+    "array with lfcal camera check"
 )
 
 
@@ -70,7 +71,7 @@ def _positive(text: str, what: str) -> float | None:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value >= 0):
-        raise FileFormatError.expected(what, "a length in µm", repr(text)[:40], "correct it")
+        raise FileFormatError.expected(what, "a length in µm", repr(text)[:40], "replace it by a number")
     return value or None  # 0 means unknown
 
 
@@ -78,7 +79,10 @@ def _chosen(presets: dict[str, _Preset], name: str, source: Path) -> tuple[float
     names = ", ".join(presets) or "none"
     if not presets:
         raise FileFormatError.expected(
-            str(source), "a pixel size (PixelSize_um)", "none", "calibrate it in Micro-Manager, or use lfcal camera new"
+            str(source),
+            "a pixel size (PixelSize_um)",
+            "none",
+            "calibrate the pixel size in Micro-Manager, or use lfcal camera new",
         )
     if name not in presets and (name or len(presets) > 1):
         got = repr(name) if name else f"{len(presets)} of them"
@@ -111,7 +115,9 @@ def _summary(text: str, source: Path, draft: Draft) -> None:
     data = parse_json(text, str(source), finite=False)
     summary = data.get("Summary") if isinstance(data, Mapping) else None
     if not isinstance(summary, Mapping):
-        raise FileFormatError.expected(str(source), 'the entry "Summary"', "none", "choose metadata of Micro-Manager")
+        raise FileFormatError.expected(
+            str(source), 'the entry "Summary"', "none", "choose a metadata file of Micro-Manager"
+        )
     size = [_whole(summary, name, source) for name in ("Height", "Width")]
     if None not in size:
         draft.put("sensor.shape", tuple(size))
@@ -126,7 +132,7 @@ def _whole(summary: Mapping[str, Any], name: str, source: Path) -> int | None:
     if value is None:
         return None
     if type(value) is not int or not 0 < value <= 200_000:
-        raise FileFormatError.expected(f"{source}: {name}", "a whole number", repr(value)[:40], "check the file")
+        raise FileFormatError.expected(f"{source}: {name}", "an integer", repr(value)[:40], "check the file")
     return value
 
 

@@ -32,7 +32,9 @@ def _read(text: str, source: Path, options: ImportOptions) -> Imported:
     data = parse_json(text, str(source))
     entries = data.get("calibrate") if isinstance(data, Mapping) else None
     if not isinstance(entries, Mapping):
-        raise FileFormatError.expected(str(source), 'the entry "calibrate"', "none", "choose metadata of napari-LF")
+        raise FileFormatError.expected(
+            str(source), 'the entry "calibrate"', "none", "choose a metadata file of napari-LF"
+        )
     what = f"{source}: calibrate"
     for name in NEEDED:
         required(entries, name, what)
@@ -54,8 +56,8 @@ def _notes(entries: Mapping[str, Any], what: str) -> tuple[str, ...]:
     if fill is None or fill == 1:
         return ()
     return (
-        f"lenslets fill {fill:g} of their area or width, but the file does not say which; the pitch is "
-        "assumed as their diameter; state it with --set lattice.clear_um=…",
+        f"the file states that lenslets fill a fraction of {fill:g}, but not whether of their area or of their "
+        "width; their diameter is assumed to be the pitch; state it with --set lattice.clear_um=…",
     )
 
 

@@ -71,13 +71,15 @@ class _Plain(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
 
 def _entries(text: str, source: Path) -> Mapping[str, Any]:
     if len(text) > MAX_CHARACTERS:
-        raise FileFormatError.expected(str(source), "a configuration of at most 64 kB", "more", "check the path")
+        raise FileFormatError.expected(
+            str(source), "a configuration of at most 64 kB", "a larger file", "check the path"
+        )
     try:
         data = yaml.load(text, _Plain)
     except Exception as error:  # yaml's constructors of dates and numbers can raise any error
         parse_error = isinstance(error, yaml.YAMLError | ValueError)
-        reason = " ".join(str(error).split())[:200] if parse_error else "an invalid yaml value"
-        raise FileFormatError.expected(str(source), "yaml", reason, "correct the file") from None
+        reason = " ".join(str(error).split())[:200] if parse_error else "an invalid YAML value"
+        raise FileFormatError.expected(str(source), "YAML", reason, "correct the file") from None
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(str(source), "named entries", type(data).__name__, "correct the file")
     return data
@@ -105,7 +107,7 @@ def _read_fourier(entries: Mapping[str, Any], source: Path, options: ImportOptio
         draft.put(path, number(entries, name, what))
     tube, objective = number(entries, "f1", what), number(entries, "fobj", what)
     if not tube or not objective:
-        raise FileFormatError.expected(f"{what}: f1, fobj", "focal lengths", "zero", "correct them")
+        raise FileFormatError.expected(f"{what}: f1, fobj", "focal lengths above zero", "zero", "correct these entries")
     draft.put("optics.magnification", tube / objective, "derived")
     draft.put("lattice.focal_lengths_um", _focal_lengths(entries, what))
     try:
@@ -123,7 +125,7 @@ def _lit_centres(entries: Mapping[str, Any], draft: Draft, what: str) -> tuple[t
     counts = [number(entries, name, what) for name in ("noLensHoriz", "noLensVert")]
     if not all(n is not None and n == int(n) and 1 <= n <= MOST_ACROSS for n in counts):
         wanted = f"whole numbers from 1 to {MOST_ACROSS}"
-        raise FileFormatError.expected(f"{what}: noLensHoriz, noLensVert", wanted, counts, "correct them")
+        raise FileFormatError.expected(f"{what}: noLensHoriz, noLensVert", wanted, counts, "correct these entries")
     across, down = (int(n or 0) for n in counts)
     spacing = number(entries, "spacingPixels", what)
     pitch = draft.get("lattice.clear_um") if spacing is None else spacing * draft.get("sensor.pixel_um")
@@ -152,7 +154,7 @@ def _lit_centres(entries: Mapping[str, Any], draft: Draft, what: str) -> tuple[t
 def _kind(entries: Mapping[str, Any], what: str) -> str | None:
     grid = entries.get("gridType")
     if grid not in (None, "reg", "hex"):
-        raise FileFormatError.expected(f"{what}: gridType", "reg or hex", repr(grid)[:40], "correct it")
+        raise FileFormatError.expected(f"{what}: gridType", "reg or hex", repr(grid)[:40], "write one of these")
     return {"reg": "square", "hex": "hexagonal", None: None}[grid]
 
 
@@ -165,7 +167,7 @@ def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
     several = entries.get("focus") == "multi"
     if len(lengths) != len(parts) or len(lengths) != (3 if several else 1):
         wanted = "three focal lengths" if several else "one focal length (focus: single)"
-        raise FileFormatError.expected(f"{what}: fm", wanted, f"{len(lengths)}", "correct it")
+        raise FileFormatError.expected(f"{what}: fm", wanted, f"{len(lengths)}", "correct this entry")
     return lengths
 
 
@@ -174,7 +176,7 @@ def _place(entries: Mapping[str, Any], focal: tuple[float, ...], draft: Draft, w
     tube, array = number(entries, "ftl", what), number(entries, "tube2mla", what) or 0.0
     design = entries.get("plenoptic", 1)
     if design not in (1, 2):
-        raise FileFormatError.expected(f"{what}: plenoptic", "1 or 2", repr(design)[:40], "correct it")
+        raise FileFormatError.expected(f"{what}: plenoptic", "1 or 2", repr(design)[:40], "write one of these")
     if design == 1:
         draft.put("lattice.gap_um", focal[0], "derived")
         return ()
@@ -184,8 +186,8 @@ def _place(entries: Mapping[str, Any], focal: tuple[float, ...], draft: Draft, w
         lit = _lit_radius(tube, array, objective, draft.get("optics.numerical_aperture"))
         draft.put("lattice.gap_um", array * draft.get("lattice.pitch_um") / (2 * lit), "derived")
     return (
-        "a defocused design (plenoptic: 2): depth 0 in lfcal is the plane imaged onto the lenslets, not the "
-        "objective's focal plane",
+        "defocused design (plenoptic: 2): in lfcal, depth 0 is the plane that is imaged onto the lenslets, "
+        "not the focal plane of the objective",
     )
 
 

@@ -29,8 +29,9 @@ MAX_BYTES = 1 << 20
 """Largest size of a file (bytes); real files have 1.4 kB."""
 
 NOT_APPLIED = (
-    "the manufacturer's distortion (Brown) is stored and not applied: the file does not state what it acts on, nor the "
-    "unit of its radius; a white image gives the distortion of the lattice"
+    "the manufacturer's distortion (Brown) is stored but not applied, because the file states "
+    "neither the coordinates to which it applies nor the unit of its radius; a white image gives the "
+    "distortion of the lattice"
 )
 
 
@@ -146,21 +147,25 @@ def _check_types(ranges: tuple[tuple[float, float], ...], values: Mapping[str, A
         # v = 1 is the sensor itself; an image between lenslets and sensor cannot be refocused
         if not 1 <= near < far and "lattice.focus" not in values:
             raise FileFormatError.expected(
-                f"{source}: depth range", "1 ≤ min < max", f"{near:g} to {far:g}", "export it again"
+                f"{source}: depth range", "1 ≤ min < max", f"{near:g} to {far:g}", "export the file again"
             )
     focus = values.get("lattice.focus", ranges)
     if len(focus) != len(ranges):
-        raise InputError.expected("focus depths", f"{len(ranges)}, one per lens type", len(focus), "correct them")
+        raise InputError.expected(
+            "focus depths", f"{len(ranges)}, one per lens type", len(focus), "give one per lens type"
+        )
 
 
 def _root(text: str, source: Path) -> ElementTree.Element:
     if len(text) > MAX_BYTES:
-        raise UnsafeFileError.expected(str(source), "at most 1 MB of XML", "more", "choose the calibration file")
+        raise UnsafeFileError.expected(
+            str(source), "at most 1 MB of XML", "a larger file", "choose the calibration file"
+        )
     # entities can expand without bound or read other files (XXE); calibrations contain none
     for mark in ("<!DOCTYPE", "<!ENTITY"):
         if mark in text.upper():
             raise UnsafeFileError.expected(
-                str(source), "XML without a document type", mark, "remove it; calibrations have none"
+                str(source), "XML without a document type", mark, "remove it; calibration files have none"
             )
     try:
         root = ElementTree.fromstring(text)
@@ -180,18 +185,23 @@ def _distortion(root: ElementTree.Element, source: Path) -> BrownDistortion | No
     function = (entry_of(entry, "function", source).text or "").strip()
     if function not in ("Brown", "constant"):
         raise FileFormatError.expected(
-            f"{source}: distortion", "the function Brown or constant", repr(function), "export it without distortion"
+            f"{source}: distortion",
+            "the function Brown or constant",
+            repr(function),
+            "export the file without distortion",
         )
     text = (entry.findtext("parameter") or "").strip()
     values = tuple(float_of(part, f"{source}: distortion parameter") for part in text.split(";") if text)
     if function == "constant":  # the manufacturer's word for none
         if any(values):
             raise FileFormatError.expected(
-                f"{source}: constant distortion", "no parameters", text[:60], "export it without distortion"
+                f"{source}: constant distortion", "no parameters", text[:60], "export the file without distortion"
             )
         return None
     if not values:
-        raise FileFormatError.expected(f"{source}: distortion", "parameters", "none", "export it without distortion")
+        raise FileFormatError.expected(
+            f"{source}: distortion", "parameters", "none", "export the file without distortion"
+        )
     centre = pair_of(entry, "offset", "pix", source)
     return BrownDistortion(values, (float(centre[0]), float(centre[1])))
 
@@ -236,7 +246,7 @@ def float_of(text: str | None, what: str) -> float:
 def _check_units(entry: ElementTree.Element, units: str, source: Path) -> None:
     if entry.get("units", units) != units:
         raise FileFormatError.expected(
-            f"{source}: <{entry.tag}>", f'units "{units}"', repr(entry.get("units")), "export it again"
+            f"{source}: <{entry.tag}>", f'units "{units}"', repr(entry.get("units")), "export the file again"
         )
 
 
@@ -253,7 +263,7 @@ def lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.floa
     names = [str(k) for k in range(len(found))]
     if len(found) not in (1, 3) or sorted(found) != names or len(root.findall("lens_type")) != len(found):
         got = ", ".join(sorted(found)) or "none"
-        raise FileFormatError.expected(f"{source}: lens types", "ids 0, or 0, 1 and 2", got, "export it again")
+        raise FileFormatError.expected(f"{source}: lens types", "ids 0, or 0, 1 and 2", got, "export the file again")
     offsets = np.array([pair_of(found[k], "offset", "lens", source) for k in names])
     ranges = []
     for k in names:
@@ -271,7 +281,7 @@ def placement(
     base = np.array([pair_of(root, f"lens_base_{axis}", "lens", source) for axis in "xy"])
     if abs(np.linalg.norm(base, axis=1) - 1).max() > 0.01 or abs(abs(base[0] @ base[1]) - 0.5) > 0.01:
         got = f"{base.round(3).tolist()}"
-        raise FileFormatError.expected(f"{source}: lens bases", "a hexagonal lattice", got, "export it again")
+        raise FileFormatError.expected(f"{source}: lens bases", "a hexagonal lattice", got, "export the file again")
     _check_sub_grid(pair_of(root, "sub_grid_base", "lens", source), len(offsets), source)
     # y up to y down turns a counter-clockwise angle into one from +x towards +y of the opposite sign
     turn = -number_of(root, "rotation", "rad", source)
@@ -290,7 +300,7 @@ def placement(
         if abs(index - whole).max() > 0.05 or len(set(found.tolist())) != 3:
             got = offsets.round(3).tolist()
             raise FileFormatError.expected(
-                f"{source}: lens type offsets", "three neighbours, one of each type", got, "export it again"
+                f"{source}: lens type offsets", "three neighbours, one of each type", got, "export the file again"
             )
         step = 1 if found[1] == 1 else 2
     return row, (float(centres[0, 0]), float(centres[0, 1])), step
@@ -310,5 +320,5 @@ def _check_sub_grid(vector: NDArray[np.float64], types: int, source: Path) -> No
     if np.abs(np.abs(vector) - wanted).max() > 0.01:
         got = np.abs(vector).round(4).tolist()
         raise FileFormatError.expected(
-            f"{source}: sub-grid base", f"({wanted[0]:g}, {wanted[1]:.4f}) lenses", got, "export it again"
+            f"{source}: sub-grid base", f"({wanted[0]:g}, {wanted[1]:.4f}) lenses", got, "export the file again"
         )

@@ -100,7 +100,7 @@ class ArrayTiltGroup(Group):
     """Tilt of the array relative to the sensor."""
 
     name = "array_tilt"
-    title = "tilt of the array against the sensor"
+    title = "tilt of the array relative to the sensor"
     rank = 14
     late = True
 

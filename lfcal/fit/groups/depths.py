@@ -52,14 +52,14 @@ class PlaneDepths(Group):
     name = "depths"
     title = "depth of each plane"
     rank = 42
-    needs = "two planes or more"
+    needs = "at least two planes"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the displacement of each depth; its prior is the depth error of a stage."""
         if frame.planes < 2:
             return ()
         known, scale = DepthError().rms(setup.camera), depth_scale(setup.camera)
-        held = f"{HELD}, and the mean of all planes is known to within the stage's error"
+        held = f"{HELD}, and the mean depth of all planes is known to within the error of the stage"
         return tuple(
             Unknown(f"depth_{z}_um", self.name, "µm", 0.0, scale, known, gauge=held) for z in range(frame.planes)
         )

@@ -119,9 +119,9 @@ class SecondStop(Group):
     """The rim that cuts the pupil as seen from off axis, if the setup has one."""
 
     name = "cats_eye"
-    title = "place and radius of the rim that cuts the pupil"
+    title = "position and radius of the rim that limits the pupil"
     rank = 34
-    needs = "the effect vignetting, off axis"
+    needs = "the effect vignetting, and points off the axis"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return distance and radius of the rim; none on the axis, where its position has no effect."""

@@ -37,7 +37,7 @@ class Filter(Group):
     """A free filter of 3 x 3 pixels for the remaining smear, charge transfer and blur."""
 
     name = "pixel_kernel"
-    title = "free filter of 3 x 3 pixels"
+    title = "arbitrary filter of 3 x 3 pixels"
     rank = 72
     late = True
 

@@ -34,7 +34,7 @@ class FieldWavefront(Group):
     """
 
     name = "field_wavefront"
-    title = "how the wavefront changes over the field"
+    title = "variation of the wavefront over the field"
     rank = 51
     needs = NEEDS
 
@@ -104,14 +104,14 @@ class Places(Group):
     """Displacement of the sources in each further region, relative to the first region."""
 
     name = "region_places"
-    title = "places of the regions' sources"
+    title = "positions of the sources of the regions"
     rank = 16
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return a displacement on the sensor for every region but the first."""
         del setup
-        held = "sources of the first region are at their planned positions"
+        held = "the sources of the first region are at their planned positions"
         return tuple(
             Unknown(f"region_{k}_{axis}_px", self.name, "px", 0.0, 0.2, BESIDE_PX, -20.0, 20.0, gauge=held)
             for k in range(1, len(frame.fields_um))
@@ -131,7 +131,7 @@ class RegionDepthsGroup(Group):
     """Displacement in depth of the planes of each further region, relative to the first region."""
 
     name = "region_depths"
-    title = "distances of the regions' planes"
+    title = "distances of the planes of the regions"
     rank = 46
     needs = NEEDS
 
@@ -155,9 +155,9 @@ class TargetTiltGroup(Group):
     """Tilt of a target's plane relative to the sensor, in addition to its known tilt."""
 
     name = "plane_tilt"
-    title = "tilt of the target's plane"
+    title = "tilt of the plane of the target"
     rank = 47
-    needs = "parts of the field at different depths, as for a target"
+    needs = "parts of the field at different depths, as with a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the additional distance of the plane at the farthest part, downwards and to the right."""

@@ -44,7 +44,7 @@ class StageScale(Group):
     """Length of the stage's steps relative to the planned length."""
 
     name = "stage_scale"
-    title = "length of the stage's steps"
+    title = "length of the stage steps"
     rank = 80
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:

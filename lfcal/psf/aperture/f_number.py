@@ -83,7 +83,7 @@ def working_f_number(
             "diameters over depth",
             "one finite diameter for each of two or more depths",
             f"{d.size} diameters and {a.size} depths",
-            "give one for each plane, all different",
+            "give one diameter for each plane, and planes of different depths",
         )
     # with the sign of a, planes on both sides of the native plane lie on one line
     signed = d * np.where(a < 0, -1.0, 1.0)
@@ -99,7 +99,12 @@ def working_f_number(
         # Huber weights: square roots, because lstsq squares them
         weight = 1.0 / np.sqrt(np.maximum(1.0, np.abs(residual) / (3.0 * scale)))
     if slope == 0 or not math.isfinite(slope):
-        raise InputError.expected("diameters over depth", "a slope", "none", "give planes of different blur")
+        raise InputError.expected(
+            "diameters over depth",
+            "diameters that change with depth",
+            "a constant diameter",
+            "choose planes of different blur",
+        )
     rms = float(np.sqrt(np.mean(residual**2)))
     error = math.nan
     if a.size > 2:

@@ -99,8 +99,8 @@ def _clean(depth_sum: ArrayLike) -> NDArray[np.float64]:
     image = np.array(depth_sum, np.float64)
     if image.ndim != 2 or not image.size:
         raise InputError.expected(
-            "depth-plane sum",
-            "an image",
+            "sum of a depth plane",
+            "an image of rows and columns",
             f"shape {image.shape}",
             "give the sum over all positions of one plane",
         )

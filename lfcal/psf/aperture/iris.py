@@ -75,7 +75,11 @@ class Iris:
         """Return a one-line description."""
         planes = "1 plane" if self.planes == 1 else f"{self.planes} planes"
         if not self.confident:
-            why = "planes contradict each other" if self.margin >= CERTAIN else "blade counts fit about equally well"
+            why = (
+                "planes contradict each other"
+                if self.margin >= CERTAIN
+                else "several blade counts fit about equally well"
+            )
             return f"unknown from {planes}: {why}"
         if not self.blades:
             return f"round, from {planes}"

@@ -24,11 +24,11 @@ __all__ = [
 ]
 
 REFUSALS = {
-    "too dim": "no lit patch stands out from the noise",
+    "too dim": "no lit area is visible above the noise",
     "too small": "the cutout has too few pixels to show an outline",
-    "cut off": "the lit patch reaches the edge of the cutout",
+    "cut off": "the lit area reaches the edge of the cutout",
     "irregular": "the outline does not match any known kind of iris",
-    "in focus": "the plane is in focus: its outline is that of the lenslets' images, not that of the iris",
+    "in focus": "the plane is in focus: the outline shows the images of the lenslets, not the iris",
     "unclear": "two shapes or two blade counts fit about equally well",
 }
 """Reasons why a fit is refused, with their meaning."""
@@ -264,15 +264,21 @@ class Aperture:
     def __post_init__(self) -> None:
         """Check every value."""
         if self.refusal and self.refusal not in REFUSALS:
-            raise InputError.expected("refusal", " or ".join(REFUSALS), repr(self.refusal), "choose one")
+            raise InputError.expected(
+                "reason for refusing the aperture", " or ".join(REFUSALS), repr(self.refusal), "choose one"
+            )
         if self.refusal and self.confident:
-            raise InputError.expected("aperture", "no refusal if confident", self.refusal, "drop either")
+            raise InputError.expected(
+                "aperture that is marked as confident", "no reason for refusal", self.refusal, "remove one of the two"
+            )
         if self.kind not in KINDS:
             raise InputError.expected(
                 "kind of aperture", " or ".join(filter(None, KINDS)), repr(self.kind), "choose one"
             )
         if self.blades < 0 or self.blades in (1, 2):
-            raise InputError.expected("blades", "0 (a circle) or 3 and more", self.blades, "correct it")
+            raise InputError.expected(
+                "blades", "0 (a circle) or at least 3", self.blades, "change the number of blades"
+            )
 
     def refused(self, refusal: str) -> Aperture:
         """Return the outline without its shape, which is unknown for the reason ``refusal``."""

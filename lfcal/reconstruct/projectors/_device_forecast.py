@@ -128,7 +128,7 @@ def device_forecast(
     known = ("auto", *ON_DEVICES)
     if method not in known:
         what = f"projection method on {device.name}"
-        raise InputError.expected(what, " or ".join(known), repr(method), "choose one, or --device cpu")
+        raise InputError.expected(what, " or ".join(known), repr(method), "choose one of these, or --device cpu")
     rates, free = device_rates(device, problem.dtype.str), device.free_bytes()
     options = [o for name in ON_DEVICES if method in ("auto", name) for o in _options(problem, name, rates, method)]
     # two planes are on the device while one is used and the next is moved
@@ -139,7 +139,7 @@ def device_forecast(
             f"memory of {device.name}",
             f"at least {format_bytes(least)} free for one plane",
             format_bytes(free),
-            "take a smaller image region, --within 0.005, or --device cpu",
+            "reconstruct a smaller region of the image, or choose --within 0.005 or --device cpu",
         )
     placed = [(_placed(o, problem, rates, free, memory_limit), o) for o in fitting]
     found = [one for one in placed if one[0][0].memory_bytes <= memory_limit]
@@ -149,7 +149,7 @@ def device_forecast(
             "memory limit for the projection",
             f"at least {format_bytes(least)}",
             format_bytes(memory_limit),
-            "raise it, or take a smaller image region",
+            "increase the limit, or reconstruct a smaller region of the image",
         )
     (cost, use), chosen = min(found, key=lambda f: f[0][0].prepare_s + PAIRS * f[0][0].pair_s)
     by_method = {f[0][0].method: f[0][0] for f in sorted(found, key=lambda f: -f[0][0].pair_s)}

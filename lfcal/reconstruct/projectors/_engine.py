@@ -85,7 +85,7 @@ class DeviceUse:
     def __str__(self) -> str:
         """Return it as part of a line."""
         used, free = format_bytes(self.memory_bytes), format_bytes(self.free)
-        return f"device {used} of {free}" + ("" if self.kept else ", planes moved each time")
+        return f"device {used} of {free}" + ("" if self.kept else ", planes transferred for each projection")
 
 
 class Engine(Protocol):

@@ -42,10 +42,15 @@ class PlaneReader:
         """Check shape, type and threshold."""
         check_psf_shape(tuple(self.H.shape))
         if self.dtype not in (np.float32, np.float64):
-            raise InputError.expected("projector dtype", "float32 or float64", self.dtype, "choose one of these")
+            raise InputError.expected(
+                "data type of the projector", "float32 or float64", self.dtype, "choose one of these"
+            )
         if not 0 <= self.threshold < 1:
             raise InputError.expected(
-                "cropping threshold", "a share of the plane's peak in [0, 1)", self.threshold, "correct it"
+                "cropping threshold",
+                "a fraction of the plane's peak from 0 to below 1",
+                self.threshold,
+                "choose a value in this range",
             )
 
     @property

@@ -43,7 +43,7 @@ def read_recipe(text: str) -> tuple[str, Tiles | None]:
         return name, None
     found = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})(?:/([1-9]\d{0,5}))?", said, re.ASCII)
     if found is None or name != "polyphase":
-        wanted = "a method, or polyphase with its tiles down and across, as polyphase:4x3"
-        raise InputError.expected("projection method", wanted, repr(text[:40]), "correct it")
+        wanted = "the name of a method, or polyphase with its number of tiles (rows x columns), such as polyphase:4x3"
+        raise InputError.expected("projection method", wanted, repr(text[:40]), "choose one of these")
     down, across = int(found[1]), int(found[2])
     return name, Tiles(down, across, int(found[3]) if found[3] else down)

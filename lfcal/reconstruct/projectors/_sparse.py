@@ -49,7 +49,7 @@ class Sparse:
         # offsets are 32-bit, because the kernel is limited by reading them
         if grid.phases * self.block >= 1 << 31:
             raise InputError.expected(
-                "image for the sparse method", "below 2^31 pixels", grid.pixels, "split the image"
+                "image for the projection method sparse", "fewer than 2^31 pixels", grid.pixels, "split the image"
             )
 
     def prepare(self, plane: NDArray[Any]) -> SparseOperand:

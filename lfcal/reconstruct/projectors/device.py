@@ -173,7 +173,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
     """
     kind, _, number = text.partition(":")
     if kind not in ("auto", "cpu", "cuda") or (number and kind != "cuda") or (":" in text and not number.isdecimal()):
-        raise InputError.expected("device", DEVICES, repr(text), "choose one")
+        raise InputError.expected("device", DEVICES, repr(text), "choose one of these")
     # do not import a large library unnecessarily
     if kind == "cpu" or (kind == "auto" and not driver_present()):
         return None
@@ -181,7 +181,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
         if count := device_count(library):
             index = int(number) if number else worker % count
             if index >= count:
-                raise InputError.expected("device", f"a number below {count}", text, "choose another")
+                raise InputError.expected("device", f"a number below {count}", text, "choose another device")
             return _trusted(ArrayDevice(library, index), must=kind == "cuda")
     if kind == "auto":
         return None
@@ -189,7 +189,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
         f"device {text}",
         "an accelerator and PyTorch or CuPy that can use it",
         _lacking(),
-        "pip install 'lfcal[gpu]' and torch or cupy, or choose cpu",
+        "install them with pip install 'lfcal[gpu]' and torch or cupy, or choose cpu",
     )
 
 
@@ -216,7 +216,10 @@ def check_arithmetic(device: ArrayDevice) -> None:
             error = float(np.abs(device.fetched(values) - truth).max() / truth.max())
             if not error < 1e-5:
                 raise InputError.expected(
-                    f"{what} on {device.name}", "numpy's to 1e-5", f"error {error:.1g}", "forbid shorter formats there"
+                    f"{what} on {device.name}",
+                    "agreement with NumPy to 1e-5",
+                    f"a relative error of {error:.1g}",
+                    "disable reduced-precision arithmetic for this device",
                 )
 
 
@@ -232,7 +235,7 @@ def _trusted(device: ArrayDevice, *, must: bool) -> ArrayDevice | None:
         if not must:
             return None
         said = f"{type(error).__name__}: {error}"
-        raise InputError.expected(device.name, "an accelerator that works", said, "choose cpu") from error
+        raise InputError.expected(device.name, "a working accelerator", said, "choose cpu") from error
     return device
 
 
@@ -248,4 +251,4 @@ def _lacking(libraries: Sequence[str] = LIBRARIES) -> str:
     if importlib.util.find_spec("array_api_compat") is None:
         return "array-api-compat is not installed"
     found = [library for library in libraries if importlib.util.find_spec(library) is not None]
-    return f"{' and '.join(found)} without one" if found else "neither library"
+    return f"{' and '.join(found)} without an accelerator" if found else "neither library"

@@ -88,8 +88,8 @@ def _check_apart(places: F8) -> None:
         if near.size:
             raise InputError.expected(
                 "regions of the field",
-                "a different place for each",
-                f"{near[0] + 1} and {k + 1} at the same place",
+                "a different position for each",
+                f"{near[0] + 1} and {k + 1} at the same position",
                 "leave one out",
             )
 
@@ -289,7 +289,7 @@ class FieldProjector(Projector):
                 f"memory limit for the projection of {len(parts)} regions",
                 f"at least {format_bytes(least)}",
                 format_bytes(self._limit),
-                "raise it, or take a smaller image region",
+                "increase the limit, or reconstruct a smaller region of the image",
             )
         return parts
 
@@ -298,8 +298,8 @@ class FieldProjector(Projector):
         parts: list[_Part] = []
         recipes = method.split(SEPARATOR)
         if len(recipes) not in (1, len(places)):
-            wanted = f"one, or one for each of {len(places)} regions"
-            raise InputError.expected("projection method", wanted, len(recipes), "give one")
+            wanted = f"one method, or one for each of {len(places)} regions"
+            raise InputError.expected("projection method", wanted, len(recipes), "give one method")
         for H, at, window, weight in places:
             top, left = window[0].start, window[1].start
             size = (window[0].stop - top, window[1].stop - left)
@@ -440,18 +440,18 @@ class FieldProjector(Projector):
 def _check_together(matrices: Sequence[Any]) -> None:
     """Raise `InputError` unless there are matrices, all of one period and the same planes, that say where they lie."""
     if not matrices:
-        raise InputError.expected("regions of the field", "one H or more", "none", "give one")
+        raise InputError.expected("regions of the field", "at least one H", "none", "give H of a region")
     first = matrices[0]
     for k, H in enumerate(matrices):
         if not isinstance(H, PSFMatrix):
             got = type(H).__name__
-            wanted = "a PSFMatrix, which states its place in the field"
+            wanted = "a PSFMatrix, which states its position in the field"
             raise InputError.expected(f"H of region {k + 1}", wanted, got, "convert it to a PSFMatrix")
         what = f"H of region {H.region or k + 1}"
         if tuple(H.shape[:3]) != tuple(first.shape[:3]):
-            wanted = f"{first.shape[0]} planes of {first.shape[1]} x {first.shape[2]} positions, as the first"
-            got = f"{H.shape[0]} of {H.shape[1]} x {H.shape[2]}"
-            raise InputError.expected(what, wanted, got, "measure all regions by one plan")
+            wanted = f"{first.shape[0]} planes of {first.shape[1]} x {first.shape[2]} positions, as in the first"
+            got = f"{H.shape[0]} planes of {H.shape[1]} x {H.shape[2]} positions"
+            raise InputError.expected(what, wanted, got, "measure all regions by the same plan")
         if not np.allclose(H.depths, first.depths, rtol=1e-3, atol=1e-6):
             raise InputError.expected(what, f"depths {list(first.depths)}", list(H.depths), "give H of the same planes")
 

@@ -149,7 +149,7 @@ class ProjectionForecast:
     def __str__(self) -> str:
         """Return the forecast as one line."""
         cost = self.chosen
-        kept = "" if cost.resident else ", planes prepared again each time"
+        kept = "" if cost.resident else ", planes prepared again for each projection"
         return (
             f"{cost.method}: set-up {format_seconds(cost.prepare_s)}, forward {format_seconds(cost.forward_s)}, "
             f"adjoint {format_seconds(cost.adjoint_s)}, memory {format_bytes(cost.memory_bytes)} "
@@ -170,7 +170,7 @@ def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> Proj
     """
     known = ("auto", *METHODS, REDUCED)
     if method not in known:
-        raise InputError.expected("projection method", " or ".join(known), repr(method), "choose one")
+        raise InputError.expected("projection method", " or ".join(known), repr(method), "choose one of these")
     options: list[Option] = []
     for name in (*METHODS, REDUCED) if method == "auto" else (method,):
         if name == "polyphase":
@@ -189,17 +189,17 @@ def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> Proj
     if not fitting:
         if not options:
             raise InputError.expected(
-                f"period for {method}",
-                "a shorter one, whose spectra fit into memory",
+                f"period for the method {method}",
+                "a shorter period, whose spectra fit into memory",
                 f"{problem.grid.period[1]} x {problem.grid.period[0]} positions",
-                "choose direct, sparse or auto",
+                "choose the method direct, sparse or auto",
             )
         least = min(o[0].memory_bytes for o in options)
         raise InputError.expected(
             "memory limit for the projection",
             f"at least {format_bytes(least)}",
             format_bytes(memory_limit),
-            "raise it, or take a smaller image region",
+            "increase the limit, or reconstruct a smaller region of the image",
         )
     # the set-up time is included, distributed over the projections of a typical reconstruction
     cost, plan, band = min(fitting, key=lambda o: o[0].prepare_s + PAIRS * o[0].pair_s)

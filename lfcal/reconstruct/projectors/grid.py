@@ -58,9 +58,11 @@ class Grid:
         """Check every value."""
         check_cutout(*self.cutout)
         if len(self.image_shape) != 2 or min(self.image_shape) < 1:
-            raise InputError.expected("image shape", "(rows, columns), both positive", self.image_shape, "correct it")
+            raise InputError.expected(
+                "image shape", "positive numbers of rows and columns", self.image_shape, "give such a shape"
+            )
         if min(self.period) < 1:
-            raise InputError.expected("period", "(ny, nx), both positive", self.period, "correct it")
+            raise InputError.expected("period", "a positive period (ny, nx)", self.period, "give such a period")
 
     @cached_property
     def origin(self) -> Pair:

@@ -345,7 +345,9 @@ class Projector:
     def _checked(self, array: ArrayLike, what: str, shape: tuple[int, ...]) -> NDArray[Any]:
         data = np.asarray(array, self.dtype)
         if data.shape != shape:
-            raise InputError.expected(what, f"shape {shape}", data.shape, "crop or pad it to the projector's")
+            raise InputError.expected(
+                what, f"shape {shape}", data.shape, "crop or pad it to the shape of the projector"
+            )
         workers = self._workers if data.size >= LARGE else 1
         if not all(for_each_chunk(lambda a, b: bool(np.isfinite(data[a:b]).all()), len(data), workers)):
             raise InputError.expected(
@@ -367,6 +369,6 @@ def _phase_mask(phases: ArrayLike, period: tuple[int, int]) -> NDArray[np.bool_]
     mask = np.array(phases, np.bool_)
     if mask.shape != period or not mask.any():
         raise InputError.expected(
-            "image phases", f"a mask of shape {period} with at least one phase", mask.shape, "correct it"
+            "image phases", f"a mask of shape {period} with at least one phase", mask.shape, "give such a mask"
         )
     return mask

@@ -169,16 +169,19 @@ class EmOptions(EmUpdates):
     def __post_init__(self) -> None:
         """Check names, ranges and what excludes what."""
         if self.rule not in ("richardson-lucy", "isra"):
-            raise InputError.expected("update rule", "richardson-lucy or isra", repr(self.rule), "choose one")
+            raise InputError.expected("update rule", "richardson-lucy or isra", repr(self.rule), "choose one of these")
         check_acceleration(self.acceleration)
         if not 0 < self.relaxation <= 1:
-            raise InputError.expected("relaxation", "in (0, 1]", self.relaxation, "try 1")
+            raise InputError.expected("relaxation", "a value above 0 and at most 1", self.relaxation, "try 1")
         if self.subsets is not None and self.acceleration != "none":
             raise InputError.expected(
-                "solver", "subsets or acceleration", "both", "choose one: together they extrapolate twice"
+                "solver",
+                "subsets or an acceleration",
+                "both",
+                "choose one of them, because together they extrapolate twice",
             )
         if self.stretch is not None and self.acceleration != "nesterov":
-            raise InputError.expected("stretched updates", "acceleration nesterov", self.acceleration, "choose it")
+            raise InputError.expected("stretched updates", "the acceleration nesterov", self.acceleration, "choose it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,10 +377,10 @@ def _why_stop(change: float, iteration: int, options: EmOptions) -> str:
 def _check(P: Projector, data: Measurement, iterations: int) -> None:
     if data.image.shape != P.image_shape:
         raise InputError.expected(
-            "image", f"shape {P.image_shape}", data.image.shape, "build the projector for this image"
+            "image", f"shape {P.image_shape}", data.image.shape, "make the projector for this image"
         )
     if iterations < 1:
-        raise InputError.expected("iterations", "at least 1", iterations, "correct it")
+        raise InputError.expected("iterations", "a number of at least 1", iterations, "increase it")
 
 
 def _parts(P: Projector, data: Measurement, options: EmOptions) -> tuple[_Part, ...]:
@@ -407,7 +410,10 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
         volume = np.array(initial, P.dtype)
         if volume.shape != P.volume_shape or not np.isfinite(volume).all() or (volume < 0).any():
             raise InputError.expected(
-                "initial volume", f"shape {P.volume_shape}, finite, not negative", volume.shape, "correct it"
+                "initial volume",
+                f"finite values of 0 or more, with shape {P.volume_shape}",
+                volume.shape,
+                "give such a volume",
             )
         return volume
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))

@@ -76,14 +76,17 @@ def check_partition(masks: Masks, period: tuple[int, int]) -> None:
     count = np.zeros(period, np.intp)
     for mask in masks:
         if np.shape(mask) != period:
-            raise InputError.expected("subset", f"a mask of shape {period}", np.shape(mask), "correct it")
+            raise InputError.expected("subset", f"a mask of shape {period}", np.shape(mask), "give such a mask")
         count += mask
     if not (count == 1).all():
         raise InputError.expected(
-            "subsets", "each image phase exactly once", f"{count.min()} to {count.max()} times", "correct them"
+            "subsets",
+            "each image phase exactly once",
+            f"{count.min()} to {count.max()} times",
+            "assign each phase to one subset",
         )
 
 
 def _check_count(count: int, limit: int) -> None:
     if not 1 <= count <= limit:
-        raise InputError.expected("number of subsets", f"1 to {limit}", count, "choose fewer")
+        raise InputError.expected("number of subsets", f"1 to {limit}", count, "choose a number in this range")

@@ -137,12 +137,12 @@ class SolverChoice:
         for option in CHOSEN:
             check_option(self.solver, option, getattr(self, option))
         if self.margin < 0:
-            raise InputError.expected("margin (pixels)", "not negative", self.margin, "correct it")
+            raise InputError.expected("margin (pixels)", "0 or more", self.margin, "choose such a margin")
         check_choice("stop", self.stop, STOPS)
         check_choice("goal", self.goal, GOALS)
         if self.goal != GOALS[0] and not (self.auto and self.stop == "left-out"):
-            wanted = f"{GOALS[0]}, for a run that does not stop by held-out pixels"
-            raise InputError.expected("goal", wanted, self.goal, "let it stop automatically, or omit the goal")
+            wanted = f"{GOALS[0]} for a run that does not stop by held-out pixels"
+            raise InputError.expected("goal", wanted, self.goal, "choose automatic stopping, or leave the goal out")
         check_counts(self.read_noise, self.saturation)
         check_number("background (counts)", self.background, at_least=0, at_most=MAX_SAMPLE)
         check_number("tolerance", self.tolerance, at_least=0)
@@ -164,16 +164,16 @@ class SolverChoice:
         if self.auto and self.stop == "left-out":
             raise InputError.expected(
                 f"iterations of solver {self.name}",
-                "a number, because it cannot hold out pixels, which auto needs",
+                "a number, because this solver cannot hold out pixels, which auto needs",
                 "auto",
-                f"give one, stop by discrepancy, or choose {known}",
+                f"give a number, stop by the discrepancy, or choose {known}",
             )
         if self.margin:
             raise InputError.expected(
                 f"margin of solver {self.name}",
-                "0, because it cannot ignore pixels outside the frame",
+                "0, because this solver cannot ignore pixels outside the frame",
                 self.margin,
-                f"give 0, or choose {known}",
+                f"set it to 0, or choose {known}",
             )
 
     @classmethod

@@ -138,10 +138,10 @@ conjugate_gradient = drained(
 def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> None:
     if data.image.shape != P.image_shape or iterations < 1 or damping < 0:
         raise InputError.expected(
-            "image, iterations, damping",
-            f"{P.image_shape}, at least 1, not negative",
+            "image shape, iterations, damping",
+            f"{P.image_shape}, at least 1, at least 0",
             f"{data.image.shape}, {iterations}, {damping}",
-            "correct them",
+            "correct these values",
         )
 
 

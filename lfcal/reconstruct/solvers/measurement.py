@@ -234,14 +234,14 @@ def _check_light(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str
     if brightest >= FAINTEST:
         return
     if brightest > 0:
-        least = f"light of at least {FAINTEST:g}"
-        raise NothingMeasured.expected("image", least, f"no pixel above {brightest:.2g}", "scale the frame to counts")
+        least = f"a pixel of at least {FAINTEST:g}"
+        raise NothingMeasured.expected("image", least, f"no pixel above {brightest:.2g}", "give the frame in counts")
     said = "".join(f"; {note}" for note in notes)
-    remedy = "check the frame, saturation and weights"
+    remedy = "check the frame, its saturation and the weights"
     if not counted.any():
         raise NothingMeasured.expected("image", "pixels to fit", f"none{said}", remedy)
     raise NothingMeasured.expected(
-        "image", "light", f"no pixel above 0{said}", remedy if notes else "check light and background"
+        "image", "light", f"no pixel above 0{said}", remedy if notes else "check the light and the background"
     )
 
 
@@ -249,8 +249,8 @@ def no_light() -> InputError:
     """Return the error of a PSF matrix whose entries are all zero or, summed, negative."""
     return InputError.expected(
         "PSF matrix",
-        "light of the volume on the image",
-        "none: its entries are zero, or negative in sum",
+        "light from the volume on the image",
+        "none: the entries of H are zero, or their sum is negative",
         "check how H was assembled",
     )
 
@@ -260,5 +260,5 @@ def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLi
     if array.ndim and array.shape != shape:
         raise InputError.expected(what, f"a number or shape {shape}", array.shape, "crop it like the image")
     if not np.isfinite(array).all() or (array < 0).any():
-        raise InputError.expected(what, "finite values, none negative", "others", "correct them")
+        raise InputError.expected(what, "finite values of 0 or more", "other values", "correct these values")
     return np.broadcast_to(array, shape) if what == "weights" else array

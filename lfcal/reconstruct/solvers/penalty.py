@@ -115,7 +115,9 @@ class Tikhonov:
 
 def _check(weight: float, z_weight: float) -> None:
     if not (0 <= weight < 10 and 0 <= z_weight < 100):
-        raise InputError.expected("penalty weights", "small, not negative", (weight, z_weight), "try 0.002 and 0")
+        raise InputError.expected(
+            "penalty weights", "small numbers of 0 or more", (weight, z_weight), "try 0.002 and 0"
+        )
 
 
 def _by_slabs(volume: NDArray[Any], of: Callable[[NDArray[Any]], NDArray[Any]], z_weight: float) -> NDArray[Any]:

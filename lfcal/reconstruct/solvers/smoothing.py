@@ -101,7 +101,7 @@ class DepthSmoothing:
         """Check every value."""
         object.__setattr__(self, "widths", tuple(float(w) for w in self.widths))
         if not all(0 <= w < 1e4 for w in self.widths) or self.lobes < 1:
-            raise InputError.expected("smoothing widths (voxels)", "not negative", self.widths, "correct them")
+            raise InputError.expected("smoothing widths (voxels)", "0 or more", self.widths, "give such widths")
 
     @classmethod
     def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:
@@ -112,7 +112,7 @@ class DepthSmoothing:
         """Smooth ``volume`` ``(nz, Y, X)``, without negative values; borders are renormalized."""
         if len(self.widths) != len(volume):
             raise InputError.expected(
-                "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "correct them"
+                "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "give one width per plane"
             )
         out = np.empty_like(volume)
 

@@ -215,7 +215,9 @@ class Solver:
         """Check the options' names."""
         unknown = sorted(set(self.honours) - set(OPTIONS))
         if unknown:
-            raise InputError.expected(f"options of solver {self.name}", ", ".join(OPTIONS), unknown[0], "correct it")
+            raise InputError.expected(
+                f"options of solver {self.name}", ", ".join(OPTIONS), unknown[0], "choose one of these"
+            )
 
     def check(self, option: str, given: Any, others: tuple[str, ...] = ()) -> None:
         """Raise `InputError` if the solver would ignore ``option``, which ``others`` use."""
@@ -224,5 +226,5 @@ class Solver:
             return
         got = f"{given}" if isinstance(given, int | float) else "one"
         wanted = f"none for solver {self.name}, which does not use it"
-        remedy = f"omit it, or choose {' or '.join(others)}" if others else "omit it"
+        remedy = f"leave it out, or choose {' or '.join(others)}" if others else "omit it"
         raise InputError.expected(option.replace("_", " "), wanted, got, remedy)

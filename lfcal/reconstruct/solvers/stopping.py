@@ -198,11 +198,11 @@ def iter_until_noise(
             state = _state_of(record)
             left = misfit_of(state.volume)
             if left <= 1:
-                why = f"the residual is down to the noise after iteration {state.iteration}"
+                why = f"the residual reached the noise level after iteration {state.iteration}"
                 return Reconstruction(state.volume, tuple(history), state, notes, why)
     except StopIteration as end:
         result: Reconstruction = end.value
-        short = f"the residual is {left**0.5:.3g} times the noise: check gain and read noise, or H"
+        short = f"the residual is {left**0.5:.3g} times the noise; check the gain and the read noise, or H"
         return replace(result, notes=(*result.notes, short))
     finally:
         work.close()

@@ -34,7 +34,7 @@ __all__ = ["MAX_RUNS", "Influence", "estimates_of"]
 MAX_PLANES = 5
 """Number of planes at which effects are run; results are interpolated between them."""
 
-RUN = "run with it and without at a few positions"
+RUN = "simulated with and without it at a few positions"
 """Text in place of the formula of an estimate that was measured."""
 
 CACHED = 4096

@@ -171,7 +171,7 @@ def iter_ladder(
     """
     z = len(plan.depths_um) // 2 if z is None else z
     if not 0 <= z < len(plan.depths_um):
-        raise InputError.expected("plane", f"0 … {len(plan.depths_um) - 1}", z, "choose one of the plan")
+        raise InputError.expected("plane", f"0 to {len(plan.depths_um) - 1}", z, "choose a plane of the plan")
     budget = budgeted(effects, plan, tolerance)
     chosen, _ = budget.at(plan.depths_um[z])
     scene, level = _with_waves(lattice_scene_for(plan, z, chosen))
@@ -336,7 +336,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
     from lfcal.base import COLOURS, LINES, figure, save_figure
 
     if not found.rungs:
-        raise LfcalError("accuracy against time: no sampling balanced the energy; try a finer one")
+        raise LfcalError("accuracy and time: no sampling conserved the energy; try a finer one")
     with figure(6.4, 4.2) as fig:
         axes = fig.add_subplot()
         for k, kind in enumerate(dict.fromkeys(_family(r) for r in found.rungs)):

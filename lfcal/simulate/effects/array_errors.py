@@ -232,9 +232,9 @@ class ArrayTilt(SceneEffect):
         farther = self.farther_um(outlook)
         gap = scene.gap_um + farther
         if not (0.2 * scene.gap_um <= gap <= 3 * scene.gap_um and scene.pupil_um > farther):
-            wanted = f"a gap of a fifth to three times the {scene.gap_um:.4g} µm on the axis"
+            wanted = f"a gap from a fifth to three times the {scene.gap_um:.4g} µm on the axis"
             raise InputError.expected(
-                f"{self.title} (rad)", wanted, f"{gap:.4g} µm in the region", "give a smaller one"
+                f"{self.title} (rad)", wanted, f"{gap:.4g} µm in the region", "give a smaller tilt"
             )
         tilt = scene.tilt[0] + self.rows_rad, scene.tilt[1] + self.columns_rad
         lattice = replace(scene.lattice, gap_um=gap)

@@ -136,17 +136,17 @@ def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
         For an unknown effect or magnitude.
     """
     source = Path(path)
-    wanted = 'a list of effects, as [{"name": "coma", "waves": 0.3}]'
+    wanted = f"a list of effects, such as [{'name': 'coma', 'waves': 0.3}]"
     try:
         data = json.loads(read_text(source))
     except (ValueError, RecursionError):
-        raise FileFormatError.expected(str(source), wanted, "not JSON", "correct the file") from None
+        raise FileFormatError.expected(str(source), wanted, "text that is not JSON", "correct the file") from None
     if isinstance(data, dict):
         data = data.get("effects")
     if not isinstance(data, list) or not all(
         isinstance(one, dict) and isinstance(one.get("name"), str) for one in data
     ):
-        raise FileFormatError.expected(str(source), wanted, "something else", "correct the file")
+        raise FileFormatError.expected(str(source), wanted, "another kind of content", "correct the file")
     return tuple(_entry(one) for one in data)
 
 
@@ -157,8 +157,8 @@ def _entry(data: Mapping[str, Any]) -> Entry:
     effect = effect_from(name, magnitudes)
     given = {key: "stated" for key, value in magnitudes.items() if value is not None}
     if not isinstance(sources, dict) or any(sources[key] not in GIVEN or key not in given for key in sources):
-        wanted = 'magnitudes of the entry as stated or measured, {"waves": "measured"}'
-        raise InputError.expected(f"sources of {name}", wanted, str(sources)[:60], "correct them")
+        wanted = f"stated or measured for each magnitude of the entry, such as {'waves': 'measured'}"
+        raise InputError.expected(f"sources of {name}", wanted, str(sources)[:60], "correct the sources")
     return Entry(None if "setting" in data and not magnitudes else effect, name, given | sources, setting)
 
 
@@ -189,7 +189,9 @@ def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]  # effects are dataclasses
     for key in magnitudes:
         if key not in known:
-            raise InputError.expected(f"magnitude of {name}", " or ".join(known) or "none", key, "correct it")
+            raise InputError.expected(
+                f"magnitude of {name}", " or ".join(known) or "none", key, "choose one of these names"
+            )
     values = {key: _frozen(f"{key} of {name}", known[key], value) for key, value in magnitudes.items()}
     return kind(**values)
 
@@ -201,7 +203,7 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
         try:
             return tuple((_whole(n), _whole(m), float(w)) for n, m, w in value)
         except (TypeError, ValueError, OverflowError):
-            raise InputError.expected(what, triples, str(value)[:60], "correct it") from None
+            raise InputError.expected(what, triples, str(value)[:60], "give such a value") from None
     if isinstance(value, str) and kind.startswith("str"):
         return value
     if isinstance(value, int | float) and not isinstance(value, bool) and not (triples or kind.startswith("str")):
@@ -210,11 +212,11 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
         try:
             return _whole(value)
         except (ValueError, OverflowError):
-            raise InputError.expected(what, "a whole number", repr(value)[:60], "correct it") from None
+            raise InputError.expected(what, "an integer", repr(value)[:60], "give an integer") from None
     if value is None and kind.endswith("None"):
         return value
     wanted = "a text" if kind.startswith("str") else triples or "a number"
-    raise InputError.expected(what, wanted, repr(value)[:60], "correct it")
+    raise InputError.expected(what, wanted, repr(value)[:60], "give such a value")
 
 
 def _whole(value: Any) -> int:
@@ -228,7 +230,9 @@ def _from_words(name: str, text: str) -> Entry:
     kind = CATALOGUE.get(name)
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
     if not known:
-        raise InputError.expected(f"effect {name}", "on, off or auto", repr(text), "it has no magnitude")
+        raise InputError.expected(
+            f"effect {name}", "on, off or auto", repr(text), "this effect has no magnitude to set"
+        )
     first = next(iter(known))
     if known[first] in TRIPLES:
         text, mark = _marked(text)
@@ -264,7 +268,7 @@ def _field(name: str, word: str, known: Mapping[str, str]) -> str:
         return word
     found = [key for key in known if word == key.rpartition("_")[0]]
     if not found:
-        raise InputError.expected(f"magnitude of {name}", " or ".join(known), repr(word), "correct it")
+        raise InputError.expected(f"magnitude of {name}", " or ".join(known), repr(word), "choose one of these names")
     return found[0]
 
 

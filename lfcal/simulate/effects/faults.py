@@ -117,7 +117,7 @@ class Ghost(FrameEffect):
             apart, half = abs(place - (1.0 + self.scale) * field) / px, outlook.pattern_px * self.scale
             overlap = min(apart + half, pixels / 2) - max(apart - half, -pixels / 2)
             seen *= min(1.0, max(0.0, overlap) / (2.0 * half))
-        formula = "share of the ghost in the cutout" if seen else "misses the cutout"
+        formula = "fraction of the ghost in the cutout" if seen else "outside the cutout"
         return Estimate(self.share, "of the light", self.share * seen, formula)
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:

@@ -62,7 +62,7 @@ class CoverGlass(SceneEffect):
         # of B tan, t (1/n - 1/n³)/2 s³ is missing; the mean is 0.4 of the rim's value
         steep = self.thickness_um * (1.0 / self.index - self.index**-3.0) / 2.0 * cone**3
         shift = (2 / 3 * rim + 0.4 * steep) / outlook.pixel_um
-        formula = "t (1 - 1/n)/(2 Nw) at the rim, 2/3 of it in the mean, 0.2 t (1/n - 1/n³)/(2 Nw)³"
+        formula = "t (1 - 1/n)/(2 Nw) at the rim, 2/3 of it on average, 0.2 t (1/n - 1/n³)/(2 Nw)³"
         return Estimate(self.shorter_um(), "µm", outlook.moved(shift), formula)
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
@@ -73,8 +73,8 @@ class CoverGlass(SceneEffect):
         gap = scene.gap_um - self.shorter_um()
         # distance that remains between lenslets and sensor without the plate
         if scene.glass[0] or gap - self.thickness_um / self.index < 0:
-            wanted = f"one plate that fits into the gap, {scene.gap_um:.4g} µm as described"
-            raise InputError.expected(self.title, wanted, f"{self.thickness_um:.4g} µm", "correct the thickness")
+            wanted = f"a plate that fits into the gap of {scene.gap_um:.4g} µm"
+            raise InputError.expected(self.title, wanted, f"{self.thickness_um:.4g} µm", "give a thinner plate")
         return replace(scene, lattice=replace(scene.lattice, gap_um=gap), glass=(self.thickness_um, float(self.index)))
 
 

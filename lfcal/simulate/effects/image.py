@@ -52,7 +52,9 @@ class FieldCurvature(SceneEffect):
         """Check the radius."""
         Effect.__post_init__(self)
         if self.radius_um == 0:
-            raise InputError.expected(f"{self.title}: radius_um", "a radius that is not 0", 0, "leave the effect out")
+            raise InputError.expected(
+                f"{self.title}: radius_um", "a radius that is not 0", 0, "leave the effect out for a flat field"
+            )
 
     def sag_um(self, outlook: Outlook) -> float:
         """Return how much farther the image of the region is, h²/(2 R) (µm)."""
@@ -71,7 +73,7 @@ class FieldCurvature(SceneEffect):
         behind = 1.0 + (scene.image_um + sag) / scene.pupil_um
         if not (math.isfinite(sag) and behind > 0):
             wanted = "a radius that leaves the image behind the main lens"
-            raise InputError.expected(f"{self.title} (µm)", wanted, f"{self.radius_um:g}", "give a larger one")
+            raise InputError.expected(f"{self.title} (µm)", wanted, f"{self.radius_um:g}", "give a larger radius")
         return scene.refocused(sag) if sag else scene
 
 
@@ -135,9 +137,11 @@ class Distortion(SceneEffect):
         moved_scene = replace(scene, image_map=found)
         limit = max(scene.cutout) / 2 * scene.pixel_um
         if not moved_scene.farthest_um <= limit:
-            wanted = f"images at most {limit:.4g} µm from the middle of their cutout"
+            wanted = f"images within {limit:.4g} µm of the centre of their cutout"
             got = f"{moved_scene.farthest_um:.4g} µm"
-            raise InputError.expected(f"{self.title} of the region", wanted, got, "give less, or a larger cutout")
+            raise InputError.expected(
+                f"{self.title} of the region", wanted, got, "reduce the effect, or choose a larger cutout"
+            )
         return moved_scene
 
 

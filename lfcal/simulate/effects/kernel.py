@@ -64,7 +64,7 @@ class PixelKernel(PsfEffect):
     units: ClassVar[Mapping[str, str]] = dict.fromkeys(NEIGHBOURS, "share")
     titles: ClassVar[Mapping[str, str]] = {name: f"to the neighbour {name.replace('_', ' ')}" for name in NEIGHBOURS}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = dict.fromkeys(NEIGHBOURS, (-0.1, 0.1))
-    title: ClassVar[str] = "free filter of the pixels"
+    title: ClassVar[str] = "arbitrary filter of the pixels"
     rank: ClassVar[int] = 93
     deviation: ClassVar[bool] = True
 

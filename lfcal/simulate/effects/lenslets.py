@@ -135,7 +135,9 @@ class LensletSpherical(SceneEffect):
         by_type = self.type_0, self.type_1, self.type_2
         if any(by_type[types:]):
             missing = next(k for k in range(types, len(by_type)) if by_type[k])
-            raise InputError.expected(f"{self.title}: lens type", f"below {types}", missing, "leave it out")
+            raise InputError.expected(
+                f"{self.title}: lens type", f"a number below {types}", missing, "leave this type out"
+            )
         return by_type[:types]
 
     def estimate(self, outlook: Outlook) -> Estimate:

@@ -141,11 +141,13 @@ class Magnitude:
         value = number_in(self.title, text, self.units, self.scale)
         low, high = self.limits
         if not low <= value <= high:
-            raise InputError.expected(self.title, self.range_text(), f"{text} {self.unit}".rstrip(), "correct it")
+            raise InputError.expected(
+                self.title, self.range_text(), f"{text} {self.unit}".rstrip(), "choose a value in this range"
+            )
         if self.kind != "whole":
             return value
         if value != int(value):
-            raise InputError.expected(self.title, "a whole number", text, "correct it")
+            raise InputError.expected(self.title, "an integer", text, "give an integer")
         return int(value)
 
 

@@ -79,7 +79,7 @@ class PupilLight(NamedTuple):
 def objective_of(scene: Scene) -> Microscope:
     """Return the scene's microscope; raises `InputError` for a main lens."""
     if scene.objective is None:
-        raise InputError.expected("Debye field", "a microscope", "a main lens", "use level 'wave'")
+        raise InputError.expected("Debye field", "a microscope", "a main lens", "use the level wave")
     return scene.objective
 
 
@@ -179,7 +179,10 @@ def pupil_light(scene: Scene, nodes: int) -> PupilLight:
     optics = objective_of(scene)
     if any(m for _, m, _ in scene.wavefront):
         raise InputError.expected(
-            "microscope's wavefront", "rotationally symmetric terms (m = 0)", scene.wavefront, "leave the others out"
+            "wavefront of the microscope",
+            "only rotationally symmetric terms (m = 0)",
+            scene.wavefront,
+            "leave the other terms out",
         )
     theta, weight = _sections(scene, nodes)
     sine, turn = np.sin(theta), np.exp(1j * pupil_phase(scene, theta))
@@ -260,7 +263,9 @@ def debye_field(
     optics = objective_of(scene)
     pupil = pupil_light(scene, nodes or debye_nodes(scene, float(np.max(r_um, initial=0.0))))
     if not 0 <= order < len(pupil.light):
-        raise InputError.expected("order of the field", f"0 to {len(pupil.light) - 1}", order, "see Scene.vectorial")
+        raise InputError.expected(
+            "order of the angular term of the field", f"0 to {len(pupil.light) - 1}", order, "see Scene.vectorial"
+        )
     rate = 2 * math.pi * optics.medium_index / scene.wavelength_um / optics.magnification * pupil.sine
     return hankel_sum(np.asarray(r_um, np.float64), rate, pupil.light[order], order)
 

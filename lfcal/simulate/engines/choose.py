@@ -34,7 +34,7 @@ def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None =
         return OblongPlane(scene, chosen, partial(engine_for, level=level))
     if level == "debye":
         if scene.objective is None:
-            raise InputError.expected("Debye path", "a microscope", "a main lens", "use level 'wave'")
+            raise InputError.expected("Debye path", "a microscope", "a main lens", "use the level wave")
         from lfcal.simulate.engines.microscope import debye_plane
 
         return debye_plane(scene, chosen)
@@ -44,7 +44,10 @@ def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None =
         return GeometricPlane(scene)
     if not scene.lenslet_diffraction:
         raise InputError.expected(
-            f"level '{level}'", "lenslet diffraction on", "off", "switch it on, or use level 'geometric'"
+            f"level '{level}'",
+            "the effect lenslet diffraction on",
+            "the effect off",
+            "switch it on, or use the level geometric",
         )
     if level == "reference":
         from lfcal.simulate.engines._fields_sum import reference_plane

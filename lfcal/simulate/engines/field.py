@@ -164,7 +164,7 @@ def _made(scene: Scene, dx: float, half: float, mode: str) -> tuple[Complex, boo
     if mode == "U" and not scene.main_diffraction:
         raise InputError.expected(
             "main-iris diffraction",
-            f"on below Fresnel number {SWITCH:g}",
+            f"on at Fresnel numbers below {SWITCH:g}",
             f"off at {scene.fresnel_number:.3g}",
             "switch it on for this plane",
         )
@@ -179,9 +179,9 @@ def _side(length: float, dx: float) -> int:
     if n > MAX_SAMPLES:
         raise InputError.expected(
             "field table",
-            f"at most {MAX_SAMPLES} samples a side",
+            f"at most {MAX_SAMPLES} samples on each side",
             n,
-            "use a smaller cutout, or level 'geometric'",
+            "use a smaller cutout, or the level geometric",
         )
     size = int(sf.next_fast_len(n))
     # an even number, so that alternating signs are sufficient to move the origin to sample n // 2
@@ -279,10 +279,10 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[
     a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.rim_f_number)
     if dx > 0.98 / (2 * fc * float(np.abs(outline).max())):
         raise InputError.expected(
-            "samples near the native plane",
-            f"at most {0.98 / (2 * fc):.3g} µm apart",
+            "distance of the samples near the native image plane",
+            f"at most {0.98 / (2 * fc):.3g} µm",
             f"{dx:.3g} µm",
-            "raise the samples per pixel",
+            "increase the number of samples per pixel",
         )
     if scene.iris.circular and all(m == 0 for _, m, _ in scene.wavefront):
         return _round_near_field(scene, dx, half), False
@@ -331,7 +331,7 @@ def _debye(scene: Scene, dx: float, half: float, mode: str) -> Complex:
     """D-modes: the microscope's radial field on the grid, or one of its dipoles'."""
     if scene.vectorial != (mode in DIPOLE_MODES):
         fitting = " or ".join(DIPOLE_MODES) if scene.vectorial else "D"
-        raise InputError.expected("mode of the microscope's field", fitting, mode, "let engine_for sum the fields")
+        raise InputError.expected("mode of the microscope's field", fitting, mode, "obtain the engine from engine_for")
     field = DIPOLE_MODES[mode] if scene.vectorial else DIPOLE_FIELDS[0]
     values = _turned(radial_field(scene, (half + 8 * dx) * math.sqrt(2), field.order), dx, half)
     if field.order:

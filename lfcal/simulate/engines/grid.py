@@ -72,7 +72,7 @@ def _per_px(sampling: Sampling) -> int:
     wanted = sampling.samples_per_px
     per = 4 if wanted is None else round(wanted)
     if per < 1 or (wanted is not None and per != wanted):
-        raise InputError.expected("samples per pixel of a grid", "a whole number", wanted, "round it")
+        raise InputError.expected("samples per pixel of a grid", "an integer", wanted, "round the number")
     return per
 
 
@@ -104,7 +104,9 @@ class GridPlane:
         self._n = extent_of(scene).side(self.per_px, self.sampling.margin_px)
         if self._n > MAX_SAMPLES:
             remedy = "choose another level, or a depth that lights fewer lenslets"
-            raise InputError.expected("grid of a position", f"at most {MAX_SAMPLES} samples a side", self._n, remedy)
+            raise InputError.expected(
+                "grid of a position", f"at most {MAX_SAMPLES} samples on each side", self._n, remedy
+            )
         self._dtype = np.dtype(np.complex128 if self.sampling.double else np.complex64)
         self._real = np.dtype(np.float64 if self.sampling.double else np.float32)
         self._dx = scene.reduced_pixel_um / self.per_px
@@ -156,7 +158,7 @@ class GridPlane:
         rows, columns = ((c - 1) * self.per_px + self._n for c in count)
         if max(rows, columns) > MAX_SIDE:
             got, remedy = f"{rows} x {columns}", "choose another level"
-            raise InputError.expected("table of the array", f"at most {MAX_SIDE} samples a side", got, remedy)
+            raise InputError.expected("table of the array", f"at most {MAX_SIDE} samples on each side", got, remedy)
         top, left = ((f * self.per_px - self._n // 2 + self._between) * dx for f in first)
         array = np.zeros((rows, columns), self._dtype)
         reach = (half + 1) * dx
@@ -365,9 +367,9 @@ class GridPlane:
         if not ratio <= 1 + SLACK:  # also true for NaN
             raise EnergyError.expected(
                 "energy on the sensor",
-                "at most the energy that the array transmits",
-                f"{ratio:.6g} times that",
-                f"ask for a smaller tolerance, or in Python raise samples_per_px above {self.per_px}",
+                "at most the energy transmitted by the array",
+                f"{ratio:.6g} times as much",
+                f"choose a smaller tolerance, or in Python set samples_per_px above {self.per_px}",
             )
         self._ledger.add(1, energy_in, energy_out, ratio)
 

@@ -222,10 +222,10 @@ def _table_side(step: float, reach: float) -> int:
     n = 2 * math.ceil(reach / step) + 3
     if n > MAX_TABLE:
         raise InputError.expected(
-            "table of the lenslet's cell",
-            f"at most {MAX_TABLE} samples a side",
+            "transmission table of a lenslet",
+            f"at most {MAX_TABLE} samples on each side",
             n,
-            "use fewer samples or nodes per pixel, or level 'geometric'",
+            "use fewer samples or nodes per pixel, or the level geometric",
         )
     return n
 

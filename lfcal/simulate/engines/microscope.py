@@ -93,10 +93,10 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
         return DebyePlane(scene, chosen)
     if scene.exact_rays:
         raise InputError.expected(
-            "angles beyond the paraxial",
-            "a plane whose light fits into one grid, or level 'reference'",
-            "a larger one",
-            "switch them off (--effect exact_angles=off)",
+            "effect angles beyond the paraxial",
+            "a plane whose light fits into one grid, or the level reference",
+            "a plane with a wider field",
+            "switch the effect off (--effect exact_angles=off)",
         )
     margin = max(chosen.margin_px, MARGIN_PER_NODE * chosen.nodes_per_px)
     return wave_plane(scene, replace(chosen, margin_px=margin))
@@ -346,9 +346,12 @@ class DebyePlane:
         energy_out = float(image.sum(dtype=np.float64))
         ratio = energy_out / self._energy
         if ratio > 1 + 5e-3:  # allows for the node rule's error
-            remedy = f"use --level wave, or in Python nodes_per_px above {self.rule.per_px}"
+            remedy = f"use --level wave, or in Python set nodes_per_px above {self.rule.per_px}"
             raise EnergyError.expected(
-                "energy on the sensor", "at most the energy that reaches the array", f"{ratio:.4g} times that", remedy
+                "energy on the sensor",
+                "at most the energy that reaches the array",
+                f"{ratio:.4g} times as much",
+                remedy,
             )
         self._ledger.add(1, self._energy, energy_out, ratio)
         return image

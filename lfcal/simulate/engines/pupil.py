@@ -209,7 +209,7 @@ class PupilPlane:
         self._ledger.add(1, passed, received, received / passed if passed else 0.0)
         if received > (1 + SPARE_ENERGY) * passed + 1e-9:
             raise EnergyError.expected(
-                "simulated light", "no more of it out than in", "more", "use a smaller tolerance"
+                "simulated light", "no more light on the sensor than enters", "more", "use a smaller tolerance"
             )
         return found
 

@@ -67,7 +67,7 @@ class ReferencePlane:
         wanted = self.sampling.samples_per_px
         self.per_px = 8 if wanted is None else round(wanted)
         if self.per_px < 1 or (wanted is not None and self.per_px != wanted):
-            raise InputError.expected("samples per pixel of the reference", "a whole number", wanted, "round it")
+            raise InputError.expected("samples per pixel of the reference", "an integer", wanted, "round the number")
         self._dx = scene.reduced_pixel_um / self.per_px
         self._reach = self._lit_radius()
         seen = max(scene.cutout) / 2 * scene.reduced_pixel_um + scene.farthest_um / scene.scale
@@ -108,7 +108,7 @@ class ReferencePlane:
         if n > MAX_SAMPLES:
             raise InputError.expected(
                 "reference grid",
-                f"at most {MAX_SAMPLES} samples a side",
+                f"at most {MAX_SAMPLES} samples on each side",
                 n,
                 "choose another level, or a depth that lights fewer lenslets",
             )
@@ -236,8 +236,8 @@ class ReferencePlane:
         if ratio > 1 + 1e-6:
             raise EnergyError.expected(
                 "energy on the sensor",
-                "at most the energy that the array transmits",
-                f"{ratio:.3g} times that",
-                f"ask for a smaller tolerance, or in Python raise samples_per_px above {self.per_px}",
+                "at most the energy transmitted by the array",
+                f"{ratio:.3g} times as much",
+                f"choose a smaller tolerance, or in Python set samples_per_px above {self.per_px}",
             )
         self._ledger.add(1, energy_in, energy_out, ratio)

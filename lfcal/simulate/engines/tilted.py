@@ -74,7 +74,9 @@ class TiltedArray:
         orders = orders_of(scene, reach_um)
         if orders > MAX_ORDERS:
             got = f"{math.hypot(*scene.tilt):.3g} rad over {2 * reach_um:.4g} µm"
-            raise InputError.expected("array tilt", "a small one", got, "choose a depth that lights fewer lenslets")
+            raise InputError.expected(
+                "array tilt", "a smaller tilt over the lit lenslets", got, "choose a depth that lights fewer lenslets"
+            )
         self._farthest = _farthest(scene, reach_um)
         self._real = np.zeros(0, dtype).real.dtype
         u = np.cos(np.pi * (np.arange(orders) + 0.5) / orders)

@@ -272,7 +272,9 @@ class SimulatedCamera(Frames):
             image = sum_of(response.point(float(ys[y]), float(xs[x])))
             brightest = max(brightest, float(image.max()) * seconds)
         if not brightest > 0:
-            raise InputError.expected("simulated light", "some in the cutout", "none", "check cutout and depths")
+            raise InputError.expected(
+                "simulated light", "some light in the cutout", "none", "check the cutout and the depths"
+            )
         return self.peak * self.camera.sensor.full_well_e / brightest
 
     def expose(
@@ -285,7 +287,7 @@ class SimulatedCamera(Frames):
 
     def _checked(self, index: int) -> int:
         if not 0 <= index < len(self):
-            raise InputError.expected("frame index", f"0 … {len(self) - 1}", index, "ask for a frame that is there")
+            raise InputError.expected("frame index", f"0 to {len(self) - 1}", index, "choose a frame in this range")
         return int(index)
 
 

@@ -115,7 +115,10 @@ def expose(
     """
     if light_e.shape != camera.sensor.shape:
         raise InputError.expected(
-            "light on the sensor", f"shape {camera.sensor.shape}", light_e.shape, "give all pixels"
+            "light on the sensor",
+            f"shape {camera.sensor.shape}",
+            light_e.shape,
+            "give the light of every pixel of the sensor",
         )
     ordered = sorted(effects, key=lambda effect: effect.rank)
     total = float(light_e.sum(dtype=np.float64))

@@ -112,7 +112,7 @@ def iter_write_session(
     ['0 of 4', '1 of 4', '2 of 4', '3 of 4', '4 of 4']
     """
     if source.dtype != np.uint16:
-        raise InputError.expected("frames", "whole numbers", "float32", "add the effect quantisation")
+        raise InputError.expected("frames", "integers", "float32", "add the effect quantisation")
     out = Path(folder)
     rows, columns = source.shape
     require_space(out, 2 * rows * columns * (len(source) + darks + whites), what="the session")
@@ -174,7 +174,7 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
     mark, text = out / UNFINISHED, json.dumps(plain(identity), sort_keys=True)
     if resume and mark.exists() and read_text(mark).strip() != text:
         raise InputError.expected(
-            str(out), "frames of the same session", "those of another, unfinished one", "choose another folder"
+            str(out), "frames of the same session", "frames of another, unfinished session", "choose another folder"
         )
     if not (resume and mark.exists()):
         write_text(mark, text + "\n")
@@ -198,7 +198,9 @@ def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False
     if resume and unfinished(out) is not None:
         return
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError.expected(str(out), "a new or empty folder", "one with files in it", "choose another")
+        raise InputError.expected(
+            str(out), "a new or empty folder", "a folder that contains files", "choose another folder"
+        )
 
 
 def discard_unfinished(folder: str | os.PathLike[str]) -> None:

@@ -639,7 +639,7 @@ def test_a_search_does_not_fall_back_on_the_value_before(page: Page, context: Co
         search.buttons["Search"].click()
         settle(page, qtbot)
         assert search.status.property("role") == role and (search.found is None) == (role == "error")
-    assert "widen the limits" in search.status.text()
+    assert "allow less or more light" in search.status.text()
 
 
 def test_a_design_takes_the_suffix_of_the_chosen_kind(

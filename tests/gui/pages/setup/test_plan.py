@@ -67,7 +67,7 @@ def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
     odd = ScanPlan.for_camera(camera_of((7.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
     window.project.update("camera", camera=odd.camera, plan=odd)
     assert (
-        "half of it is not a whole number of pixels" in page.panel.inspector.refused.text()
+        "half of which is not a whole number of pixels" in page.panel.inspector.refused.text()
         and not page.panel.inspector.refused.isHidden()
     )
     page.save_plan(str(tmp_path / "odd.json"))

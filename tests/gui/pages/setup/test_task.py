@@ -184,7 +184,7 @@ def test_what_is_wrong_is_named_as_the_form_names_it() -> None:
         ("virtual_depths", "1,000", "Virtual depths: expected numbers without leading zeros"),
         ("cutout", "40", "odd"),
         ("exposure", "0", "Exposure: expected a number > 0, got 0"),
-        ("stage", "+x,+y", "three, such as"),
+        ("stage", "+x,+y", "three axes, such as"),
         ("order", "spiral", "Order: expected"),
     ):
         found, why = apply_change(plan, key, value)

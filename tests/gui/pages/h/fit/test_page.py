@@ -219,7 +219,7 @@ def test_an_error_is_one_line_in_the_page(page: Page, qtbot: QtBot, tmp_path: Pa
     page.fitting.begin()
     idle(page.context.jobs, qtbot)
     words = page.fitting.view.verdict.text()
-    assert words.startswith("light of the patterns: expected more than their noise") and "\n" not in words
+    assert words.startswith("light of the patterns: expected more light than noise") and "\n" not in words
     assert page.fitting.found is None and page.fitting.view.fit_button.isEnabled() and not any(button_states(page))
 
 

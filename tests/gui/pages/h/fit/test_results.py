@@ -89,6 +89,6 @@ def test_a_report_that_nobody_saved_goes_with_the_fit(
     monkeypatch.setattr(fitted.fitting.results, "show_page", opened.append)
     fitted.fitting.view.report_button.click()
     idle(fitted.context.jobs, qtbot)
-    assert len(opened) == 1 and "the optics from 6 patterns" in opened[0].read_text()
+    assert len(opened) == 1 and "optics fitted from 6 patterns" in opened[0].read_text()
     fitted.context.project.update("open", psf=str(saved(tmp_path / "other.h5")))
     assert not opened[0].exists()
