@@ -23,7 +23,7 @@ F8 = NDArray[np.float64]
 
 APART = {
     "gap_um": "gap of the array",
-    "rotation_rad": "array turned",
+    "rotation_rad": "array rotated",
     "offset_y_um": "array displaced",
     "offset_x_um": "array displaced",
 }

@@ -91,7 +91,7 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
         Number of positions of a smaller patch, whose image is smaller too; None: the largest allowed number. It never
         depends on time, so that costs are the same on every machine.
     """
-    clock = Clock("measuring what faults cost", len(faults) + 2)
+    clock = Clock("measuring the cost of faults", len(faults) + 2)
     yield clock.at(0)
     if not faults:
         return Costs(None, None, ())

@@ -131,13 +131,13 @@ class Check:
         if self.holds is not None:
             return "Record H again, or fit the camera again."
         if self.noise_from == DARK:
-            return "Part of it may be photon noise, which is unknown: give the noise (--noise)."
-        return "Record more frames, or with more light."
+            return "Part of the error may be photon noise, which is unknown: state the noise (--noise)."
+        return "Record more frames, or record with more light."
 
     @property
     def known(self) -> str:
         """Text of the result for a verdict; empty if the frames are not sufficient to decide."""
-        return f"as the frames show it: error {self.figures}" if self.holds else ""
+        return f"confirmed by the frames: error {self.figures}" if self.holds else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return all values as plain JSON types, with the judgement."""
@@ -272,7 +272,7 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
         return [frames]
     given = list(frames) if isinstance(frames, Sequence) else []
     if isinstance(frames, Sequence) and not given:
-        raise InputError.expected("new frames", "one or more", "none", "give a frame")
+        raise InputError.expected("new frames", "at least one", "none", "give a frame")
     known = [one for one in given if isinstance(one, NewFrame)]
     if known and len(known) == len(given):
         return known
@@ -303,10 +303,13 @@ def _check_matrix(matrix: PSFMatrix) -> None:
         raise InputError.expected("H", "an H", "HT", "give H")
     if matrix.pixel_scale != (1.0, 1.0):
         raise InputError.expected(
-            "H", "an H with the sensor's own pixels", "a resampled H", "give an H that was assembled without resampling"
+            "H to check",
+            "an H with the sensor's own pixels",
+            "a resampled H",
+            "give an H that was assembled without resampling",
         )
     if not (matrix.recorded > 0).any():
-        raise InputError.expected("H", "recorded positions", "none", "give an H with patterns")
+        raise InputError.expected("H", "recorded positions", "none", "give an H with recorded patterns")
 
 
 def _suspects(compared: Sequence[Compared], camera: Behind) -> tuple[Suspect, ...]:
@@ -368,29 +371,30 @@ def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, st
     notes = []
     if doubt > 0.5 * limit:
         notes.append(
-            f"sources lie between H's positions, where the prediction of H has an error of {format_share(doubt)}"
+            f"the sources are between the positions of H, where its prediction has an error of {format_share(doubt)}"
         )
     if stated > limit:
-        notes.append(f"H states an error of {format_share(stated)}")
+        notes.append(f"the file of H states an error of {format_share(stated)}")
     if camera is not None and not camera.explains:
         left = format_share(camera.misfit)
         notes.append(
-            f"its camera leaves {left} of H unexplained, so the cause of the change is unknown; fit that H first"
+            f"the camera of H leaves {left} of H unexplained, so the cause of the change is unknown; fit this "
+            "H first (lfcal fit)"
         )
     if camera is None:
-        notes.append("H has no known camera, so the cause of the change is unknown")
+        notes.append("the camera of H is unknown, and so is the cause of the change")
     beside = np.array([one.beside_px for one in compared if one.beside_px is not None]).reshape(-1, 2)
     if len(beside) and math.hypot(*beside.mean(0)) > BESIDE:
         rows, columns = beside.mean(0)
-        notes.append(f"sources are displaced by ({rows:.2f}, {columns:.2f}) px: the stage or the array has moved")
+        notes.append(f"the sources are displaced by ({rows:.2f}, {columns:.2f}) px: the stage or the array has moved")
     if min(one.chi_square.lit for one in compared) < SAME:
         notes.append(
-            "frames differ from H by less than their noise: H was made from them, or the given noise is too large"
+            "the frames differ from H by less than their noise: H was made from them, or the stated noise is too large"
         )
     gains = [one.gain for one in compared]
     spread = float(np.std(gains) / abs(np.mean(gains))) if len(gains) > 1 and np.mean(gains) else 0.0
     if spread > 0.05:
-        notes.append(f"the lamp is unsteady: its light varies by {format_share(spread)} over the frames")
+        notes.append(f"the lamp is unsteady: its light varies by {format_share(spread)} between the frames")
     return notes
 
 

@@ -164,13 +164,14 @@ class Comparison:
     def notes(self) -> tuple[str, ...]:
         """Notes on what was left out, and on what does not match."""
         swapped = [
-            f"plane {one.planes[0]} of the first matches plane {one.like} of the second better: are depths swapped?"
+            f"plane {one.planes[0]} of the first H matches plane {one.like} of the second better: check "
+            "whether depths are swapped"
             for one in self.planes
             if one.like is not None
         ]
         empty = [f"{one.planes[0]}" for one in self.planes if not one.positions]
         if empty and len(empty) < len(self.planes):
-            planes = f"plane{'s' * (len(empty) > 1)} {', '.join(empty)} of the first"
+            planes = f"plane{'s' * (len(empty) > 1)} {', '.join(empty)} of the first H"
             swapped.append(f"{planes}: not compared, because no position has light in both")
         return (*self.pair.notes, *swapped)
 

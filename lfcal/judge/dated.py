@@ -93,7 +93,7 @@ def fits_in(path: str | os.PathLike[str]) -> list[Path]:
     found = sorted(one.parent for one in place.glob(f"*/{FIT}")) if place.is_dir() else []
     if not found:
         got = "none" if place.is_dir() else "no such folder"
-        raise InputError.expected(f"fits in {place}", f"{FIT} of lfcal fit", got, "give the folder of a fit")
+        raise InputError.expected(f"fits in {place}", f"{FIT}, written by lfcal fit", got, "give the folder of a fit")
     return found
 
 
@@ -112,7 +112,7 @@ def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
     data = parse_json(read_text(path), str(path))
     if not isinstance(data, dict) or data.get("format") != FIT_FORMAT:
         raise FileFormatError.expected(
-            str(path), "a file written by lfcal fit", "another file", "give the folder of a fit"
+            str(path), "a file written by lfcal fit", "another kind of file", "give the folder of a fit"
         )
     camera = _camera(place / CAMERA)
     try:
@@ -139,7 +139,7 @@ def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
         )
     except (KeyError, TypeError, ValueError):
         raise FileFormatError.expected(
-            str(path), "a file written by lfcal fit", "a damaged file", "fit again"
+            str(path), "a file written by lfcal fit", "a damaged file", "run lfcal fit again"
         ) from None
 
 
@@ -223,10 +223,10 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
         If it cannot be read.
     """
     place = Path(path) / QUALITY if Path(path).is_dir() else Path(path)
-    data = parse_json(read_text(place), str(place), remedy="inspect H again")
+    data = parse_json(read_text(place), str(place), remedy="run lfcal inspect again")
     if not isinstance(data, dict) or data.get("format") != QUALITY_FORMAT:
         raise FileFormatError.expected(
-            str(place), "a file written by lfcal inspect", "another file", "give the folder of its report"
+            str(place), "a file written by lfcal inspect", "another kind of file", "give the folder of its report"
         )
     try:
         said = data.get("inspected")
@@ -238,7 +238,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
             faults = {str(one["title"]): float(one["share"]) for one in model["faults"]}
         return _inspection(label, own if when is None else when, when is not None, data, faults)
     except (KeyError, TypeError, ValueError):
-        remedy = "inspect H again"
+        remedy = "run lfcal inspect again"
         raise FileFormatError.expected(
             str(place), "a file written by lfcal inspect", "a damaged file", remedy
         ) from None
@@ -287,7 +287,7 @@ def inspections_in(path: Path) -> list[Path]:
         got = "none" if path.is_dir() else "no such folder"
         raise InputError.expected(
             f"inspections in {path}",
-            f"{QUALITY} of lfcal inspect --report, or an H file",
+            f"{QUALITY}, written by lfcal inspect --report, or an H file",
             got,
             "give the folder of the report",
         )

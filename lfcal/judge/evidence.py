@@ -430,7 +430,7 @@ def iter_evidence(
     >>> print(f"{len(evidence)} patterns, off by {evidence.misfit:.0%} of the light beside noise")
     24 patterns, off by 1% of the light beside noise
     """
-    check_number("patterns that are compared", patterns, at_least=1, integer=True)
+    check_number("number of patterns to compare", patterns, at_least=1, integer=True)
     clock = Clock("comparing with the camera", 100)
     yield clock.at(0)
     recorded = np.argwhere((matrix.recorded > 0) & ~copied_positions(matrix))
@@ -441,13 +441,13 @@ def iter_evidence(
     if of_quick_pattern(matrix):
         return Unlike(QUICK_PATTERN, stated=True)
     if matrix.pixel_scale != (1.0, 1.0):
-        return Unlike("H is on resampled pixels; assemble it without resampling to compare it")
+        return Unlike("H has resampled pixels; assemble it without resampling to compare it")
     try:
         known = _camera_behind(matrix, recorded, setup)
     except (InputError, EnergyError) as error:
         return Unlike(str(error), stated=True)
     if known is None:
-        return Unlike("no engine can compute its camera")
+        return Unlike("no engine can simulate its camera")
     many = min(patterns, max(FEWEST, MOST_SAMPLES // int(np.prod(matrix.cutout))), len(recorded))
     index = recorded[spread_out(recorded, many, matrix.period)] if many < len(recorded) else recorded
     asked = np.zeros(len(index), np.bool_)
@@ -461,12 +461,12 @@ def iter_evidence(
     if not data.max(initial=0.0) > 0:
         return Unlike("H shows no light")
     if not LEAST <= largest <= MOST:
-        words = f"its values reach {largest:.0e}: expected between {LEAST:.0e} and {MOST:.0e}; scale H to counts"
+        words = f"its largest value is {largest:.0e}, where {LEAST:.0e} to {MOST:.0e} is expected; scale H to counts"
         return Unlike(words, stated=True)
     found = yield from iter_fitted(matrix, known, index, data, valid, clock)
     yield clock.at(100)
     if not np.median(found.values[:, 0]) > 0:
-        return Unlike("H shows no light where its camera has some", stated=True, camera=known)
+        return Unlike("H has no light where its camera predicts some", stated=True, camera=known)
     alike = float(np.median(_alike(found)))
     if alike < ALIKE:
         words = f"patterns have little in common with those of the camera (correlation {alike:.2f})"

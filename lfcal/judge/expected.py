@@ -64,7 +64,9 @@ def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
     """Return the camera of an H from the fit in a folder; raises `InputError` if the fit is of another scan."""
     plan = plan_of(matrix)
     if plan is None:
-        raise InputError.expected("H", "a camera's matrix", "one without a camera", "assemble H with its camera")
+        raise InputError.expected(
+            "H to predict", "an H with its camera", "an H without one", "assemble H with its camera"
+        )
     stored = read_fit(folder)
     stored.check(plan)
     return stored.setup
@@ -109,7 +111,7 @@ def _effects(matrix: PSFMatrix) -> tuple[Any, ...]:
     if not isinstance(said, list) or not said:
         return described_effects(matrix.camera)
     if not all(isinstance(one, Mapping) and isinstance(one.get("name"), str) for one in said):
-        raise InputError.expected("effects of H", "a list of effects", "another value", "fit it again")
+        raise InputError.expected("effects of H", "a list of effects", "another value", "run lfcal fit again")
     return tuple(effect_from(one["name"], {k: v for k, v in one.items() if k != "name"}) for one in said)
 
 

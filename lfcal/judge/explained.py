@@ -90,7 +90,7 @@ ADVICE_CAMERA = (
 )
 
 
-_STAGE = "looking for what explains the patterns"
+_STAGE = "searching for an explanation of the patterns"
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,8 @@ class Explanation:
 
 
 CHECK = (
-    "No orientation, order of lens types, gap or iris that was tried explains them. Check that this is the camera, and "
-    "its pitch, gap, pixels, depths and iris"
+    "No tested orientation, order of lens types, gap or iris explains the patterns. Check that this is "
+    "the right camera, and check its pitch, gap, pixels, depths and iris"
 )
 
 
@@ -187,11 +187,11 @@ class Disagreement:
         if self.explanation is not None:
             return self.explanation.advice
         if self.misfit is None and self.correlation is None:  # nothing was computed
-            return "Nothing was computed: correct the description or the recording, and inspect again."
+            return "Nothing was computed. Correct the description or the recording, and inspect H again."
         return (
             f"{CHECK}."
             if self.fitted
-            else f"{CHECK}; or find the true one with lfcal fit, and give its folder with --fit."
+            else f"{CHECK}; or fit the camera with lfcal fit, and give its folder with --fit."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -397,7 +397,7 @@ def _rows(few: _Few) -> Work[Explanation | None]:
     axis, shift, _ = best
     line, way = ("row", "along the rows") if axis == 1 else ("column", "along the columns")
     words = f"every other {line} is displaced by {abs(shift)} px {way} relative to the others (interlaced)"
-    advice = "Read the camera without interlacing, or displace these lines back in the frames; assemble again."
+    advice = "Read the camera without interlacing, or move these lines back in the frames; then assemble again."
     return Explanation("rows", words, advice, few.before, after)
 
 
@@ -427,12 +427,12 @@ def _part(few: _Few) -> Work[Explanation | None]:
     row, column = (a + b for a, b in zip(given, by, strict=True))
     ways = zip(by, (("up", "down"), ("left", "right")), strict=True)
     away = " and ".join(f"{abs(n)} px {names[n > 0]}" for n, names in ways if n)
-    words = f"all cutouts are {away} of their planned places"
+    words = f"all cutouts are {away} of their planned positions"
     if row < 0 or column < 0:
         return Explanation("part", words, "Correct the anchor of the plan and assemble again.", few.before, after)
     words += f", as if the frames were a part of the sensor that begins at row {row}, column {column}"
     advice = (
-        f"Assemble again with the place of the frames on the sensor (--origin {row},{column}), or correct the anchor."
+        f"Assemble again with the first sensor pixel of the frames (--origin {row},{column}), or correct the anchor."
     )
     return Explanation("part", words, advice, few.before, after)
 
@@ -476,7 +476,7 @@ def _types(few: _Few) -> Work[Explanation | None]:
 
     order = yield from _best(few, orders, ordered)
     after = yield from _after(few, None if order is None else ordered(order))
-    words = f"the lens types are, in order, types {', '.join(map(str, order or ()))} of the description"
+    words = f"the lens types are in another order: {', '.join(map(str, order or ()))} in the numbers of the description"
     advice = "State the lens types in this order, or turn the frames upright if the array is mirrored."
     return Explanation("types", words, advice, few.before, after)
 
@@ -610,8 +610,8 @@ def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
     after = changed.with_data(evidence.data, evidence.valid).misfit
     words = f"about {100 * share:.0f} % of the pupil is blocked"
     advice = (
-        "Look at the depth-plane sums: free the iris, remove the obstacle, and record again; or state the "
-        "vignetting in the camera."
+        "Look at the depth-plane sums. Free the iris or remove the obstacle, and record again; or state "
+        "the vignetting in the camera."
     )
     return Explanation("pupil", words, advice, evidence.misfit, after)
 

@@ -176,7 +176,7 @@ class Inspection:
         if not found:
             return f"{source} no {'other ' if self.faults else ''}fault"
         measured = all(one.cost is not None for one in found)
-        which = "cost a reconstruction next to nothing" if measured else "are too small to matter"
+        which = "cost a reconstruction almost nothing" if measured else "are too small to matter"
         which = which.replace("cost ", "costs ").replace("are ", "is ") if len(found) == 1 else which
         many = format_count(len(found), "fault", "faults")
         return f"{source} {many} that {which} ({listed([one.title for one in found], 4)})"

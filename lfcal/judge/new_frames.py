@@ -61,12 +61,12 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
     origin = view.info(0).origin
     if origin == (0, 0) and view.shape != wanted and (plan is None or plan.camera.sensor.shape != view.shape):
         raise InputError.expected(
-            f"{source}, pixels", f"{wanted} as H's camera", view.shape, "use whole frames of this camera"
+            f"{source}, pixels", f"{wanted}, as in the camera of H", view.shape, "give whole frames of this camera"
         )
     if plan is not None and plan.camera.sensor.shape != wanted:
         got = plan.camera.sensor.shape
         raise InputError.expected(
-            f"{source}, sensor", f"{wanted} pixels as H's camera", got, "give the H of this sensor"
+            f"{source}, sensor", f"{wanted} pixels, as in the camera of H", got, "give the H of this sensor"
         )
 
 
@@ -80,7 +80,7 @@ def _of_scan(H: PSFMatrix, view: FrameSource, plan: ScanPlan, k: int) -> NewFram
     if abs(float(H.depths[nearest]) - depth) > NEAR_DEPTH * max(abs(depth), 1.0):
         got = f"{depth:.6g} µm"
         wanted = "a depth of H, " + ", ".join(f"{v:.6g}" for v in H.depths[:6]) + " µm"
-        raise InputError.expected(f"{info.label}, depth", wanted, got, "give an H with these depths")
+        raise InputError.expected(f"{info.label}, depth", wanted, got, "give an H with this depth")
     return new_frame(view, k, info.label, place, nearest)
 
 

@@ -109,15 +109,15 @@ def pair(
         if matrix.dtype.kind == "c":
             raise InputError.expected(_called(matrix, which), "real numbers", "complex ones", "give intensities")
     if by_index and first.shape != second.shape:
-        remedy = "give an H of the same positions and cutout"
+        remedy = "give an H with the same positions and cutout"
         raise InputError.expected(_called(second, "second"), f"shape {first.shape}", second.shape, remedy)
     for name, own, other in (
         ("period (y, x)", first.period, second.period),
         ("pixels per sensor pixel", first.pixel_scale, second.pixel_scale),
     ):
         if own != other:
-            wanted = f"{own} as of {_called(first, 'first')}"
-            remedy = "compare H of the same array and sampling"
+            wanted = f"{own}, as in {_called(first, 'first')}"
+            remedy = "compare H with the same array and sampling"
             raise InputError.expected(f"{_called(second, 'second')}, {name}", wanted, other, remedy)
     notes: list[str] = []
     if first.path and (first.path, first.region) == (second.path, second.region):
@@ -141,7 +141,7 @@ def _straight(matrix: PSFMatrix | ArrayLike) -> PSFMatrix:
 
 def _called(matrix: PSFMatrix, which: str) -> str:
     """Return the name of an H for an error message: its file, and whether it is the first or the second."""
-    return f"{matrix.path} ({which} H)" if matrix.path else f"{which} H"
+    return f"{matrix.path} (the {which} H)" if matrix.path else f"{which} H"
 
 
 def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tuple[tuple[int, int], ...]:
@@ -171,7 +171,7 @@ def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tu
             f"{_called(b, 'second')}, depths",
             f"at least one of {_listed(a, range(len(a)))}",
             _listed(b, range(len(b))),
-            "compare planes by number (--by-number)",
+            "compare the planes by their numbers (--by-number)",
         )
     _left_out(notes, "first", a, [z for z, _ in found])
     _left_out(notes, "second", b, [z for _, z in found])
@@ -208,8 +208,10 @@ def _moved(a: PSFMatrix, b: PSFMatrix, notes: list[str]) -> tuple[int, int]:
     whole = [round(v) for v in apart]
     rest = [v - n for v, n in zip(apart, whole, strict=True)]
     if max(map(abs, rest)) > FRACTION:
-        notes.append(f"the scans are ({rest[0]:.3g}, {rest[1]:.3g}) pixels apart: shifts include this")
+        notes.append(f"the two scans are ({rest[0]:.3g}, {rest[1]:.3g}) pixels apart; the shifts include this distance")
     moved = (whole[0] % a.period[0], whole[1] % a.period[1])
     if moved != (0, 0):
-        notes.append(f"positions are paired by their place on the sensor: (0, 0) of the first is {moved} of the second")
+        notes.append(
+            f"positions are paired by their location on the sensor: (0, 0) of the first H is {moved} of the second"
+        )
     return moved

@@ -69,7 +69,10 @@ def iter_region_loss(path: str | os.PathLike[str], *, workers: int | None = None
     names = regions_of(path)
     if len(names) < 2:
         raise InputError.expected(
-            str(path), "H of several regions of the field", "one", "record several (lfcal plan --regions)"
+            str(path),
+            "H of several regions of the field",
+            "H of one region",
+            "record several regions (lfcal plan --regions)",
         )
     errors, anchors, shifts = [], [], []
     with open_psf(path) as first:

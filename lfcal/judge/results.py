@@ -207,7 +207,7 @@ def _progress(place: Path, found: list[StoredResult], shown: int, start: float, 
     now = time.perf_counter()
     if now - told < EVERY_S:
         return told, shown
-    yield ListingProgress(len(found), 0, f"looking into {place.name or place}", now - start, found=tuple(found[shown:]))
+    yield ListingProgress(len(found), 0, f"searching {place.name or place}", now - start, found=tuple(found[shown:]))
     return now, len(found)
 
 
@@ -236,10 +236,11 @@ def _folders(
             waiting += [(one, left - 1) for one in below]
         elif below:
             notes.append(
-                f"{place}: its {format_count(len(below), 'folder', 'folders')} are too deep; search this folder itself"
+                f"{place}: its {format_count(len(below), 'folder', 'folders')} are nested too deeply; search "
+                "this folder directly"
             )
         if len(seen) >= MOST_FOLDERS:
-            notes.append(f"only the first {MOST_FOLDERS} folders were searched; choose a smaller one")
+            notes.append(f"only the first {MOST_FOLDERS} folders were searched; choose a folder with fewer")
             return
 
 
@@ -308,7 +309,9 @@ def _recording(folder: Path, bare: StoredResult) -> StoredResult | None:
     session = SessionFile.read(folder)
     missing = [name for name in session.recordings if not (folder / name).is_file()]
     if missing:
-        raise StorageError.expected(str(folder / missing[0]), "the recorded frames", "no such file", "restore it")
+        raise StorageError.expected(
+            str(folder / missing[0]), "the recorded frames", "no such file", "restore this file"
+        )
     last, runs = (session.runs[-1] if session.runs else None), range(len(session.recordings))
     whole = last is not None and all(session.was_complete(run) for run in runs)
     count = int(session.chosen.sum()) if session.target is None else session.positions
@@ -491,7 +494,7 @@ def _names_lfcal(path: Path) -> bool:
 
 def _damaged_tiff(path: Path, error: Exception) -> StorageError:
     said = " ".join(str(error).split())[:120] or type(error).__name__
-    return StorageError.expected(str(path), "an intact TIFF file", said, "copy it again")
+    return StorageError.expected(str(path), "an intact TIFF file", said, "copy the file again")
 
 
 def _pixels(shape: Sequence[int]) -> tuple[str, str]:
@@ -505,7 +508,9 @@ def _zarr(path: Path, bare: StoredResult) -> StoredResult | None:
 
 def _volume(bare: StoredResult, shape: Sequence[int], depths: Iterable[float] = ()) -> StoredResult:
     if not 2 <= len(shape) <= 4:
-        raise FileFormatError.expected(str(bare.path), "a volume (z, y, x)", tuple(shape) or "none", "copy it again")
+        raise FileFormatError.expected(
+            str(bare.path), "a volume (z, y, x)", tuple(shape) or "none", "copy the file again"
+        )
     sides = (1, *shape)[-3:]
     ends = [pair for pair in _shape_facts((*sides, 0, 0), depths) if pair[0] == "Depths"]
     series = [("Volumes", str(shape[0]))] if len(shape) == 4 else []

@@ -38,7 +38,7 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Eviden
     explained: set[str] = set()
     whole: set[str] = set()
     looks = _looks()
-    clock = Clock("looking for faults", len(looks))
+    clock = Clock("searching for faults", len(looks))
     for k, (fault, strong) in enumerate(looks):
         yield clock.at(k)
         if fault.name in explained or (strong and evidence.misfit < STRONG):

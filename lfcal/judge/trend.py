@@ -28,7 +28,7 @@ MONTH_S = 365.25 / 12 * 86400.0
 SHORTEST_S = 7 * 86400.0
 """Shortest span of values for a change per month (s); with less, noise would be magnified more than four times."""
 
-TOO_SHORT = "no change per month is estimated from less than a week of data"
+TOO_SHORT = "a change per month is not estimated from less than a week of data"
 
 AS_DISTANCE = ("gap_um", "f_number", "focal_0_um", "focal_1_um", "focal_2_um")
 """Parameters that have the same effect as a source nearer or farther away than described."""
@@ -233,13 +233,13 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     InputError
         If there are fewer than two, or fits belong to several cameras or have the same time.
     """
-    check_number("standard deviations of an alarm", sigmas, above=0)
+    check_number("threshold of an alarm (standard deviations)", sigmas, above=0)
     fits = [one for one in sessions if isinstance(one, DatedFit)]
     inspections = [one for one in sessions if isinstance(one, DatedInspection)]
     if len(sessions) < 2:
-        raise InputError.expected("sessions", "two or more", len(sessions), "give the sessions of several days")
+        raise InputError.expected("sessions", "at least two", len(sessions), "give the sessions of several days")
     if fits and inspections:
-        raise InputError.expected("sessions", "fits or inspections", "both", "compare each kind alone")
+        raise InputError.expected("sessions", "fits or inspections", "both", "compare each kind separately")
     return _trend_of_fits(fits, sigmas) if fits else _trend_of_inspections(inspections, sigmas)
 
 
@@ -254,7 +254,8 @@ def _trend_of_fits(fits: Sequence[DatedFit], sigmas: float) -> Trend:
     other = [one.label for one in ordered if one.groups != newest.groups]
     if other:
         notes.append(
-            f"{', '.join(other)}: not compared, because their unknowns differ from the newest fit's; fit the same ones"
+            f"{', '.join(other)}: not compared, because their unknowns differ from those of the newest fit; "
+            "fit the same unknowns"
         )
     unknown = [one.label for one in ordered if one.recorded is None]
     if unknown:
@@ -269,8 +270,8 @@ def _trend_of_fits(fits: Sequence[DatedFit], sigmas: float) -> Trend:
         notes.append(TOO_SHORT)
     if "distance" not in newest.groups and any(one.worse and one.name in AS_DISTANCE for one in courses):
         notes.append(
-            "distance was fixed in these fits, but a change of the source's distance has the same effect; "
-            "fit it, too (--unknowns with distance)"
+            "the distance was fixed in these fits, but a change of the source distance has the same effect; "
+            "fit it as well (add distance to --unknowns)"
         )
     return Trend(ordered, courses, sigmas, tuple(notes))
 
@@ -283,7 +284,7 @@ def _check_one_camera(fits: Sequence[DatedFit]) -> None:
         same = same and camera.sensor.pixel_um == first.sensor.pixel_um
         if not (same and len(camera.lattice.types) == len(first.lattice.types)):
             names = " and ".join(f"{c.name} {c.sensor.shape}" for c in (first, camera))
-            raise InputError.expected("fits", "of one camera", names, f"leave out {one.label}")
+            raise InputError.expected("fits", "fits of one camera", names, f"leave out {one.label}")
         if any(abs(one.when - other.when).total_seconds() < 1 and one is not other for other in fits):
             raise InputError.expected(
                 "fits", "fits with different times", f"{one.label} with the time of another", "give each fit once"
@@ -359,8 +360,8 @@ def _of_another_array(sessions: Sequence[DatedInspection]) -> list[str]:
     """Return notes on H whose period is not that of the newest."""
     newest = sessions[-1].period
     return [
-        f"{one.label}: a period of {one.period[0]} × {one.period[1]} positions, the newest has "
-        f"{newest[0]} × {newest[1]}: another camera or array, whose values cannot be compared"
+        f"{one.label}: a period of {one.period[0]} × {one.period[1]} positions, but {newest[0]} × {newest[1]} "
+        "in the newest session; this is another camera or array, whose values cannot be compared"
         for one in sessions
         if one.period is not None and newest is not None and one.period != newest
     ]

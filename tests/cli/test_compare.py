@@ -39,7 +39,7 @@ def test_numbers_by_plane_and_the_worst_position(lfcal: Lfcal, place: Path) -> N
     assert told["planes"][0]["all"]["left"] < 2e-3
     assert told["worst"][0]["position"] == [2, 3] and told["worst"][0]["planes"] == [1, 1]
     same = lfcal("compare", "may/H.h5", "may/H.h5")
-    assert same.code == 0 and "The same to 1 %" in same.out
+    assert same.code == 0 and "They agree to within 1 %" in same.out
 
 
 def test_the_page_shows_them_side_by_side(lfcal: Lfcal, place: Path) -> None:
@@ -61,7 +61,7 @@ def test_regions_of_files_of_several_are_compared(lfcal: Lfcal, place: Path) -> 
     parts = {name: PSFMatrix(v.astype(np.float32), depths=depths, region=name) for name, v in values.items()}
     save_regions(parts, place / "all.h5")
     same = lfcal("compare", "all.h5", "all.h5", "--region", "edge")
-    assert same.code == 0 and "The same to 1 %" in same.out, same.err
+    assert same.code == 0 and "They agree to within 1 %" in same.out, same.err
     other = lfcal("compare", "all.h5", "all.h5", "--region", "edge", "--region", "centre", "--json").json
     assert isinstance(other, dict) and other["planes"][0]["all"]["shift_px"] == pytest.approx([0.3, -0.2], abs=2e-3)
     none = lfcal("compare", "all.h5", "may/H.h5", "--region", "rim")

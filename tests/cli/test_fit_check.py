@@ -138,7 +138,7 @@ def test_a_name_that_says_the_place_is_used(lfcal: Lfcal, place: Path) -> None:
 def test_an_h_without_a_camera_gives_numbers(lfcal: Lfcal, place: Path) -> None:
     save(told(camera=False), place / "bare.h5")
     run = check(lfcal, "bare.h5", "same.tif")
-    assert run.code == 0 and "H has no known camera" in run.err, run.err
+    assert run.code == 0 and "the camera of H is unknown" in run.err, run.err
     # whose samples' photons nobody can count
     bare = lfcal("fit", "check", "bare.h5", "same.tif", "--black-level", 100)
     assert bare.code in (0, 1) and "the photon noise is unknown" in bare.err and "does not hold" not in bare.out
@@ -182,7 +182,7 @@ def _cut(path: Path) -> None:
         (lambda path: path.mkdir(), "frames in new.tif: expected images, got none"),
         (_text, "new.tif: expected"),
         (_dark, "new.tif, light: expected more than its noise, got none"),
-        (_small, "new.tif, pixels: expected (120, 120) as H's camera, got (100, 120)"),
+        (_small, "new.tif, pixels: expected (120, 120), as in the camera of H, got (100, 120)"),
         (_one_value, "new.tif: expected an image, got the value 100 in every pixel"),
         (_nan, "new.tif: expected finite values"),
         (_colour, "new.tif: expected"),

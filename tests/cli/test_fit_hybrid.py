@@ -64,7 +64,7 @@ def scan(place: Path, fitted: Path) -> Path:
 def test_missing_positions_are_filled_and_marked(lfcal: Lfcal, place: Path, scan: Path) -> None:
     bare = lfcal("assemble", "scan/frames", *CORRECTED, "-o", "bare.h5", "--dtype", "float32")
     assert bare.code == 0 and "Positions without a frame: 5 positions" in bare.out, bare.err
-    assert "lfcal assemble --fill FIT fill them" in bare.out
+    assert "fill them (lfcal assemble --fill FIT)" in bare.out
     words = ("assemble", "scan/frames", *CORRECTED, "--fill", "fit", "--dtype", "float32", "--workers", 1)
     run = lfcal(*words, "-o", "H.h5")
     assert run.code == 0, run.err

@@ -45,7 +45,7 @@ def test_a_hot_column_is_named_and_not_a_step_of_the_stage(
     assert asked.code == 0
     page = (place / "report" / "index.html").read_text()
     assert "should not be used as it is: hot line" in page and "Compared with the camera" in page and "hot line" in page
-    assert "Correct the stage" not in page.split("<h2>Metrics")[0], "no advice on what the fault explains"
+    assert "Correct the step of the stage" not in page.split("<h2>Metrics")[0], "no advice on what the fault explains"
     kept = json.loads((place / "report" / "quality.json").read_text())
     assert kept["verdict"] == told["verdict"] and kept["model"]["faults"][0]["name"] == "hot_line"
     without = lfcal("inspect", "H.h5", "--seconds", 0, "--json").json

@@ -46,7 +46,7 @@ def test_fits_of_one_day_tell_their_span_in_place_of_a_rate(lfcal: Lfcal, tmp_pa
         write_fit(tmp_path / name, day, {"gap_um": gap})
     run = lfcal("trend", tmp_path)
     assert run.code == 1 and "within 6 h 00 min" in run.out and "2 fits, 2026-01-01 " in run.out
-    assert "no change per month is estimated from less than a week" in run.err
+    assert "a change per month is not estimated from less than a week" in run.err
 
 
 def test_folders_of_one_name_are_told_apart(lfcal: Lfcal, tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def test_a_frame_of_the_same_camera_is_found_and_h_holds(camera: bool, offset: t
     assert (one.doubt < 0.006) == (camera or not any(offset)) and found.doubt == one.doubt < 0.1
     assert abs(one.gain - 0.8) < 0.015 and abs(one.background - 30) < 2
     assert (found.model_misfit is not None) == camera and (found.suspects != ()) == camera
-    assert camera or any("no known camera" in note for note in found.notes)
+    assert camera or any("camera of H is unknown" in note for note in found.notes)
 
 
 SLOW = pytest.mark.long

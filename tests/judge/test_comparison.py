@@ -188,7 +188,7 @@ def test_depths_pair_planes_and_the_rest_is_said() -> None:
 
 def test_planes_of_other_depths_are_refused_unless_numbers_count() -> None:
     first, second = (PSFMatrix(moved(), depths=depths) for depths in ([0.0, 1e3], [400.0, 1400.0]))
-    with pytest.raises(InputError, match="compare planes by number"):
+    with pytest.raises(InputError, match="compare the planes by their numbers"):
         pair(first, second)
     both = pair(first, second, by_number=True)
     assert both.planes == ((0, 0), (1, 1)) and "2 of them differ in depth" in both.notes[0]
@@ -211,7 +211,7 @@ def test_positions_are_paired_by_the_sensor() -> None:
         anchor=(plan.anchor[0] + 2 + ny, plan.anchor[1] + 5),
     )
     both = pair(first, later)
-    assert both.moved == (ny - 2, nx - 5) and "paired by their place on the sensor" in both.notes[0]
+    assert both.moved == (ny - 2, nx - 5) and "paired by their location on the sensor" in both.notes[0]
     assert compare(first, later).all.nrmse < 1e-12
     assert pair(first, PSFMatrix(later[:], depths=plan.depths_um)).moved == (0, 0), "without a camera nothing is known"
 
@@ -304,6 +304,6 @@ def test_noise_alone_has_no_far_shift() -> None:
 def test_values_of_other_units_are_said_to_be_so() -> None:
     """Counts beside shares of the light: millions of per cent say nothing."""
     told = verdict(compare(4e4 * moved((0.2, 0.0)), moved()))
-    assert told.startswith("Their values are in different units: the first are ") and "e+06" not in told
+    assert told.startswith("Their values are in different units: those of the first H are ") and "e+06" not in told
     assert figure_rows(compare(4e4 * moved(), moved()))[0][2] == "> 1000"
     assert verdict(compare(2.5 * moved(), moved())).startswith("They differ by 150 % (NRMSE) as they are")

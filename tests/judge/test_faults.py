@@ -150,7 +150,7 @@ def test_a_ghost_is_told_with_its_share_and_place(mirrored: bool) -> None:
     ghost = light()[..., ::-1, :] if mirrored else light()
     found = faults_of(noisy(light() + np.float32(0.02) * np.roll(ghost, (7, -5), (3, 4))))
     assert set(found) == {"ghost"}
-    assert ("mirrored up and down" if mirrored else "as it is") in found["ghost"].detail
+    assert ("mirrored top to bottom" if mirrored else "as it is") in found["ghost"].detail
     assert "+7 px down and -5 px across" in found["ghost"].detail
     assert found["ghost"].share == pytest.approx(0.02, rel=0.3)
     picture = found["ghost"].picture

@@ -59,7 +59,7 @@ def test_sessions_without_control_frames_or_of_another_H_are_refused(
         control_frames(Path("session"), H)
     small = [check._replace(frame=np.zeros((5, 5))) for check in checks(H, (1, 0))]
     monkeypatch.setattr("lfcal.judge.quality._units.read_checks", lambda _: small)
-    with pytest.raises(InputError, match="session that H was recorded in"):
+    with pytest.raises(InputError, match="session in which H was recorded"):
         control_frames(Path("session"), H)
 
 

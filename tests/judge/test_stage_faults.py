@@ -60,7 +60,7 @@ def test_a_turned_stage_is_no_lamp() -> None:
     y, x = grid()
     turn = np.radians(1.5)
     found = faults_of(displaced(turn * x, -turn * y))
-    assert set(found) == {"stage_axes"} and "stage turned by" in found["stage_axes"].detail
+    assert set(found) == {"stage_axes"} and "stage rotated by" in found["stage_axes"].detail
     assert "1.50" in found["stage_axes"].detail or "1.49" in found["stage_axes"].detail
 
 

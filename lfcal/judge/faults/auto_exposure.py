@@ -28,7 +28,7 @@ class AutoExposure(Fault):
     """Patterns with brighter peaks have less light: the camera changed its exposure or gain automatically."""
 
     name = "auto_exposure"
-    title = "exposure that follows the pattern"
+    title = "exposure that depends on the pattern"
     subject = "light"
     rank = 39
     advice = "Switch automatic exposure and gain off, and record again; or divide each frame by its exposure time."
@@ -62,14 +62,14 @@ class AutoExposure(Fault):
         order = np.argsort(peaks)
         yield FoundFault(
             self,
-            f"the light of patterns is proportional to their peaks to the power of {power:+.2f} ± {error:.2f}",
+            f"the light of patterns is proportional to their peak to the power of {power:+.2f} ± {error:.2f}",
             abs(power) / error,
             before.scatter,
             picture=FaultPicture(
                 100 * (values / np.median(values[seen]) - 1)[order],
                 "%",
-                "light of patterns relative to the middle one",
-                ("peak of the pattern over the largest",),
+                "light of patterns relative to the median",
+                ("peak of the pattern relative to the largest",),
                 tops[order] / tops.max(),
             ),
             repair=adding(evidence.index, evidence.data * (1 / law - 1)[:, None, None]),

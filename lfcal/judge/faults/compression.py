@@ -132,7 +132,10 @@ class Compression(Fault):
                 told,
                 float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
                 picture=FaultPicture(
-                    100 * gone, "%", "finest structure that is gone, by where blocks begin", ("row (px)", "column (px)")
+                    100 * gone,
+                    "%",
+                    "lost fraction of the finest structure, by the position of the blocks",
+                    ("row (px)", "column (px)"),
                 ),
                 put_in=lambda patch: patch.recorded,
             )

@@ -94,8 +94,8 @@ class Saturated(Fault):
         some = np.flatnonzero(at.any((1, 2)))
         yield FoundFault(
             self,
-            f"values end at {ceiling:.4g} in {len(some)} of {len(evidence)} patterns compared, "
-            f"where the expected light is up to {float(light[at].max()):.4g}",
+            f"values end at {ceiling:.4g} in {len(some)} of {len(evidence)} compared patterns, where the "
+            f"expected light is up to {float(light[at].max()):.4g}",
             float(np.sqrt(at.sum())) * 3,
             float(np.clip(lost.sum() / max(float(light.sum()), 1e-300), 0, 1)),
             positions=evidence.index[some],
@@ -157,7 +157,7 @@ class CutOff(Fault):
             picture=FaultPicture(
                 np.histogram(dark, np.linspace(0, top, 41))[0] / dark.size * 100,
                 "% of dark samples",
-                "dark samples by their value",
+                "distribution of dark samples",
                 ("value (counts)",),
                 np.linspace(0, top, 41)[:-1],
             ),
@@ -182,7 +182,7 @@ class BackgroundFault(Fault):
     title = "background under all patterns"
     subject = "sensor"
     rank = 43
-    advice = "Take a dark frame of the same exposure and temperature, and assemble H again."
+    advice = "Record a dark frame of the same exposure and temperature, and assemble H again."
     settles: ClassVar[tuple[str, ...]] = ("background", "leak", "truncation", "clipped")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -198,7 +198,7 @@ class BackgroundFault(Fault):
             return
         yield FoundFault(
             self,
-            f"{level:+.3g} counts under every sample, {100 * level / peak:+.2f} % of the brightest light",
+            f"{level:+.3g} counts in every sample, {100 * level / peak:+.2f} % of the brightest light",
             abs(level) / error,
             share,
             picture=FaultPicture(values, "counts", "background of each pattern", ("pattern",)),

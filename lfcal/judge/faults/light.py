@@ -68,7 +68,7 @@ class ExposureFault(Fault):
     """Single frames with a different exposure."""
 
     name = "exposure"
-    title = "single frames of another exposure"
+    title = "single frames with another exposure"
     subject = "light"
     rank = 40
     advice = "Record these positions again; switch automatic exposure off."
@@ -89,11 +89,11 @@ class ExposureFault(Fault):
         many = "1 frame" if bad.size == 1 else f"{bad.size} frames"
         yield FoundFault(
             self,
-            f"{many} of {len(evidence)} compared, the worst at {place} with {1 + gains[worst]:.2f} times the light",
+            f"{many} of {len(evidence)} compared; the worst, at {place}, has {1 + gains[worst]:.2f} times the light",
             float(abs(gains[worst]) / max(scatter, float(sigmas[worst]))),
             float(np.abs(gains[bad]).mean()) * evidence.extent(bad),
             positions=evidence.index[bad],
-            picture=place_map(evidence, 1 + gains, "ratio", "light over that of the plane"),
+            picture=place_map(evidence, 1 + gains, "ratio", "light relative to that of the plane"),
             redo=True,
             put_in=only_recorded(evidence.index[bad]),
             extent=evidence.likely_extent(bad),
@@ -161,7 +161,7 @@ class Flicker(Fault):
     title = "lamp that flickers"
     subject = "light"
     rank = 42
-    advice = "Stabilise the lamp's current, or expose for whole periods of the mains."
+    advice = "Stabilise the current of the lamp, or expose for a whole number of mains periods."
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:

@@ -210,7 +210,7 @@ def _tone(evidence: Evidence, light: F4, peak: float) -> FaultPicture:
     which = np.digitize(light[evidence.valid], edges)
     seen = evidence.data[evidence.valid]
     means = np.array([seen[which == k].mean() if (which == k).any() else np.nan for k in range(1, len(edges))])
-    return FaultPicture(means, "counts", "mean value over the light it should be", ("light (counts)",), edges[:-1])
+    return FaultPicture(means, "counts", "mean value relative to the expected light", ("light (counts)",), edges[:-1])
 
 
 FAULTS = (NotLinear(),)

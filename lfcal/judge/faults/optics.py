@@ -47,9 +47,9 @@ DIM = 0.03
 
 VIEWS: dict[str, Callable[[F4], F4]] = {
     "as it is": lambda light: light,
-    "turned by half": lambda light: light[:, ::-1, ::-1],
-    "mirrored up and down": lambda light: light[:, ::-1],
-    "mirrored left and right": lambda light: light[:, :, ::-1],
+    "turned by 180°": lambda light: light[:, ::-1, ::-1],
+    "mirrored top to bottom": lambda light: light[:, ::-1],
+    "mirrored left to right": lambda light: light[:, :, ::-1],
 }
 """Possible shapes of a ghost, as functions of patterns ``(n, nt, ns)``."""
 
@@ -61,7 +61,10 @@ class DepthLabel(Fault):
     title = "planes at other depths than stated"
     subject = "optics"
     rank = 50
-    advice = "Correct the depths of these planes, or the distance of the stage's zero. No new recording is needed."
+    advice = (
+        "Correct the depths of these planes, or the distance of the zero position of the stage. No new "
+        "recording is needed."
+    )
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -139,7 +142,7 @@ class GhostFault(Fault):
             picture=FaultPicture(
                 100 * table,
                 "%",
-                "residual, as a share of the displaced pattern",
+                "residual, as a fraction of the displaced pattern",
                 ("down (px)", "across (px)"),
                 origin=(-(table.shape[0] // 2), -(table.shape[1] // 2)),
             ),

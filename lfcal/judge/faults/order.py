@@ -95,7 +95,8 @@ class WrongOrder(Fault):
     rank = 3
     needs_camera = False
     advice = (
-        "Correct the axes of the scan or leave out the first frames, then assemble H again. No new recording is needed."
+        "Correct the axes of the scan, or leave out the first frames. Then assemble H again. No new "
+        "recording is needed."
     )
     settles: ClassVar[tuple[str, ...]] = (
         "scan_order",
@@ -156,7 +157,7 @@ class WrongOrder(Fault):
         words = "; ".join(f"plane {z}: {name}" for z, name in list(turned.items())[:3])
         yield FoundFault(
             self,
-            words + (f"; and {len(turned) - 3} planes more" if len(turned) > 3 else ""),
+            words + (f"; and {len(turned) - 3} more planes" if len(turned) > 3 else ""),
             told,
             len(turned) / len(np.unique(evidence.index[:, 0])),
             positions=evidence.index[np.isin(evidence.index[:, 0], list(turned))],

@@ -63,13 +63,13 @@ class Pupil(Fault):
     """Light is missing in the same part of all patterns of a plane, because the pupil is dark there."""
 
     name = "pupil"
-    title = "pupil darker in a part"
+    title = "partly darkened pupil"
     subject = "optics"
     strong_rank = 8
     rank = 45
     advice = (
-        "Look at the depth-plane sums. Free the blades of the iris, remove what is in the way, or centre the lens. "
-        "Record again, or state the vignetting in the camera."
+        "Look at the depth-plane sums. Free the blades of the iris, remove the obstacle, or centre the "
+        "lens. Then record again, or state the vignetting in the camera."
     )
     settles: ClassVar[tuple[str, ...]] = ("centring", "leak", "stage_gain", "pitch")
     explains: ClassVar[tuple[str, ...]] = ("ghost",)
@@ -109,12 +109,12 @@ class Pupil(Fault):
         side = np.degrees(np.arctan2(down, across))
         yield FoundFault(
             self,
-            f"down to {100 * float(image.min()):.0f} % of the light {side:.0f}° from the right, downwards, "
-            f"of the middle of the pattern; {100 * scatter:.0f} % (rms) over it",
+            f"the light falls to {100 * float(image.min()):.0f} % at an angle of {side:.0f}° in the pattern "
+            f"(clockwise from the right); {100 * scatter:.0f} % (rms) over the pattern",
             told,
             scatter / 2,
             picture=FaultPicture(
-                100 * lit[z], "%", f"light over that of the camera, plane {z}", ("row (px)", "column (px)")
+                100 * lit[z], "%", f"light relative to that of the camera, plane {z}", ("row (px)", "column (px)")
             ),
             repair=adding(evidence.index, now.left - replace(here, values=now.values).left),
             put_in=_shaded(lit),
@@ -171,8 +171,8 @@ class TypeFocus(Fault):
     strong_rank = 8
     rank = 57
     advice = (
-        "Fit the focal lengths (lfcal fit --unknowns focal_lengths) and use the fitted camera. "
-        "No new recording is needed."
+        "Fit the focal lengths (lfcal fit --unknowns focal_lengths), and use the fitted camera. No new "
+        "recording is needed."
     )
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
@@ -205,7 +205,7 @@ class TypeFocus(Fault):
             f"type {kind}: focal length {focal * (1 + change):.1f} µm instead of {focal:.1f} µm",
             abs(tried[kind][0]) / sigma,
             share,
-            picture=FaultPicture(told, "%", "focal length relative to that stated, each alone", ("lens type",)),
+            picture=FaultPicture(told, "%", "focal length relative to that stated", ("lens type",)),
             repair=adding(evidence.index, evidence.light - other),
             put_in=put_in,
         )

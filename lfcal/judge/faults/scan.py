@@ -70,10 +70,13 @@ class StageAxesFault(Fault):
     """Stage steps that are too long or too short, axes that are rotated or sheared, or a drift during the scan."""
 
     name = "stage_axes"
-    title = "steps or axes of the stage"
+    title = "wrong steps or axes of the stage"
     subject = "stage"
     rank = 30
-    advice = "Measure scale and angle of the stage (Adjust the rig in the window), correct the plan and record again."
+    advice = (
+        "Measure the scale and the angle of the stage (Adjust the rig in the window), correct the plan, "
+        "and record again."
+    )
     settles: ClassVar[tuple[str, ...]] = ("stage_gain", "drift")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -125,7 +128,7 @@ def _words(seen: dict[tuple[str, str], float]) -> str:
         seen.get(k, 0.0) for k in (("y", "by_row"), ("y", "by_column"), ("x", "by_row"), ("x", "by_column"))
     )
     if yx and xy and yx * xy < 0 and BETTER < abs(yx / xy) < 1 / BETTER:
-        turn = f"stage turned by {np.degrees((yx - xy) / 2):.2f}°"
+        turn = f"stage rotated by {np.degrees((yx - xy) / 2):.2f}°"
         return turn if not (yy or xx) else f"{turn}, and steps"
     if (xx or yy) and not (yx or xy):
         if xx and yy and BETTER < yy / xx < 1 / BETTER:
@@ -144,7 +147,10 @@ class BacklashFault(Fault):
     title = "play of the stage"
     subject = "stage"
     rank = 31
-    advice = "Scan every row from the same side (order raster), or approach each position from one side."
+    advice = (
+        "Scan every row from the same side (order raster), or approach each position from one side "
+        "(lfcal acquire --overshoot)."
+    )
     settles: ClassVar[tuple[str, ...]] = ("backlash",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -224,7 +230,7 @@ class FrameShift(Fault):
     title = "frames displaced relative to the plan"
     subject = "stage"
     rank = 28
-    advice = "Check which region of the sensor was read. Assemble with its first pixel (--origin)."
+    advice = "Check which region of the sensor was read, and assemble with its first pixel (--origin)."
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -324,12 +330,12 @@ def _whose(evidence: Evidence, k: int, far: F8, *, unlike: bool) -> str:
     # in a frame of another position, source and cutout belong to that position
     if step.any() and np.abs(far - step).max() < 0.2 and np.abs(window - step).max() < 0.2:
         own = (np.array(place[1:]) + step.astype(int)) % np.array(evidence.plan.period)
-        return f"{place} contains that of ({place[0]}, {int(own[0])}, {int(own[1])})"
+        return f"{place} contains the pattern of ({place[0]}, {int(own[0])}, {int(own[1])})"
     if np.hypot(*window) > np.hypot(*far):
         return (
             f"{place} belongs to another position: its light is displaced by {np.hypot(*window):.1f} px in its cutout"
         )
-    return f"the source of {place} is {np.hypot(*far):.2f} px off its position"
+    return f"the source of {place} is {np.hypot(*far):.2f} px away from its position"
 
 
 FAULTS = (StageAxesFault(), BacklashFault(), Jitter(), FrameShift(), Strangers())

@@ -206,7 +206,7 @@ class HotLine(Fault):
             clean = np.where(np.isin(np.arange(off.size), bad), off, 0.0)
             yield FoundFault(
                 self,
-                f"{_named(axis, bad)} of the scanned part: {off[worst]:.3g} counts too many",
+                f"{_named(axis, bad)} of the scanned part: {off[worst]:.3g} counts too high",
                 float(told[worst]),
                 _added(evidence, off[bad]),
                 pixels=_pixels(axis, bad, total.weight.shape),

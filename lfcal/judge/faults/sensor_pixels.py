@@ -52,7 +52,7 @@ class BadPixels(Fault):
     rank = 20
     title = "bad pixels of the sensor"
     subject = "sensor"
-    advice = "Add them to the defect map of the sensor and assemble H again. No new recording is needed."
+    advice = "Add these pixels to the defect map of the sensor, and assemble H again. No new recording is needed."
     settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -175,7 +175,7 @@ class MosaicFault(Fault):
     rank = 14
     title = "colour mosaic not separated"
     subject = "sensor"
-    advice = "Assemble one channel, or demosaic the frames with the pattern of the sensor."
+    advice = "Assemble one channel, or demosaic the frames with the filter pattern of the sensor."
     settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -199,11 +199,11 @@ class MosaicFault(Fault):
 
         yield FoundFault(
             self,
-            f"pixels of two by two receive {words} of the light",
+            f"the pixels of a 2 x 2 block receive {words} of the light",
             told,
             float(np.abs(gains).mean()),
             picture=FaultPicture(
-                ratios, "ratio", "light of the pixels of two by two", ("row modulo 2", "column modulo 2")
+                ratios, "ratio", "light of the pixels of a 2 x 2 block", ("row modulo 2", "column modulo 2")
             ),
             repair=repair,
             put_in=lambda patch: patch.light * patch.seen(_tiled(ratios / ratios.mean(), total.weight.shape)),

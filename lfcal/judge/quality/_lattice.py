@@ -34,7 +34,7 @@ ORDERS = {
     "as planned": "",
     "x reversed": "the scan runs backwards along x, or the frames are mirrored left to right",
     "y reversed": "the scan runs backwards along y, or the frames are mirrored top to bottom",
-    "both reversed": "the scan runs backwards along both axes, or the frames are turned by half a turn",
+    "both reversed": "the scan runs backwards along both axes, or the frames are turned by 180°",
     "axes swapped": "x and y of the scan are swapped",
 }
 """Orders in which the positions may have been recorded, in words."""

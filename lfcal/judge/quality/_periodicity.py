@@ -104,7 +104,7 @@ def periodicity(
             "control frames",
             f"n frames of {plane.shape[2]} x {plane.shape[3]} pixels and n positions",
             f"{frames.shape} and {places.shape}",
-            "cut them out like those of H",
+            "make their cutouts like those of H",
         )
     size = np.array(plane.shape[:2])
     steps = np.round(places - np.array(anchor)).astype(np.intp)

@@ -39,9 +39,9 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
         if min(top, left) < 0:
             raise InputError.expected(
                 "control frames",
-                f"at least {H.cutout} pixels like H",
+                f"at least {H.cutout} pixels, as in H",
                 check.frame.shape,
-                "give the session that H was recorded in",
+                "give the session in which H was recorded",
             )
         frames, places = found.setdefault(check.position.z, ([], []))
         frames.append(check.frame[top : top + H.cutout[0], left : left + H.cutout[1]])
@@ -49,7 +49,10 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
         places.append(np.array(H.anchor) + check.position[1:] + np.array(check.periods) * H.period)
     if not found:
         raise InputError.expected(
-            f"{session}", "control frames", "none", "record with lfcal acquire --controls, or leave it out"
+            f"{session}",
+            "control frames",
+            "none",
+            "record them with lfcal acquire --controls, or leave the session out",
         )
     return {z: (np.stack(frames), np.stack(places)) for z, (frames, places) in found.items()}
 

@@ -166,7 +166,7 @@ def _actions(inspection: Inspection) -> Iterator[PageBlock]:
     if redo:
         places = ", ".join(f"({z}, {y}, {x})" for (z, y, x), _ in redo[:LISTED])
         more = f" and {len(redo) - LISTED} more" if len(redo) > LISTED else ""
-        yield PageBlock(f"Record again (z, y, x): {places}{more}. redo.json holds the list.")
+        yield PageBlock(f"Record again (z, y, x): {places}{more}. redo.json contains the list.")
 
 
 AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
@@ -199,7 +199,7 @@ def _apertures(quality: QualityReport) -> Iterator[PageBlock]:
     f = quality.f_number
     if f is not None:
         error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
-        yield PageBlock(f"Working f-number from the shadow over depth: {f.value:.2f}{error}", 8)
+        yield PageBlock(f"Working f-number from the size of the shadow over depth: {f.value:.2f}{error}", 8)
 
 
 def _drawn(pictures: Sequence[ReportPicture]) -> Iterator[PageBlock]:

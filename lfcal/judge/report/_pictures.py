@@ -177,7 +177,7 @@ def _unspoilt(image: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
     level = 1.5 * float(np.nanpercentile(image, 99)) if np.isfinite(image).any() else 0.0
     if level <= 0 or not np.nanmax(image) > level:
         return image, ""
-    return np.minimum(image, level), ", hot pixels cut"
+    return np.minimum(image, level), ", hot pixels clipped"
 
 
 def _transposed_sum(H: PSFMatrix) -> ReportPicture:
@@ -188,12 +188,12 @@ def _transposed_sum(H: PSFMatrix) -> ReportPicture:
     apart = (turned - straight) / (np.abs(straight).max() or 1.0)
     with _sheet(2, _row_height(H.cutout)) as sheet:
         left, right = sheet.grid(2, 2)
-        draw_image(left, turned, title=f"HT turned, {_depth(H.known_depths, z)}", unit="sum of HT")
+        draw_image(left, turned, title=f"HT rotated by 180°, {_depth(H.known_depths, z)}", unit="sum of HT")
         draw_image(right, apart, title="difference from H", unit="of peak", signed=True)
         # rounding alone must not fill the range of colours
         top = max(float(np.abs(apart).max()), 1e-6)
         right.images[0].set_clim(-top, top)
-    caption = "The sum of the transposed matrix must be that of H turned by 180°: largest difference here "
+    caption = "The sum of the transposed matrix must equal that of H rotated by 180°; the largest difference is  "
     return ReportPicture(
         "aperture", "transposed_sum.png", f"{caption}{np.abs(apart).max():.2g} of the peak.", sheet.png
     )
@@ -209,7 +209,7 @@ def _over_depth(quality: QualityReport) -> ReportPicture:
     curves = (
         (sizes, "aperture diameter (px)"),
         (quality.energy, "mean energy of a pattern"),
-        (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak over noise"),
+        (quality.peak / np.where(quality.noise > 0, quality.noise, np.nan), "peak-to-noise ratio"),
     )
     with _sheet(3, 2.5) as sheet:
         for (values, label), axes in zip(curves, sheet.grid(3, 3), strict=True):
@@ -219,7 +219,7 @@ def _over_depth(quality: QualityReport) -> ReportPicture:
             axes.ticklabel_format(useOffset=False, axis="y", scilimits=(-3, 5))
             top = np.nanmax(values, initial=0.0)
             axes.set_ylim(0, 1.15 * top if top > 0 else 1)
-    return ReportPicture("aperture", "over_depth.png", "Size, energy and signal over depth.", sheet.png)
+    return ReportPicture("aperture", "over_depth.png", "Size, energy and signal as functions of depth.", sheet.png)
 
 
 def _slices(H: PSFMatrix) -> ReportPicture:
@@ -237,7 +237,9 @@ def _slices(H: PSFMatrix) -> ReportPicture:
                 xlabel="voxel column s (px)",
                 ylabel="voxel row t (px)",
             )
-    caption = f"Slices at position y {y}, x {x}: where a point's light goes, and where a pixel's light comes from."
+    caption = (
+        f"Slices at position y {y}, x {x}: the pixels that a point illuminates, and the voxels that illuminate a pixel."
+    )
     return ReportPicture("slices", "slices.png", caption, sheet.png)
 
 
@@ -258,7 +260,7 @@ def _metric_map(metric: Metric, quality: QualityReport) -> ReportPicture:
             axes.images[0].set_clim(low, high)
             here = metric.positions[metric.positions[:, 0] == z]
             axes.plot(here[:, 2], here[:, 1], "s", mfc="none", mec=LINES[1], ms=6, mew=1.2)
-    marked = " Squares: positions named." if len(metric.positions) else ""
+    marked = "  Squares mark the named positions." if len(metric.positions) else ""
     words = f"{metric.spec.title} ({metric.text}, {metric.merit}). {metric.spec.meaning}{marked}"
     return ReportPicture("maps", f"map_{metric.key}.png", f"{words}{_of(len(planes), len(metric.map))}", sheet.png)
 
@@ -288,7 +290,7 @@ def _tiling(quality: QualityReport) -> ReportPicture:
             rows, columns = tiling.positions.T
             for values, unit in (
                 (100 * tiling.difference, "difference (%)"),
-                (np.hypot(*tiling.shift.T), "best fit away (px)"),
+                (np.hypot(*tiling.shift.T), "distance of the best fit (px)"),
             ):
                 axes = next(grid)
                 dots = axes.scatter(columns, rows, c=values, s=60, edgecolor="white", linewidth=0.6, vmin=0, zorder=3)
@@ -298,7 +300,10 @@ def _tiling(quality: QualityReport) -> ReportPicture:
                 axes.set_xlabel("sensor column (px)")
                 axes.set_ylabel("sensor row (px)")
                 sheet.fig.colorbar(dots, ax=axes, shrink=0.85).set_label(unit)
-    text = "Control frames over the field: difference from the same position of the cell, and distance of the one that"
+    text = (
+        "Control frames over the field: difference from the same position of the period, and distance of "
+        "the position that"
+    )
     return ReportPicture("tiling", "tiling.png", f"{text} fits best{_of(len(shown), len(known))}.", sheet.png)
 
 

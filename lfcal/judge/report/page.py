@@ -94,7 +94,7 @@ def _verdict(inspection: Inspection) -> str:
     return f'<section class="verdict {inspection.merit}">{verdict}<p>{html_text(more)}</p></section>'
 
 
-ERROR = "error of a reconstruction (NRMSE), by noise → with the fault"
+ERROR = "error of a reconstruction (NRMSE), from noise alone → with the fault"
 """Heading of the column of costs."""
 
 
@@ -171,8 +171,8 @@ def _metrics(quality: QualityReport, every: bool) -> str:
         return [_merit(m), name, html_text(value_text(m)), html_text(best), html_text(worst), m.cost_text, words]
 
     note = (
-        '<p class="note">Cost: error of a reconstruction (NRMSE) caused by a fault of this size: measured with this '
-        "H, or typical.</p>"
+        '<p class="note">Cost: the error of a reconstruction (NRMSE) caused by a fault of this size, '
+        "measured with this H or typical.</p>"
     )
     count = f"<p>{html_text(counted_words(quality.metrics))}.</p>"
     headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
@@ -250,7 +250,7 @@ def _f_number(H: PSFMatrix, quality: QualityReport) -> str:
     if f is None:
         return f"<p>The working f-number cannot be measured from these planes.{stated}</p>"
     error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
-    return f"<p>Working f-number from the shadow's size over depth: <b>{f.value:.2f}{error}</b>.{stated}</p>"
+    return f"<p>Working f-number from the size of the shadow over depth: <b>{f.value:.2f}{error}</b>.{stated}</p>"
 
 
 def _tilings(quality: QualityReport) -> str:
@@ -275,8 +275,8 @@ def _tilings(quality: QualityReport) -> str:
         "control frames",
         "difference, median (%)",
         "largest (%)",
-        "at the best fit (%)",
-        "period that fits best, y × x (px)",
+        "difference at the best fit (%)",
+        "best-fitting period, y × x (px)",
     )
     return html_table(headers, rows, range(6))
 
@@ -295,7 +295,7 @@ def _compared(H: PSFMatrix, c: Comparison, reference: str, pictures: Sequence[Re
     ]
     return (
         words
-        + html_table(("depth z", "correlation", "scale of the reference that fits best"), rows, (0, 1, 2))
+        + html_table(("depth z", "correlation", "best-fitting scale of the reference"), rows, (0, 1, 2))
         + figures(pictures, "comparison")
     )
 

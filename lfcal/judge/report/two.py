@@ -51,7 +51,7 @@ COLUMNS = (
     "lenslets",
     "NRMSE (%)",
     "scale",
-    "at scale (%)",
+    "difference at this scale (%)",
     "shift rows, columns (px)",
     "left (%)",
     "correlation",
@@ -82,10 +82,10 @@ def verdict(found: Comparison) -> str:
     row, column = one.shift_px
     shifted = f"{_percent(one.left)} % at this scale and a shift of ({row:+z.3f}, {column:+z.3f}) px."
     if one.scale and not 1 / OTHER_UNITS < abs(one.scale) < OTHER_UNITS:
-        how = f"in different units: the first are {format_number(one.scale, 4)} times those of the second"
+        how = f"in different units: those of the first H are {format_number(one.scale, 4)} times those of the second"
         return f"Their values are {how}. At that scale they differ by {_percent(one.scaled)} % (NRMSE), {shifted}"
     words = f"They differ by {_percent(one.nrmse)} % (NRMSE) as they are, {_percent(one.scaled)} % at the best scale "
-    return ("The same to 1 %. " if one.nrmse < SAME else "") + words + f"{one.scale:.4g}, {shifted}"
+    return ("They agree to within 1 %.  " if one.nrmse < SAME else "") + words + f"{one.scale:.4g}, {shifted}"
 
 
 def compared_words(found: Comparison) -> str:
@@ -195,8 +195,8 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
     notes = "".join(f"<li>{html_text(note)}</li>" for note in found.notes)
     rows = [[html_text(cell) for cell in row] for row in figure_rows(found)]
     told = (
-        '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g that minimizes |A − g B|, with |A − g B| / |A| '
-        "at this scale. Left: the residual with B shifted as well. Lenslets: pixels behind lenslets of one type.</p>"
+        '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g that minimizes |A − g B|, with |A − g B| / |A| at '
+        "this scale. Left: the residual if B is also shifted. Lenslets: pixels behind lenslets of one type.</p>"
     )
     return html_page(
         f"{first} and {second}",
@@ -206,7 +206,7 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
             f'<section class="verdict">{html_text(verdict(found))}<p>{html_text(compared_words(found))}.</p></section>',
             html_section("What was left out", f"<ul>{notes}</ul>" if notes else ""),
             html_section("Numbers", html_table(COLUMNS, rows, range(2, len(COLUMNS))) + told),
-            html_section("Where they differ most", figures(drawn, "patterns")),
+            html_section("Largest differences", figures(drawn, "patterns")),
             html_section("Over source positions", figures(drawn, "maps")),
         ],
         f"compared in {format_seconds(seconds)}" if seconds else "comparison",
@@ -235,7 +235,9 @@ def _patterns(found: Comparison) -> ReportPicture:
                     axes.images[0].set_clim(min(0.0, float(np.nanmin(a))), top)
         if not places:
             fig.text(0.5, 0.5, "no position could be compared", ha="center")
-        return ReportPicture("patterns", PATTERNS, "Positions (z, y, x) that differ most, at equal light.", _png(fig))
+        return ReportPicture(
+            "patterns", PATTERNS, "Positions (z, y, x) with the largest differences, at equal light.", _png(fig)
+        )
 
 
 def _maps(found: Comparison) -> ReportPicture:

@@ -29,7 +29,7 @@ def _differences(check: CameraCheck) -> Iterator[Finding]:
                 limit=FIT_PX,
                 remedy="Correct the camera, or use the measured values."
                 if check.camera is not None
-                else "Correct the camera, or choose the white image of this one.",
+                else "Correct the camera, or choose the white image of this camera.",
                 merit="bad" if line.verdict == WRONG else "fair",
             )
 

@@ -54,7 +54,7 @@ def _planes(check: MatrixCheck) -> Iterator[Finding]:
 def _deviations(check: MatrixCheck) -> Iterator[Finding]:
     if check.deviations:
         detail = listed(check.deviations, NAMED)
-        yield Finding(kind="deviation", what="not as the format requires", subject="file", detail=detail, remedy=AGAIN)
+        yield Finding(kind="deviation", what="deviations from the format", subject="file", detail=detail, remedy=AGAIN)
 
 
 def _not_recorded(check: MatrixCheck) -> Iterator[Finding]:
@@ -64,12 +64,12 @@ def _not_recorded(check: MatrixCheck) -> Iterator[Finding]:
             what="positions never recorded",
             subject="frames",
             detail=format_count(check.missing, "position", "positions"),
-            remedy="Record them, or fill them from a fit (lfcal assemble --fill).",
+            remedy="Record these positions, or fill them from a fit (lfcal assemble --fill).",
             merit="fair",
         )
 
 
-RESUME = "Record them again (lfcal acquire --resume)."
+RESUME = "Record these frames again (lfcal acquire --resume)."
 
 
 def _frames(report: SessionReport) -> Iterator[Finding]:
@@ -98,7 +98,7 @@ def _files(report: SessionReport) -> Iterator[Finding]:
                 subject="file",
                 detail=file.fault,
                 where=file.file,
-                remedy="Copy it again from its source, or record the lost frames again (lfcal acquire --resume).",
+                remedy="Copy the file again from its source, or record the lost frames again (lfcal acquire --resume).",
             )
 
 
@@ -113,7 +113,7 @@ def _never_taken(report: SessionReport) -> Iterator[Finding]:
     if report.never_taken:
         yield Finding(
             kind="never_taken",
-            what="positions never taken",
+            what="positions not recorded yet",
             subject="frames",
             detail=format_count(len(report.never_taken), "position", "positions"),
             where=places(report.never_taken),
@@ -131,5 +131,5 @@ FINDING_SOURCES = (
     FindingSource("damaged frames", ("SessionReport",), _frames),
     FindingSource("damaged files", ("SessionReport",), _files),
     FindingSource("positions without a record", ("SessionReport",), _records),
-    FindingSource("positions never taken", ("SessionReport",), _never_taken),
+    FindingSource("positions not recorded yet", ("SessionReport",), _never_taken),
 )

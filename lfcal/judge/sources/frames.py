@@ -44,7 +44,7 @@ def _missing(report: AssemblyReport) -> Iterator[Finding]:
             detail=format_count(many, "position", "positions"),
             where=places(report.missing),
             positions=tuple(map(tuple, report.missing)),
-            remedy="Record them, or let lfcal fit find the optics and lfcal assemble --fill FIT fill them.",
+            remedy="Record these positions; or fit the optics (lfcal fit) and fill them (lfcal assemble --fill FIT).",
             merit="fair",
             repeat=many,
         )
@@ -54,12 +54,12 @@ def _padded(report: AssemblyReport) -> Iterator[Finding]:
     if report.padded:
         yield Finding(
             kind="padded",
-            what="cutouts that leave the sensor",
+            what="cutouts beyond the edge of the sensor",
             subject="cutout",
             detail=f"{format_count(len(report.padded), 'cutout', 'cutouts')}, padded with zeros",
             where=places(report.padded),
             positions=tuple(map(tuple, report.padded)),
-            remedy="Move the cutout by its anchor, or make it smaller.",
+            remedy="Move the anchor, or choose a smaller cutout.",
             merit="fair",
         )
 
@@ -94,7 +94,7 @@ def _mistakes(points: Points) -> Iterator[Finding]:
 FINDING_SOURCES = (
     FindingSource("damaged frames left out", ("AssemblyReport",), _left_out),
     FindingSource("positions without a frame", ("AssemblyReport",), _missing),
-    FindingSource("cutouts that leave the sensor", ("AssemblyReport",), _padded),
+    FindingSource("cutouts beyond the edge of the sensor", ("AssemblyReport",), _padded),
     FindingSource("saturation", ("AssemblyReport",), _saturation),
     FindingSource("target in frames", ("Points",), _mistakes),
 )

@@ -82,7 +82,7 @@ def _unfinished(inspection: Inspection) -> Iterator[Finding]:
             what="comparison with the camera",
             subject="optics",
             detail=inspection.unfinished,
-            remedy="Allow it more time.",
+            remedy="Allow more time for the comparison (--seconds).",
             merit="unknown",
         )
 

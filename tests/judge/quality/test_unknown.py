@@ -138,7 +138,7 @@ def test_a_frame_out_of_focus_is_named_to_be_recorded_again() -> None:
     found = inspect(matrix(hexagonal(), values))
     assert 4 < found["step"].value < 20
     assert found["step"].positions.tolist() == [[1, 4, 7]]
-    assert found.redo() == [((1, 4, 7), "odd frames")]
+    assert found.redo() == [((1, 4, 7), "unusual frames")]
 
 
 def test_a_metric_is_checked_when_it_is_made_and_when_it_answers() -> None:

@@ -49,9 +49,10 @@ METRICS = (
         unit="of peak",
         limits=Limits(good=1e-6, bad=1e-4),
         cost=CostModel(at_bad=0.5, worst=2.0),
-        meaning="Largest difference of sampled entries of HT from H, and of stored depth-plane sums from the "
-        "patterns'.",
-        advice="The file is not consistent: write it again.",
+        meaning=(
+            "Largest difference between sampled entries of HT and H, and between stored and computed depth-plane sums."
+        ),
+        advice="The file is inconsistent: write it again.",
         of_plane=_identities,
     ),
 )

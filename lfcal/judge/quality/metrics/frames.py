@@ -54,7 +54,7 @@ METRICS = (
         cost=CostModel(at_bad=1.3, worst=2.0, per_frame=True),
         plot="map",
         map_unit="yes / no",
-        meaning="Positions without a frame, or with a dark one.",
+        meaning="Positions without a frame, or with a dark frame.",
         advice="Record these positions again.",
         overall="sum",
         redo=True,
@@ -84,8 +84,8 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.3, worst=3.0),
         plot="map",
-        meaning="Pixels that are NaN: a single one makes a whole reconstruction NaN.",
-        advice="Record these positions again, or assemble again with the corrections checked.",
+        meaning="Pixels that are NaN: a single one makes every voxel of a reconstruction NaN.",
+        advice="Record these positions again, or check the corrections and assemble again.",
         overall="sum",
         redo=True,
         needs_light=False,
@@ -93,7 +93,7 @@ METRICS = (
     ),
     MetricSpec(
         key="step",
-        title="Odd frames",
+        title="Unusual frames",
         subject="frames",
         unit="x",
         limits=ODD,
@@ -107,7 +107,7 @@ METRICS = (
     ),
     MetricSpec(
         key="seam",
-        title="Seam at the wrap",
+        title="Seam at the period's edge",
         subject="frames",
         unit="x",
         limits=Limits(good=1.5, bad=3.0),
@@ -115,10 +115,14 @@ METRICS = (
         plot="map",
         map_unit="times the typical change",
         always_shown=True,
-        meaning="Change from the last position to the first, relative to the change between neighbours; 1 if the cell "
-        "tiles.",
-        advice="The patterns do not repeat with this period: check period, step and drift, and whether the lens is "
-        "telecentric.",
+        meaning=(
+            "Change from the last position of a period to the first, relative to the change between "
+            "neighbours; 1 if the pattern is periodic."
+        ),
+        advice=(
+            "The patterns do not repeat with this period. Check the period, the step and the drift, and "
+            "whether the lens is telecentric."
+        ),
         of_plane=_seam,
     ),
 )

@@ -52,7 +52,7 @@ def _lamp(plane: PlaneMeasures) -> Reading:
 METRICS = (
     MetricSpec(
         key="snr",
-        title="Peak over noise",
+        title="Peak-to-noise ratio",
         subject="light",
         limits=Limits(good=100.0, bad=20.0, higher_is_better=True),
         cost=CostModel(at_bad=0.5, worst=1.0),
@@ -70,7 +70,7 @@ METRICS = (
         cost=CostModel(at_bad=0.046, worst=1.0),
         plot="planes",
         meaning="Energy that a constant background adds to a pattern or removes from it, without diffraction.",
-        advice="Take a dark frame of the same exposure and temperature, and assemble again.",
+        advice="Record a dark frame of the same exposure and temperature, and assemble again.",
         of_plane=_background,
         needs_centre=True,
     ),
@@ -81,8 +81,10 @@ METRICS = (
         unit="% of dark pixels",
         limits=Limits(good=2.0, bad=15.0),
         cost=CostModel(at_bad=0.04, worst=0.2),
-        meaning="Dark pixels that are exactly zero while none is negative: noise was cut off, so its mean looks like "
-        "light.",
+        meaning=(
+            "Dark pixels that are exactly zero while none is negative. The negative noise was cut off, so "
+            "the mean of the noise looks like light."
+        ),
         advice="Keep values signed when the dark frame is subtracted, and assemble again.",
         of_plane=_clipped,
     ),
@@ -94,8 +96,8 @@ METRICS = (
         limits=Limits(good=1.5, bad=4.0),
         cost=CostModel(at_bad=0.05, worst=0.8),
         plot="sum",
-        meaning="Light outside the pattern, above the background and the tails of the camera's own diffraction.",
-        advice="Find the leak or ghost in the depth-plane sum, mask it, record again.",
+        meaning="Light outside the pattern, above the background and the diffraction tails of the camera.",
+        advice="Find the light leak or the ghost image in the depth-plane sum, block it, and record again.",
         of_plane=_leak,
         needs_centre=True,
     ),
@@ -109,21 +111,21 @@ METRICS = (
         plot="map",
         map_unit="%",
         always_shown=True,
-        meaning="Scatter of the patterns' energy from position to position.",
-        advice="Stabilise the lamp, or record a reference and normalise by it.",
+        meaning="Scatter of the energy of the patterns from position to position.",
+        advice="Stabilise the lamp, or record a reference and normalise to it.",
         of_plane=_flicker,
     ),
     MetricSpec(
         key="lamp",
         title="Lamp drift",
         subject="light",
-        unit="% over the cell",
+        unit="% over the period",
         limits=Limits(good=3.0, bad=8.0),
         cost=CostModel(at_bad=0.01, worst=0.3),
         plot="map",
         map_unit="%",
-        meaning="Change of the patterns' energy from the first position to the last.",
-        advice="Let the lamp warm up, or record a reference and normalise by it.",
+        meaning="Change of the energy of the patterns from the first position to the last.",
+        advice="Let the lamp warm up, or record a reference and normalise to it.",
         of_plane=_lamp,
     ),
 )

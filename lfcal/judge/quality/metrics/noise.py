@@ -19,14 +19,14 @@ def _over_sensor(plane: PlaneMeasures) -> Reading:
     ratio = plane.dark.noise / expected
     if ratio >= 1:
         return Reading(ratio)
-    words = "less noise than the sensor has: frames were smoothed or averaged, or the camera's gain is wrong"
+    words = "less noise than that of the sensor: frames were smoothed or averaged, or the gain of the camera is wrong"
     return Reading(1 / ratio, detail=words if ratio < 1 / LIMITS.good else "")
 
 
 METRICS = (
     MetricSpec(
         key="noise",
-        title="Noise relative to the sensor's",
+        title="Noise relative to the sensor",
         subject="sensor",
         unit="x",
         limits=LIMITS,

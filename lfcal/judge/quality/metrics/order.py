@@ -34,14 +34,18 @@ METRICS = (
         key="scan_order",
         title="Orientation of frames",
         subject="frames",
-        unit="planes off",
+        unit="planes",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=3.6, worst=3.6),
         plot="map",
-        meaning="Planes in which the image moves in another direction, or the spots move over the lattice in another "
-        "order, than the positions state.",
-        advice="Assemble again with the frames turned upright (--orientation auto), or with the axes of the scan "
-        "corrected; no new recording is needed.",
+        meaning=(
+            "Planes in which the direction of the image, or the order of the spots on the lattice, "
+            "contradicts the positions."
+        ),
+        advice=(
+            "Assemble again with the frames turned upright (--orientation auto), or correct the axes of "
+            "the scan. No new recording is needed."
+        ),
         overall="sum",
         verdict_detail=True,
         if_unknown="no camera confirms it",
@@ -56,7 +60,7 @@ METRICS = (
         cost=CostModel(at_bad=0.6, worst=2.0, per_frame=True),
         plot="map",
         map_unit="px",
-        meaning="Positions whose pattern belongs to a place half a pixel or more away.",
+        meaning="Positions whose pattern belongs to a point at least half a pixel away.",
         advice="Record these positions again; whole rows or columns indicate swapped files or a lost stage step.",
         overall="sum",
         redo=True,

@@ -142,8 +142,8 @@ METRICS = (
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.55, worst=1.0),
         plot="planes",
-        meaning="Planes with hardly any light.",
-        advice="Record these planes again; check lamp, shutter and pinhole.",
+        meaning="Planes with almost no light.",
+        advice="Check the lamp, the shutter and the pinhole, and record these planes again.",
         overall="sum",
         redo=True,
         of_matrix=_dark,
@@ -170,7 +170,7 @@ METRICS = (
         limits=Limits(good=5.0, bad=15.0),
         cost=CostModel(at_bad=0.02, worst=0.5),
         plot="planes",
-        meaning="Largest deviation of a plane's energy from the trend of the planes.",
+        meaning="Largest deviation of the energy of a plane from the trend over depth.",
         advice="Record all planes with the same exposure and lamp, or normalise the planes.",
         of_matrix=_energy,
     ),
@@ -182,16 +182,18 @@ METRICS = (
         limits=Limits(good=3.0, bad=8.0),
         cost=CostModel(at_bad=0.1, worst=1.0),
         plot="planes",
-        meaning="Difference of the aperture's size from the size expected at the plane's depth, apart from a common "
-        "scale.",
-        advice="Check the depth of these planes and the camera's working distance and focal length.",
+        meaning=(
+            "Difference between the measured size of the aperture and the size expected at the depth of "
+            "the plane, apart from a common scale."
+        ),
+        advice="Check the depth of these planes, and the working distance and focal length of the camera.",
         of_matrix=_depth,
     ),
     MetricSpec(
         key="depth_order",
         title="Order of planes",
         subject="planes",
-        unit="planes off",
+        unit="planes",
         limits=Limits(good=0, bad=0),
         cost=CostModel(at_bad=0.6, worst=2.0),
         plot="planes",

@@ -26,7 +26,7 @@ METRICS = (
         limits=Limits(good=5.0, bad=25.0),
         cost=CostModel(at_bad=0.2, worst=1.0),
         meaning="Median difference between the repeated frames of a position, relative to the pattern.",
-        advice="If it exceeds the noise of one frame: let the stage settle longer, and warm up the lamp.",
+        advice="If the difference exceeds the noise of one frame, let the stage settle longer, and warm up the lamp.",
         of_matrix=_spread,
     ),
 )

@@ -72,7 +72,7 @@ def _suspected(plane: PlaneMeasures) -> Reading:
     piled = np.where(top >= float(top[use].max()) - table.tolerance, table.column("clipped") - 1, 0.0)
     if LIMITS.merit(float(piled.sum())) == "good":
         return UNKNOWN
-    words = "suspected from equal highest values; not counted"
+    words = "suspected from equal highest values, not counted"
     return Reading(float(piled.sum()), map=piled, positions=piled > 0, detail=words)
 
 
@@ -85,7 +85,7 @@ METRICS = (
         limits=LIMITS,
         cost=CostModel(at_bad=0.03, worst=0.6),
         plot="map",
-        meaning="Pixels at the top of the sensor's range.",
+        meaning="Pixels at the upper limit of the sensor's range.",
         advice="Shorten the exposure or dim the lamp, and record again.",
         overall="sum",
         needs_all=True,

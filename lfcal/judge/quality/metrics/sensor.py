@@ -32,7 +32,7 @@ METRICS = (
         cost=CostModel(at_bad=0.010, worst=0.3),
         plot="sum",
         meaning="Pixels that stay lit or dark at every position.",
-        advice="Map the sensor's defects with dark and white frames, and assemble again.",
+        advice="Find the defective pixels of the sensor with dark and white frames, and assemble again.",
         overall="sum",
         of_plane=_stuck,
     ),

@@ -49,8 +49,10 @@ METRICS = (
         plot="map",
         map_unit="px",
         meaning="Change of the distance between source and cutout from the first position to the last.",
-        advice="Correct the stage's step (step = pixel / magnification, with its sign) or the magnification; record "
-        "again.",
+        advice=(
+            "Correct the step of the stage (pixel size / magnification, with its sign) or the "
+            "magnification, and record again."
+        ),
         of_plane=_gain,
     ),
     MetricSpec(
@@ -63,7 +65,7 @@ METRICS = (
         plot="map",
         map_unit="px",
         always_shown=True,
-        meaning="Scatter of the lenslet lattice's phase about the value expected from the position.",
+        meaning="Scatter of the phase of the lenslet lattice about the value expected from the position.",
         advice="Check that frames belong to their positions, and that the stage settles before each exposure.",
         of_plane=_position,
     ),
@@ -77,8 +79,8 @@ METRICS = (
         plot="map",
         map_unit="px",
         always_shown=True,
-        meaning="Scatter of the source's position about its path, from the patterns' centroids.",
-        advice="Let the stage settle longer, or take up its play from one side; stiffen the mount.",
+        meaning="Scatter of the source about its path, measured from the centroids of the patterns.",
+        advice="Let the stage settle longer, approach positions from one side, or stiffen the mount.",
         of_plane=_jitter,
     ),
     MetricSpec(
@@ -90,7 +92,9 @@ METRICS = (
         cost=CostModel(at_bad=0.17, worst=1.0),
         plot="map",
         meaning="Half the offset between even and odd rows: play of a stage that scans in both directions.",
-        advice="Scan all rows in the same direction, or compensate the stage's play (--overshoot), and record again.",
+        advice=(
+            "Scan all rows in the same direction, or compensate the play of the stage (--overshoot). Then record again."
+        ),
         of_plane=_backlash,
     ),
     MetricSpec(
@@ -103,7 +107,10 @@ METRICS = (
         plot="map",
         map_unit="px",
         meaning="Drift of the source across its scan direction from the first row to the last.",
-        advice="Let lamp and stage warm up, record faster, or align the stage's axes with the sensor's rows.",
+        advice=(
+            "Let the lamp and the stage warm up, record faster, or align the axes of the stage with the "
+            "rows of the sensor."
+        ),
         of_plane=_drift,
     ),
     MetricSpec(
@@ -115,8 +122,8 @@ METRICS = (
         cost=CostModel(at_bad=0.1, worst=1.0),
         plot="map",
         map_unit="px",
-        meaning="Displacement of the pattern's lattice relative to the camera's over one cell.",
-        advice="Measure the lattice with a white image and use it in the camera; check the stage step.",
+        meaning="Displacement of the lattice in the patterns relative to that of the camera, over one period.",
+        advice="Measure the lattice with a white image and use it in the camera, or check the step of the stage.",
         of_plane=_pitch,
     ),
 )

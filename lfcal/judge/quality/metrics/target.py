@@ -66,8 +66,8 @@ METRICS = (
         (0.1, 0.5),
         (
             "Light of neighbouring points",
-            "Largest amount of light from a target's other holes in a cutout, relative to the hole at its centre.",
-            "Take a target with holes farther apart, or cover the bright ones.",
+            "Largest amount of light from other holes of the target in a cutout, relative to the hole at its centre.",
+            "Use a target with holes farther apart, or cover the bright holes.",
         ),
     ),
     _metric(
@@ -76,8 +76,8 @@ METRICS = (
         (0.2, 0.5),
         (0.15, 0.5),
         (
-            "Points off the target's lattice",
-            "Deviation of the holes' light from the common pose, pitch and distortion (rms).",
+            "Points off the target lattice",
+            "Deviation of the images of the holes from the common pose, pitch and distortion (rms).",
             "Correct the description of the target (pitch, kind, depth); look for dirt and reflections.",
         ),
     ),
@@ -88,8 +88,10 @@ METRICS = (
         (0.02, 0.1),
         (
             "Target not moved as planned",
-            "Deviation of images from their planned places, apart from the deviation common to all frames (rms).",
-            "Points are used where they are found. To meet the planned positions, check the stage's scale and axes.",
+            "Deviation of the images from their planned positions, apart from the deviation common to all "
+            "frames (rms).",
+            "Points are used where they are found. To reach the planned positions, check the scale and the "
+            "axes of the stage.",
         ),
     ),
     _metric(
@@ -99,7 +101,8 @@ METRICS = (
         (0.05, 0.2),
         (
             "Holes of unequal brightness",
-            "Spread of the light of a target's holes; patterns are divided by it, so dim ones have more noise.",
+            "Spread of the light of the holes of a target. Patterns are divided by their light, so dim ones "
+            "have more noise.",
             "Light the target more evenly, clean it, and expose for its brightest holes.",
         ),
     ),
@@ -110,8 +113,9 @@ METRICS = (
         (0.6, 1.2),
         (
             "Uncertain labels of points",
-            "Share of a target's points whose label or place is uncertain: dim, doubled, or off the lattice.",
-            "Look at the frames with these holes; clean the target, or leave these holes out with absent=.",
+            "Fraction of the points of a target whose label or position is uncertain: dim, doubled, or off "
+            "the lattice.",
+            "Look at the frames with these holes. Clean the target, or leave these holes out with absent=.",
         ),
         verdict_detail=True,
     ),

@@ -37,8 +37,8 @@ METRICS = (
         unit="px",
         limits=Limits(good=0.25, bad=0.5),
         cost=CostModel(at_bad=0.5, worst=2.0),
-        meaning="Difference of the recorded period from the camera's lattice.",
-        advice="Record a whole number of lattice periods: the plan of this camera states how many positions that is.",
+        meaning="Difference between the recorded period and the period of the camera's lattice.",
+        advice="Record a whole number of lattice periods; a plan of this camera states the number of positions.",
         of_matrix=_period,
     ),
     MetricSpec(
@@ -49,9 +49,13 @@ METRICS = (
         limits=Limits(good=5.0, bad=15.0),
         cost=CostModel(at_bad=0.1, worst=1.0),
         plot="map",
-        meaning="Largest difference of control frames, whole periods away, from the same position of the cell.",
-        advice="Use the period that fits best over the field, resample the frames to it, or calibrate separate "
-        "regions.",
+        meaning=(
+            "Largest difference between control frames, which are whole periods away, and the same "
+            "position of the period."
+        ),
+        advice=(
+            "Use the period that fits the whole field best, resample the frames to it, or calibrate separate regions."
+        ),
         needs_light=False,
         of_plane=_tiling,
     ),

@@ -84,4 +84,6 @@ def test_values_of_one_day_have_no_change_per_month(
     texts = [[panel.table.item(row, k).text() for k in range(4)] for row in range(panel.table.rowCount())]  # type: ignore[union-attr]
     assert next(row for row in texts if "Lamp" in row[0])[1:] == ["fair", "3.5 fair", "within 4.0 s"]
     assert {row[3] for row in texts if "Lamp" not in row[0]} == {""}, "what did not change"
-    assert "3 sessions, 2026-05-01." in panel.notes.text() and "No change per month is estimated" in panel.notes.text()
+    assert (
+        "3 sessions, 2026-05-01." in panel.notes.text() and "A change per month is not estimated" in panel.notes.text()
+    )

@@ -216,7 +216,7 @@ def test_regions_without_room_are_refused_before_frames_are_looked_for(
     type_in(page, "regions", "2x2")
     page.target.plan_target()
     idle(context.jobs, qtbot)
-    assert "one cell" in page.target.message.text() or "regions" in page.target.message.text()
+    assert "without regions" in page.target.message.text() or "regions" in page.target.message.text()
 
 
 def test_a_search_for_a_plan_that_is_no_more_is_stopped(
