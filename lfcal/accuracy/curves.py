@@ -96,9 +96,9 @@ class Curve:
     >>> for n in (1, 4, 16, 64):
     ...     curve = curve.with_rung(Rung(f"mean of {n}", {"frames": n}, 0.08 / n**0.5, n, "frames"))
     >>> print(curve.answer(0.02))
-    2 % costs 16 frames: mean of 16 (2 %)
+    An error of 2 % costs 16 frames: mean of 16 (2 %)
     >>> print(curve.answer(0.005))
-    0.5 % is not reached by any measured rung; the best is 1 % for 64 frames: mean of 64
+    No measured setting reaches an error of 0.5 %; the best one has 1 % for 64 frames: mean of 64
     """
 
     place: str
@@ -127,7 +127,7 @@ class Curve:
 
     def cheapest(self, error: float) -> Rung | None:
         """Return the cheapest point with an error of at most ``error`` (relative); None if there is none."""
-        check_number("requested error (a share)", error, above=0, remedy="0.01 is 1 %")
+        check_number("requested error (a fraction)", error, above=0, remedy="0.01 is 1 %")
         good = (rung for rung in self.rungs if rung.error <= error)
         return min(good, key=lambda rung: (rung.cost, rung.error), default=None)
 
@@ -135,12 +135,15 @@ class Curve:
         """Return a sentence on the cost of the relative error ``error``."""
         found, best, asked = self.cheapest(error), self.best, format_share(error)
         if found is not None:
-            return f"{asked} costs {format_cost(found.cost, self.unit)}: {found.label} ({format_share(found.error)})"
+            return (
+                f"An error of {asked} costs {format_cost(found.cost, self.unit)}: {found.label} "
+                f"({format_share(found.error)})"
+            )
         if best is None:
-            return f"{asked}: nothing was measured" + (f" ({self.stopped})" if self.stopped else "")
+            return f"Error of {asked}: nothing was measured" + (f" ({self.stopped})" if self.stopped else "")
         return (
-            f"{asked} is not reached by any measured rung; the best is {format_share(best.error)} for "
-            f"{format_cost(best.cost, self.unit)}: {best.label}"
+            f"No measured setting reaches an error of {asked}; the best one has {format_share(best.error)} "
+            f"for {format_cost(best.cost, self.unit)}: {best.label}"
         )
 
 

@@ -58,7 +58,9 @@ def draw_curves(
     """
     shown = [curve for curve in curves if curve.rungs]
     if not shown:
-        raise InputError.expected("curves to draw", "at least one with measurements", "none", "measure longer")
+        raise InputError.expected(
+            "curves to draw", "at least one with measurements", "none", "allow a longer time for each measurement"
+        )
     columns = min(COLUMNS, len(shown))
     rows = math.ceil(len(shown) / columns)
     with figure(4.4 * columns, 3.6 * rows) as fig:

@@ -60,7 +60,7 @@ class _Run:
         return time.perf_counter() - self.start
 
     def record(self, note: str = "") -> CurveProgress:
-        return CurveProgress(self.number, self.total, "what accuracy costs", self.elapsed, note, curve=self.curve)
+        return CurveProgress(self.number, self.total, "cost of accuracy", self.elapsed, note, curve=self.curve)
 
     def take(self, found: Truth | AccuracyStep | Rung | Progress) -> str:
         """Process one result of the measurement; return a remark on it."""
@@ -68,7 +68,7 @@ class _Run:
             self.curve = replace(self.curve, truth=found.label, notes=found.notes)
             self.rung_at = self.elapsed
             self.limit = max(self.limit, self.rung_at + FOR_RUNGS * self.limit)
-            return f"{self.curve.title}: truth"
+            return f"{self.curve.title}: reference"
         if isinstance(found, Rung):
             self.curve = self.curve.with_rung(found)
             now = self.elapsed
@@ -134,7 +134,7 @@ def iter_measure_curve(
     Frames averaged: mean of 4 [0.08, 0.04]
     end [0.08, 0.04]
     """
-    check_number("seconds for a place", seconds, above=0)
+    check_number("time for each measurement (s)", seconds, above=0)
     run = _Run(Curve(place.name, place.title, place.error, place.cost, place.unit), seconds, number, total)
     yield run.record(place.title)
     try:
@@ -160,7 +160,7 @@ measure_curve = drained(
     >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
     >>> print(measure_curve(place, subject).answer(0.05))
-    5 % costs 4 frames: mean of 4 (4 %)
+    An error of 5 % costs 4 frames: mean of 4 (4 %)
     """,
 )
 

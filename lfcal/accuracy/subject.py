@@ -106,7 +106,9 @@ class Subject:
     def __post_init__(self) -> None:
         """Check that there is something to measure."""
         if self.plan is None and self.matrix is None:
-            raise InputError.expected("subject of accuracy", "a scan plan or H", "neither", "give one of them")
+            raise InputError.expected(
+                "subject of the accuracy measurement", "a scan plan or H", "neither", "give one of the two"
+            )
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
@@ -120,7 +122,10 @@ class Subject:
         """The scan plan; raises `InputError` with the reason if there is none."""
         if self.plan is None:
             raise InputError.expected(
-                "camera", "that of the scan", self.no_plan or "none", "measure a plan or a camera"
+                "camera of the measurement",
+                "the camera of a scan",
+                self.no_plan or "none",
+                "give a scan plan or a camera",
             )
         return self.plan
 
@@ -209,7 +214,7 @@ class Subject:
         made = yield from iter_simulate_psf(
             part, found, level, tolerance=TOLERANCE, sampling=sampling, workers=self.workers
         )
-        how = f"simulated at level {level}" + ("" if waves else ", as waves take longer")
+        how = f"simulated at level {level}" + ("" if waves else ", because wave optics takes longer")
         return Sample(made, math.prod(plan.shape) / math.prod(part.shape), (_sample_note(made, plan.shape, how),))
 
 
@@ -250,4 +255,4 @@ def _plan_of(matrix: PSFMatrix) -> tuple[ScanPlan | None, str]:
         resample = matrix.pixel_scale != (1.0, 1.0)
         return ScanPlan(matrix.camera, (ny, nx), (nt, ns), depths, matrix.anchor, resample=resample), ""
     except LfcalError as error:
-        return None, f"a camera that H does not fit ({error})"
+        return None, f"a camera that does not fit H ({error})"

@@ -82,7 +82,7 @@ FEWEST = 5
 
 ENDS = {
     "reached": "the target error of H is reached, according to the fit",
-    "used up": "no positions are left, but the target error of H is not reached",
+    "used up": "all positions were recorded, but the target error of H is not reached",
     "incomplete": "the model is incomplete: more patterns do not reduce the error of H",
 }
 """Meaning of each way in which the session can end."""
@@ -126,7 +126,7 @@ class Goal:
         check_number("target error of H", self.error, at_least=least, below=1, remedy=remedy)
         check_number("positions before the first fit", self.first, at_least=FEWEST, integer=True)
         if self.most is not None:
-            check_number("most positions", self.most, at_least=self.first, integer=True)
+            check_number("largest number of positions", self.most, at_least=self.first, integer=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ class AdaptiveStep:
 
     def __str__(self) -> str:
         """Return the error against the number of positions, as one line."""
-        said = f"{self.positions} positions: error of H {format_share(self.expected_error)} expected"
+        said = f"{self.positions} positions: expected error of H {format_share(self.expected_error)}"
         return f"{said}, {self.held_out_error} at held-out positions" + ("" if self.complete else "; model incomplete")
 
     def to_dict(self) -> dict[str, Any]:
@@ -323,24 +323,30 @@ class _Campaign:
         if resume:
             session = SessionFile.read(self._folder)
             if not session.redo[0]:
-                got, remedy = "a scan of all of them", "resume it as a whole scan, or record into another folder"
+                got, remedy = (
+                    "a scan of all of them",
+                    "resume it as a scan of all positions, or record into another folder",
+                )
                 raise InputError.expected(f"{self._folder}", "a session of chosen positions", got, remedy)
             return (yield from self._record(resume=True))
         # do slow work only after all checks
         check_new(self._folder)
         if check_devices(self._plan, self._rig).optics == "pattern":
-            got, remedy = "the simulator's quick pattern, which has no lenslets", "open it with its default optics"
+            got, remedy = (
+                "the simulator's quick pattern, which has no lenslets",
+                "open the simulator with its default optics",
+            )
             raise InputError.expected("devices", "a camera that a fit can model", got, remedy)
         options = self._options or Options()
         if not options.plain:
-            got, remedy = "frames merged from several exposures", "record without a bracket"
-            raise InputError.expected("exposures", "single ones, whose noise is known", got, remedy)
+            got, remedy = "frames merged from several exposures", "record without an exposure bracket"
+            raise InputError.expected("exposures", "single exposures, whose noise is known", got, remedy)
         if stated_noise(self._plan.camera) is None:
             raise InputError.expected(
                 "noise of the camera",
-                "stated or measured",
-                "assumed",
-                "measure it from flats and darks (lfcal camera sensor)",
+                "a stated or measured noise",
+                "an assumed one",
+                "measure it from flat-field and dark frames (lfcal camera sensor)",
             )
         work = iter_next_positions(
             self._plan,

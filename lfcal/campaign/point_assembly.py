@@ -99,9 +99,9 @@ class PointFrames(SourceView):
             limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
             raise InputError.expected(
                 "points of the frames",
-                f"some within {limit:g} px of a position of the scan",
+                f"points within {limit:g} px of a position of the scan",
                 f"none of {len(points)}",
-                "plan with the measured pose, or use lfcal fit, which accepts points anywhere",
+                "plan with the measured pose, or use lfcal fit, which accepts points at any position",
             )
         self.unused = int((~keep).sum())
         self.points, self._index, self._off = points.only(keep), index[keep], off[keep]

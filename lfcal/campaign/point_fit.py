@@ -301,12 +301,15 @@ def hole_words(fit: Fit, *, asked: bool = True) -> str:
     """
     if asked and HOLE in fit.unhelpful:
         stays = _described(fit.setup.hole_um or 0.0)
-        return f"size of the holes: undetermined, because their images are too small; fixed at the described {stays}"
+        return (
+            "size of the holes: undetermined, because their images are too small; fixed at the described "
+            f"size of {stays}"
+        )
     found = fit.parameters.get("hole_um")
     if found is None or abs(found.value - found.start) <= found.sigma:
         return ""
     start = _described(found.start)
-    return f"size of the holes: {found.value:.4g} ± {found.sigma:.2g} µm found, {start} described"
+    return f"size of the holes: {found.value:.4g} ± {found.sigma:.2g} µm measured, {start} described"
 
 
 def _described(hole_um: float) -> str:
@@ -435,7 +438,7 @@ def _placed(
     problem = yield from iter_with_point_light(problem, optics, begin, still, Fineness.coarse, "points as described")
     point = problem.point(begin, Local(still, DEVIATION_PX, BRIGHTNESS), Fineness.coarse)
     which = problem.vector.of_groups(core).tolist()
-    point, columns = yield from descend(problem, point, which, "places of the points", most=ROUNDS, enough=5e-3)
+    point, columns = yield from descend(problem, point, which, "positions of the points", most=ROUNDS, enough=5e-3)
     point = nuisance_steps(problem, point, columns, np.ones(count, np.bool_))
     old: Measured = problem.measured
     lamps = point.levels.lamps[:, None, None].astype(np.float32)
@@ -446,7 +449,9 @@ def _placed(
         noise=old.noise / np.c_[(1 + lamps[:, 0, 0]) ** 2, 1 + lamps[:, 0, 0]],
     )
     placed = Problem(measured, problem.vector, workers)
-    placed = yield from iter_with_point_light(placed, optics, point.u, still, Fineness.coarse, "points where they are")
+    placed = yield from iter_with_point_light(
+        placed, optics, point.u, still, Fineness.coarse, "points at their fitted positions"
+    )
     return placed, point.u
 
 
@@ -476,7 +481,7 @@ def _with_light_as_found(finished: Finished, optics: PointOptics) -> Work[Finish
     problem, point, groups, columns, outliers = finished
     local, lamps = point.local, point.levels.lamps
     problem = yield from iter_with_point_light(
-        problem, optics, point.u, local.offsets_px, Fineness.fine, "points of the camera as found"
+        problem, optics, point.u, local.offsets_px, Fineness.fine, "points of the fitted camera"
     )
     point = problem.point(point.u, local, Fineness.finest, lamps=lamps)
     which = problem.vector.of_groups(groups).tolist()

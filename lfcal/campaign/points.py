@@ -110,7 +110,7 @@ class Points:
         """Sentence on the number of points and their deviation from the target's lattice."""
         rms = float(np.median([one.fit.rms_px for one in self.found.values()]))
         seen = f"{format_count(len(self), 'point', 'points')} in {format_count(len(self.found), 'frame', 'frames')}"
-        return f"found: {seen}, their light {rms:.2f} px (rms) from its lattice"
+        return f"found: {seen}; their images are {rms:.2f} px (rms) from the lattice"
 
     @property
     def mistakes(self) -> tuple[tuple[Finding, int], ...]:
@@ -165,7 +165,9 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
         found,
     )
     if not len(points):
-        raise InputError.expected("points of the frames", "at least one usable point", "none", "check lamp and target")
+        raise InputError.expected(
+            "points of the frames", "at least one usable point", "none", "check the lamp and the target"
+        )
     return points
 
 
@@ -335,7 +337,7 @@ def _one(
     values = np.asarray(samples.values, np.float64)
     if samples.noise is None:
         label = source.info(int(points.frame[k])).label or f"frame {points.frame[k]}"
-        remedy = "describe the sensor's noise, or measure it (lfcal camera sensor)"
+        remedy = "describe the noise of the sensor, or measure it (lfcal camera sensor)"
         raise InputError.expected(f"{label}, noise", "a variance of the samples", "none", remedy)
     alone = points.alone(k)
     good = alone if samples.valid is None else alone & samples.valid
@@ -355,7 +357,7 @@ def _spread(part: NDArray[np.intp], most: int | None) -> NDArray[np.intp]:
     order = np.random.default_rng(0).permutation(len(part))
     if most is None or len(part) <= most:
         return order
-    check_number("points that are fitted", most, at_least=3, integer=True)
+    check_number("number of points to fit", most, at_least=3, integer=True)
     used: Sequence[int] = np.unique(part).tolist()
     own = [order[part[order] == k][: max(1, most // len(used))] for k in used]
     # take parts in turn, so that held-out points come from all parts

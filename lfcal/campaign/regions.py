@@ -156,11 +156,15 @@ def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:
         if not is_regions(folder):
             raise InputError.expected(str(folder), f"a session of regions ({REGIONS_FILE})", "none", "check the path")
         if read_regions(folder) != plan:
-            raise InputError.expected(str(folder), "the recorded plan", "another plan", "record with the same plan")
+            raise InputError.expected(
+                str(folder), "the plan of the recorded session", "another plan", "record with the same plan"
+            )
         return
     check_new(folder)
     if is_regions(folder):
-        raise InputError.expected(str(folder), "a new folder", "a session", "choose another, or resume this one")
+        raise InputError.expected(
+            str(folder), "a new folder", "one with a session", "choose another folder, or resume this session"
+        )
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / REGIONS_FILE, plan.to_json())

@@ -51,8 +51,8 @@ def test_the_cheapest_rung_keeps_the_error_and_nothing_that_does_is_cheaper(
 
 def test_what_one_per_cent_would_cost() -> None:
     made = curve((1.0, 0.3), (60.0, 0.009), (7200.0, 0.001))
-    assert made.answer(0.01) == "1 % costs 1 min 00 s: 60.0 0.009 (0.9 %)"
-    reached = "0.01 % is not reached by any measured rung; the best is 0.1 % for 2 h 00 min: 7200.0 0.001"
+    assert made.answer(0.01) == "An error of 1 % costs 1 min 00 s: 60.0 0.009 (0.9 %)"
+    reached = "No measured setting reaches an error of 0.01 %; the best one has 0.1 % for 2 h 00 min: 7200.0 0.001"
     assert made.answer(1e-4) == reached
     assert curve().answer(0.01) == "1 %: nothing was measured"
     with pytest.raises(InputError, match="requested error"):

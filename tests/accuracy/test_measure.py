@@ -135,7 +135,7 @@ def test_a_mistake_of_the_program_is_not_hidden(subject: Subject) -> None:
 
 @pytest.mark.parametrize("seconds", [0, -1, float("nan")])
 def test_seconds_are_above_nothing(subject: Subject, seconds: float) -> None:
-    with pytest.raises(InputError, match="seconds for a place"):
+    with pytest.raises(InputError, match="time for each measurement"):
         measure_curve(place(lambda: rungs(1)), subject, seconds)
 
 

@@ -93,11 +93,11 @@ def test_without_a_camera_it_says_so(tmp_path: Path) -> None:
     save(numbered((1, 2, 2, 3, 3)), tmp_path / "H.h5")
     with open_psf(tmp_path / "H.h5") as H, pytest.raises(InputError, match="got H of an unknown camera"):
         _ = Subject.of_matrix(H, "H").planned
-    with pytest.raises(InputError, match="subject of accuracy"):
+    with pytest.raises(InputError, match="subject of the accuracy measurement"):
         Subject("nothing")
 
 
 def test_a_camera_that_h_does_not_fit_is_said(plan: ScanPlan) -> None:
     H = PSFMatrix(np.ones((1, 3, 3, 201, 201), np.float32), camera=plan.camera, depths=[-2e4], anchor=plan.anchor)
-    with pytest.raises(InputError, match="a camera that H does not fit"):
+    with pytest.raises(InputError, match="a camera that does not fit H"):
         _ = Subject.of_matrix(H, "H").planned

@@ -227,7 +227,7 @@ def test_what_is_refused_before_anything_moves(tmp_path: Path) -> None:
         ({"error": 1.5}, "target error of H"),
         ({"error": 1e-4}, "itself has an error of 0.06 %"),
         ({"error": 0.01, "first": 3}, "before the first fit"),
-        ({"error": 0.01, "most": 7}, "most positions"),
+        ({"error": 0.01, "most": 7}, "largest number of positions"),
     ],
 )
 def test_goals_that_are_none(values: dict[str, Any], what: str) -> None:

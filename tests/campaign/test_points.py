@@ -93,7 +93,7 @@ def test_points_are_spread_over_the_parts(view: FrameSource, points: Points) -> 
     assert np.bincount(measured.region).tolist() == [3, 3, 3, 3]
     again = measured_points(view, points, (2, 2), most=12)
     assert np.array_equal(measured.index, again.index)
-    with pytest.raises(InputError, match="points that are fitted"):
+    with pytest.raises(InputError, match="number of points to fit"):
         measured_points(view, points, most=1)
 
 

@@ -87,7 +87,7 @@ def test_only_the_same_plan_goes_on_and_nothing_is_written_over(tmp_path: Path) 
     with pytest.raises(InputError, match="a new folder"):
         record(tmp_path / "s")
     other = RegionPlan(PLAN.scan, PLAN.names, (*PLAN.anchors[:2], (69.0, 48.0)))
-    with pytest.raises(InputError, match="the recorded plan"):
+    with pytest.raises(InputError, match="the plan of the recorded session"):
         record(tmp_path / "s", plan=other, resume=True)
     with pytest.raises(InputError, match="a session of regions"):
         record(tmp_path / "none", resume=True)

@@ -73,7 +73,7 @@ def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
     run = lfcal("accuracy", scan, "--place", "bases", "--place", "averaging", "--seconds", 600, "--error", "20 %")
     assert run.code == 0, run.err
     assert run.out.index("Multiplexing: masks and exposure") < run.out.index("Recording: averaging and exposure")
-    assert "20 % costs" in run.out and "measured by: uniform light, equal in all samples" in run.out
+    assert "An error of 20 % costs" in run.out and "measured by: uniform light, equal in all samples" in run.out
 
 
 def test_a_camera_needs_planes(lfcal: Lfcal) -> None:
@@ -97,8 +97,8 @@ def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]
         (("--error", "much"), "--error: expected a number, or percent"),
         (("--error", "0"), "--error: expected a number > 0"),
         (("--error", "1.2.3%"), "--error: expected a number, or percent"),
-        (("--seconds", "0"), "seconds for a place: expected a number > 0"),
-        (("--seconds", "nan"), "seconds for a place: expected a number > 0"),
+        (("--seconds", "0"), "time for each measurement (s): expected a number > 0"),
+        (("--seconds", "nan"), "time for each measurement (s): expected a number > 0"),
         (("--place", "moon"), "place of accuracy: expected simulation or sampling or"),
         (("--place", "lattice"), "nothing could be measured; camera: expected that of the scan, got H of an unknown"),
     ],

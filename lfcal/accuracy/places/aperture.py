@@ -42,9 +42,10 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     yield Truth(
         f"the iris of the camera description: its shadow at plane {z} has the area of a circle of {diameter:.1f} px",
         (
-            f"patterns by rays; brightest pixel at {100 * FULL:g} % of {camera.sensor.full_well_e:g} e-, read noise "
-            f"{camera.sensor.read_noise_e:g} e-; {ROUNDS} fits a rung",
-            "lenslets blur the sum by their own width: the error left with all positions is due to this, not to noise",
+            f"patterns from ray optics; brightest pixel at {100 * FULL:g} % of {camera.sensor.full_well_e:g} "
+            f"e-, read noise {camera.sensor.read_noise_e:g} e-; {ROUNDS} fits for each point",
+            "lenslets blur the sum by their width: the error that remains with all positions is due to this "
+            "blur, not to noise",
         ),
     )
     ny, nx = plan.period
@@ -80,12 +81,16 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
     """
     optics = camera.optics
     if not isinstance(optics, MainLens):
-        raise InputError.expected("iris", "that of a main lens", "a microscope's", "choose another place")
+        raise InputError.expected(
+            "iris to measure", "the iris of a main lens", "a microscope", "leave the place aperture out"
+        )
     shift = camera.image_shift_um(z_um)
     radius = optics.focal_length_um / optics.f_number / 2
     shadow = radius * abs(shift - camera.lattice.gap_um) / (optics.image_distance_um + shift)
     if 2 * shadow < camera.lattice.clear_diameter_um:
-        raise InputError.expected("iris", "a shadow larger than a lenslet", "one in focus", "choose planes farther off")
+        raise InputError.expected(
+            "iris", "a shadow larger than a lenslet", "an iris in focus", "choose planes farther from the focus"
+        )
     return 2 * shadow / camera.sensor.pixel_um
 
 
@@ -121,7 +126,7 @@ def _rung(total: NDArray[np.float64], grid: tuple[int, int], diameter: float, se
 PLACE = Place(
     "aperture",
     "Depth-plane sum: aperture fit",
-    "relative error of the iris's diameter, mean of several fits",
+    "relative error of the iris diameter, mean of several fits",
     "frames summed in one depth plane",
     "frames",
     measure,

@@ -45,12 +45,12 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     unit = FULL * sensor.full_well_e / float(flat.max())
     z = subject.middle
     yield Truth(
-        "the light that the frames are exposed to",
+        "the light to which the frames are exposed",
         (
             f"{len(chosen)} patterns; {plan.exposures[z]:g} s bring the brightest pixel to {100 * FULL:g} % of "
             f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-",
-            "photons, read-out, full well and whole sample values, the mean of dark frames subtracted; no drift, no "
-            "fixed pattern",
+            "with photon noise, read noise, full well and quantisation; the mean of dark frames is "
+            "subtracted; without drift and fixed pattern",
             *_cut_off(plan.camera),
         ),
     )
@@ -93,7 +93,7 @@ def _rung(plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float3
     model = expected_noise(light, noise, camera.sensor.electrons_per_count, count)
     settings = {"frames_averaged": count, "exposure_s": list(exposures)}
     label = f"{count} frame{'s' * (count > 1)} of {format_seconds(exposures[len(exposures) // 2])}"
-    others = {"by the noise model (%)": 100 * model, "frames": float(scan.n_positions * count)}
+    others = {"error by the noise model (%)": 100 * model, "frames": float(scan.n_positions * count)}
     full = float((light >= camera.sensor.full_well_e).mean())
     note = f"{format_share(full)} of the pixels are saturated" if full else ""
     return Rung(label, settings, off / total, 3600 * Forecast.of(scan).hours, "seconds", others, note)
@@ -104,7 +104,8 @@ def _cut_off(camera: Camera) -> tuple[str, ...]:
     if sensor.black_level * sensor.electrons_per_count >= 3 * sensor.read_noise_e:
         return ()
     return (
-        f"a black level of {sensor.black_level:g} is within the read noise: values clipped at zero do not average out",
+        f"the black level of {sensor.black_level:g} is within the read noise, so values are clipped at zero "
+        "and do not average out",
     )
 
 

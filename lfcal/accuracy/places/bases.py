@@ -36,8 +36,8 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         "uniform light, equal in all samples",
         (
             f"super-pixels of {side} x {side} px for a pitch of {plan.camera.pitch_px:.3g} px",
-            f"{exposure:g} s of unmodulated light fill {100 * FULL:g} % of {sensor.full_well_e:g} e-; read noise "
-            f"{sensor.read_noise_e:g} e-",
+            f"{exposure:g} s of unmodulated light fill {100 * FULL:g} % of {sensor.full_well_e:g} e-; read "
+            f"noise {sensor.read_noise_e:g} e-",
         ),
     )
     for kind in MASKS:
@@ -50,7 +50,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
             error = sample_noise(modulator, inverse, electrons * share, sensor, rng)
             settings = {"mask": kind, "size": side, "exposure_s": exposure * share}
             label = f"{kind.replace('_', ' ')}, {format_seconds(exposure * share)}"
-            others = {"signal to noise (dB)": -10 * math.log10(error), "amplification": amplification(modulator)}
+            others = {"signal-to-noise ratio (dB)": -10 * math.log10(error), "amplification": amplification(modulator)}
             yield Rung(label, settings, error, exposure * share, "seconds", others)
 
 

@@ -32,12 +32,12 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     rms = math.sqrt(level / 2 + sensor.read_noise_e**2) / level
     noise = rms * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     pixels = math.prod(sensor.shape)
-    named = "the sensor's" if sensor.cfa else "the sensor has no colour filters; compared with a"
+    named = "the sensor's" if sensor.cfa else "the sensor has no colour filters; assumed is a"
     yield Truth(
         f"the scene itself, a zone plate up to {HIGHEST:g} cycles per pixel",
         (
             f"{named} {pattern} pattern, noise of {100 * rms:.2g} %",
-            f"seconds scaled from {SIDE} x {SIDE} px to a frame",
+            f"times scaled from {SIDE} x {SIDE} px to a frame",
         ),
     )
     for route, name in WAYS:

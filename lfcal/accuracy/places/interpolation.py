@@ -51,14 +51,14 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     true = first.rows([at[0]], [at[1]], 1)[0, 0]
     moved = []
     for shift in SHIFTS:
-        yield AccuracyStep(f"moved by {shift[0]:+g}, {shift[1]:+g} px")
+        yield AccuracyStep(f"shifted by {shift[0]:+g}, {shift[1]:+g} px")
         moved.append(_moved(whole, z, effects, first, at, shift))
     where = "; ".join(f"{y:+g}, {x:+g}" for y, x in SHIFTS)
     yield Truth(
-        "the simulation with pixels, lenslets and source moved together",
+        "the simulation with pixels, lenslets and source shifted together",
         (
-            f"middle position of plane {z}, {nt} x {ns} px, image displaced from whole pixels by {where} px (rows, "
-            "columns)",
+            f"middle position of plane {z}, {nt} x {ns} px, image displaced from whole pixels by {where} px "
+            "(rows, columns)",
         ),
     )
     count = plan.n_positions

@@ -40,7 +40,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     camera, exposure = subject.planned.camera, max(subject.planned.exposures)
     sensor = camera.sensor
     yield Truth(
-        "the lattice of the camera description, at whose places the micro-images are drawn",
+        "the lattice of the camera description, at whose points the micro-images are drawn",
         (
             f"discs of {_diameter_px(camera):.3g} px with edges of {SOFT_PX:g} px; brightest at {100 * LEVEL:g} % of "
             f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-; one frame",
@@ -50,7 +50,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     took = None
     for side in SIDES:
         part = _middle(camera, side)
-        yield AccuracyStep(f"{side} lenslets a side", None if took is None else GROWTH * took)
+        yield AccuracyStep(f"{side} lenslets on each side", None if took is None else GROWTH * took)
         light = white_discs(part) * np.float32(LEVEL * sensor.full_well_e)
         frame = expose(light, part, NOISE, exposure_s=exposure, kind=FrameKind.WHITE)
         if took is None:  # the first fit of a session compiles
@@ -116,7 +116,7 @@ def _fitted(camera: Camera, frame: NDArray[np.uint16] | NDArray[np.float32], wor
 PLACE = Place(
     "lattice",
     "White image: lattice fit",
-    "rms distance of the fitted from the true lenslets, in pixels",
+    "rms distance between the fitted and the true lenslets, in pixels",
     "time of the fit",
     "seconds",
     measure,

@@ -32,7 +32,9 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     plan = subject.planned
     low, high = min(plan.depths_um), max(plan.depths_um)
     if low == high:
-        raise InputError.expected("depths", "two planes or more, as the ends of the range", "one", "add a plane")
+        raise InputError.expected(
+            "depth planes", "at least two planes, as the ends of the depth range", "one", "add a plane"
+        )
     effects = plan_effects(plan, TOLERANCE).effects
     # irrational fractions of the range, so that no depth coincides with a plane
     between = [float(low + (high - low) * ((k + 1) * 0.6180339887498949 % 1)) for k in range(PLACES)]
@@ -41,7 +43,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         yield AccuracyStep(f"z = {depth:.4g} µm")
         true.append(_pattern(plan, depth, effects))
     yield Truth(
-        "the simulation at the depth itself", (f"middle position, {PLACES} depths between {low:g} and {high:g} µm",)
+        "the simulation at the exact depth", (f"middle position, {PLACES} depths between {low:g} and {high:g} µm",)
     )
     known: dict[float, NDArray[np.float64]] = {}
     for count in COUNTS:
@@ -82,7 +84,7 @@ def _rung(plan: ScanPlan, depths: tuple[float, ...], error: float) -> Rung:
 PLACE = Place(
     "planes",
     "Depth planes",
-    "relative L1 error of the nearest plane's pattern, at depths between the planes",
+    "relative L1 error of the pattern of the nearest plane, at depths between the planes",
     "frames of the scan",
     "frames",
     measure,

@@ -107,7 +107,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     test = _test(H, shape)
     yield Truth(
         f"explicit sums in double precision at {len(test.voxels)} voxels, with all entries of H",
-        (*sample.notes, f"image of {shape[0]} x {shape[1]} px; seconds are those of this sample"),
+        (*sample.notes, f"image of {shape[0]} x {shape[1]} px; times are those of this sample"),
     )
     done: set[tuple[str, bool, float]] = set()
     for method, double, threshold in SETTINGS:
@@ -171,7 +171,7 @@ def _tried(
 PLACE = Place(
     "projection",
     "Projector: precision and sparsity",
-    "relative rms error of the projection, the larger of forward and adjoint",
+    "relative rms error of the projection (the larger of forward and adjoint)",
     "a forward and an adjoint projection of one plane",
     "seconds",
     measure,

@@ -58,8 +58,8 @@ def _rung(rung: LadderRung) -> Rung:
 PLACE = Place(
     "sampling",
     "Simulation: level and sampling",
-    "relative L1 error of the computation, the same scene for all",
-    "processor time of the whole H, predicted from this computation's own run",
+    "relative L1 error of the computation, with the same scene for all",
+    "processor time for H, predicted from the time of this computation",
     "seconds",
     measure,
     rank=20,

@@ -100,8 +100,8 @@ def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
 PLACE = Place(
     "simulation",
     "Simulation: effects and computation",
-    "relative L1 error of the patterns, from omitted effects and the computation together",
-    "processor time of the whole H, predicted from this computation's own run",
+    "relative L1 error of the patterns, from omitted effects and from the computation",
+    "processor time for H, predicted from the time of this computation",
     "seconds",
     measure,
     rank=10,

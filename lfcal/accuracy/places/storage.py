@@ -22,7 +22,7 @@ DTYPES = ("rounded", "float32", "float64")
 """Stored types that can represent any H, in the order of interest."""
 
 COMPRESSIONS = ("gzip", "zstd", "none")
-HALF = "H files never use float16; for comparison only"
+HALF = "float16 is shown only for comparison; H files never use it"
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
@@ -30,7 +30,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     patterns = yield from subject.iter_patterns()
     values = patterns.values
     kind = "the values of H as read from the file" if subject.matrix is not None else "the simulated values"
-    yield Truth(f"{kind}, {values.dtype}", (*patterns.notes, "bytes and seconds scaled to the whole H"))
+    yield Truth(f"{kind}, {values.dtype}", (*patterns.notes, "bytes and times scaled to the complete H"))
     with TemporaryDirectory(prefix="lfcal-accuracy-") as folder:
         for dtype in DTYPES:
             for compression in COMPRESSIONS:
@@ -90,7 +90,7 @@ PLACE = Place(
     "storage",
     "H file: stored type and compression",
     "relative L1 error of H as read from its file",
-    "size of H's samples in the file",
+    "size of the samples of H in the file",
     "bytes",
     measure,
     rank=60,

@@ -32,7 +32,7 @@ def test_the_diameter_is_that_of_a_ray_trace() -> None:
 def test_what_has_no_iris_says_so() -> None:
     microscope = preset("lfm_20x05")
     plan = ScanPlan.for_camera(microscope, depths_um=(-10.0, 10.0))
-    assert "that of a main lens" in measure_curve(PLACES.get("aperture"), Subject("lfm", plan)).stopped
+    assert "the iris of a main lens" in measure_curve(PLACES.get("aperture"), Subject("lfm", plan)).stopped
     with pytest.raises(InputError, match="a shadow larger than a lenslet"):
         iris_diameter_px(preset("bench"), preset("bench").depth_of(1.2))
 

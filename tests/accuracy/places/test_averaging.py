@@ -74,4 +74,4 @@ def test_the_dark_level_is_what_dark_frames_show(plan: ScanPlan, black: float) -
 def test_a_black_level_within_the_noise_is_said(plan: ScanPlan) -> None:
     low = replace(plan, camera=replace(plan.camera, sensor=replace(plan.camera.sensor, black_level=0.0)))
     said, silent = (measure_curve(PLACES.get("averaging"), Subject("p", p), 0.1).notes for p in (low, plan))
-    assert "a black level of 0 is within the read noise" in said[-1] and len(said) == len(silent) + 1
+    assert "the black level of 0 is within the read noise" in said[-1] and len(said) == len(silent) + 1

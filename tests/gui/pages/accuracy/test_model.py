@@ -57,7 +57,7 @@ def test_words_say_what_to_do_and_why_there_is_nothing() -> None:
     assert words_of(curve(), 0.01, running=True)[0] == "measuring the reference …"
     assert words_of(curve(stopped="no camera"), 0.01, running=False)[0] == "Not measured: no camera"
     answer, how = words_of(curve(rung(0.1, 1.0), stopped="ended after 10 s"), 0.2, running=False)
-    assert answer == "20 % costs 1.0 s: rung 1 (10 %)"
+    assert answer == "An error of 20 % costs 1.0 s: rung 1 (10 %)"
     assert how == "Measured by: the values.\na note\nended after 10 s"
 
 
