@@ -67,7 +67,7 @@ def parts_of(
     names = COMPONENTS if component else colours_of(source, plan)
     wanted = list(names) if channel == "each" else [channel]
     if channel == "each" and not names:
-        raise InputError.expected("--channel each", "colour frames", "monochrome ones", "leave it out")
+        raise InputError.expected("--channel each", "colour frames", "monochrome ones", "leave the option out")
     parts = []
     for name in wanted:
         path = out.with_name(f"{out.stem}_{name}{out.suffix}") if channel == "each" else out
@@ -82,8 +82,9 @@ def parts_of(
         rows, columns = scan.plan.cutout
         if not quiet:
             note(
-                f"channel {name}: {len(own)} of {len(source)} frames have their point on a pixel of this colour; "
-                f"period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} of its pixels"
+                f"channel {name}: in {len(own)} of {len(source)} frames, the point is on a pixel of this "
+                f"colour; period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} "
+                "pixels of this colour"
             )
         parts.append(ChannelPart(own, scan.plan, name, path, name))
     return parts

@@ -60,17 +60,19 @@ def _read_noise(text: str) -> tuple[float, float] | None:
         values = []
     if len(values) != 2:
         wanted = "CONSTANT,SLOPE of the variance of a sample"
-        raise InputError.expected("noise", wanted, repr(text), "for example 64,1: variance 64 + 1 x value")
+        raise InputError.expected("noise", wanted, repr(text), "for example 64,1 for the variance 64 + 1 x value")
     for value in values:
         check_number("noise", value, at_least=0)
     if not sum(values):
-        raise InputError.expected("noise", "a variance above 0", repr(text), "give constant and slope")
+        raise InputError.expected(
+            "noise", "a variance above 0", repr(text), "give a constant and a slope, such as 64,1"
+        )
     return values[0], values[1]
 
 
 def noise_field(empty: str = "as the source states") -> tuple[float, float] | None:
     """Declare the field ``noise`` of a task; ``empty`` says what applies if it is not set."""
-    words = "Noise variance of a sample of value v (counts²), as CONSTANT,SLOPE: the variance is constant + slope v."
+    words = "Noise of a sample of value v, as CONSTANT,SLOPE: its variance (counts²) is CONSTANT + SLOPE x v."
     return opt(None, words, empty=empty, read=_read_noise, show=lambda value: f"{value[0]!r},{value[1]!r}")
 
 
@@ -129,13 +131,15 @@ class PatternReading:
             return matrix
         if matrix.camera is not None:
             if self.recipe is None:
-                got = f"that of {source.name}, which has one"
-                raise InputError.expected("--plan", "an H without a camera", got, "leave it out")
+                got = f"{source.name}, which contains its camera"
+                raise InputError.expected("--plan", "an H without a camera", got, "leave --plan out")
             return matrix
         plan = ScanPlan.from_json(read_text(self.plan))
         if plan.shape != matrix.shape:
-            wanted = f"a plan of its shape {matrix.shape}"
-            raise InputError.expected(f"{source.name}, plan", wanted, plan.shape, "name the plan of this H")
+            wanted = f"a plan of the shape {matrix.shape} of H"
+            raise InputError.expected(
+                f"{source.name}, plan", wanted, plan.shape, "give the plan by which this H was recorded"
+            )
         facts, depths = matrix.facts, plan.depths_um
         return PSFMatrix(matrix.planes, depths=depths, camera=plan.camera, anchor=plan.anchor, facts=facts)
 
@@ -147,9 +151,16 @@ def names_of(sources: Sequence[Path]) -> list[str]:
     names = [path.stem if path.suffix else path.name for path in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise InputError.expected("sources", "a different name for each region", f"{twice} twice", "rename a file")
+        raise InputError.expected(
+            "sources", "a different name for each region", f"{twice} twice", "rename one of the files"
+        )
     if REPORT in names:
-        raise InputError.expected("sources", "a region of another name", f"{REPORT}, the folder of all", "rename it")
+        raise InputError.expected(
+            "sources",
+            "a region with another name",
+            f"{REPORT}, which is the name of the common report",
+            "rename the region",
+        )
     return names
 
 
@@ -204,7 +215,9 @@ def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dic
             matrix, known, aside = yield from _iter_picked(source, how, stack)
         camera = how.camera or matrix.camera or (how.fit.setup.camera if how.fit else None)
         if camera is None:
-            raise InputError.expected(str(source), "an H with its camera", "none", "name it with --camera")
+            raise InputError.expected(
+                str(source), "an H with its camera", "an H without one", "state the camera with --camera"
+            )
         check_optics(matrix)
         noise, words = _noise_of(matrix, source, how.noise)
         if words:
@@ -233,8 +246,10 @@ def _left(
     without = fit.positions if fit is not None and fit.is_of(plan) else frozenset()
     found = index[[tuple(at) not in without for at in index.tolist()]] if len(index) else index
     if not len(found):
-        remedy = "fit fewer positions, or name another recording"
-        raise InputError.expected(f"{source}, recorded positions", "at least one that was not fitted", "none", remedy)
+        remedy = "fit fewer positions, or give another recording"
+        raise InputError.expected(
+            f"{source}, recorded positions", "at least one position that was not fitted", "none", remedy
+        )
     return found[spread_out(found, most, plan.period)] if most and len(found) > most else found
 
 
@@ -262,17 +277,17 @@ def _noise_of(
     if stated is not None and np.isfinite(stated).all():
         # with the black level, the variance is smallest at that level; extrapolated to 0 it would be negative
         if (stated[:, 0] < 0).any():
-            wanted, remedy = "without the black level", "subtract it with --dark or --black-level"
+            wanted, remedy = "samples without the black level", "subtract it with --dark or --black-level"
             raise InputError.expected(f"{source}, samples", wanted, "samples that include it", remedy)
         return None, words
     if found is not None:
         return (found.floor, found.slope), words
-    got, remedy = "none", "give it with --noise CONSTANT,SLOPE"
+    got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
     marks = None if matrix.camera is None else matrix.camera.marks
     if marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
         got = "a sensor whose read noise or full well is assumed"
-        remedy = f"set them (camera new --set sensor.read_noise_e=…), or {remedy}"
-    raise InputError.expected(f"{source}, noise", "a variance of the samples", got, remedy)
+        remedy = f"state these values (lfcal camera new --set sensor.read_noise_e=…), or {remedy}"
+    raise InputError.expected(f"{source}, noise", "a known variance of the samples", got, remedy)
 
 
 LISTED = ("--order", "--manifest", "--pattern")
@@ -282,7 +297,7 @@ LISTED = ("--order", "--manifest", "--pattern")
 def assembled_first(source: Path, plan: Path | None, *options: str) -> str:
     """Return the remedy: assemble H of ``source`` with the given options, then fit that H."""
     words = ["lfcal", "assemble", str(source), *(["--plan", str(plan)] if plan else []), *options, "-o", "H.h5"]
-    return f"type {shlex.join(words)}, then lfcal fit H.h5"
+    return f"run {shlex.join(words)}, then lfcal fit H.h5"
 
 
 def of_one_channel(source: Path, plan: Path | None, colours: Sequence[str]) -> str:
@@ -307,10 +322,11 @@ def without_positions(
         command = ["fit"] if matrix is None else ["fit", "check", str(matrix)]
         words = ["lfcal", *command, str(below), *(["--plan", str(plan)] if plan else [])]
         given = str(recipe.dark if recipe else "") or (str(source / "dark") if (source / "dark").is_dir() else "")
-        return InputError(f"{said}; type {shlex.join([*words, *(['--dark', given] if given else [])])}")
+        return InputError(f"{said}; run {shlex.join([*words, *(['--dark', given] if given else [])])}")
     if matrix is not None:
         return InputError(
-            f"{said}; name the files of single frames instead of {source}: H shows where their sources are"
+            f"{said}; give the files of single frames instead of {source}, because the positions of their "
+            "sources can be found in H"
         )
     named = re.search(r"give --pattern '([^']+)'", remedy)
     if named:

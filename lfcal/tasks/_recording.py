@@ -31,7 +31,7 @@ def pairs(options: tuple[str, ...]) -> dict[str, str]:
     for text in options:
         key, sign, value = text.partition("=")
         if not sign or not key:
-            raise InputError.expected("--option", "NAME=VALUE", text, "correct it")
+            raise InputError.expected("--option", "NAME=VALUE", text, "write it like NAME=VALUE")
         found[key.strip()] = value.strip()
     return found
 
@@ -48,7 +48,7 @@ def check_ready(plan: ScanPlan, rig: Rig, options: Options, *, resumed: bool, be
     if not resumed:
         check_fixed(devices, options)
     if devices.automatic and options.allow_automatic:
-        note(f"{devices.automatic_words}: frames, and H made of them, may not be proportional to light")
+        note(f"{devices.automatic_words}: frames, and an H made from them, may not be proportional to the light")
     if options.darks and not begun:
         check_light(rig)
 
@@ -65,7 +65,9 @@ class Cover:
         tell(f"{'uncover' if on else 'cover'} the lens, then press Enter")
         # end of input: no one can cover the lens, so the dark frames would be wrong.
         if not sys.stdin.readline():
-            raise DeviceError("lens cover: no answer; run in a terminal, or record without darks (--darks 0)")
+            raise DeviceError(
+                "lens cover: no answer; run the command in a terminal, or record without dark frames (--darks 0)"
+            )
 
 
 @contextmanager

@@ -28,7 +28,7 @@ def orientations() -> tuple[str, ...]:
 
 def origin_field(empty: str) -> str:
     """Declare the field ``origin`` of a task that reads frames."""
-    words = "Sensor row and column of the first pixel (ROW,COLUMN), for frames that show a part of the sensor."
+    words = "Sensor row and column of the first pixel (ROW,COLUMN), if frames show only a part of the sensor."
     return opt("", words, unit="px", empty=empty, more=True)
 
 
@@ -92,7 +92,10 @@ class ScanFrames:
         if found.shape[:3] != own.shape[:3]:
             source.close()
             raise InputError.expected(
-                f"plan {plan}", f"the scan of these frames, {own.shape[:3]} positions", found.shape[:3], "leave it out"
+                f"plan {plan}",
+                f"the plan of these frames, with {own.shape[:3]} positions",
+                found.shape[:3],
+                "leave --plan out",
             )
         return source, found
 
@@ -132,8 +135,8 @@ def _folder(frames: Path) -> Path:
 def no_plan(folder: Path) -> InputError:
     """Return the error for frames in ``folder`` without a plan, with the command that makes a plan."""
     words = shlex.join(["lfcal", "plan", "CAMERA.json", "--virtual-depths", "3,4", "-o", str(folder / "plan.json")])
-    remedy = f"type {words}, or name one with --plan"
-    return InputError.expected("scan plan", f"plan.json in {folder} or above", "none", remedy)
+    remedy = f"run {words}, or give a plan with --plan"
+    return InputError.expected("scan plan", f"plan.json in {folder} or the folder above", "none", remedy)
 
 
 def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
@@ -151,13 +154,13 @@ def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
     if times:
         sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
         warn(
-            f"{what}, as after binning {times} x {times}; if they are binned, make a camera of the binned pixels: "
-            f"lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o BINNED; "
-            "then measure its array with lfcal camera check BINNED WHITE"
+            f"{what}, as after binning {times} x {times}; if they are binned, make a camera with the binned "
+            f"pixels: lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o "
+            "BINNED; then measure its array with lfcal camera check BINNED WHITE"
         )
         return
     warn(
-        f"{what}; the middle of the frames is taken as the middle of the sensor; if the frames show a part of the "
-        "sensor, give its first pixel with --origin ROW,COLUMN, else correct the sensor's size with "
+        f"{what}; the centre of the frames is taken as the centre of the sensor; if the frames show a part of "
+        "the sensor, give its first pixel with --origin ROW,COLUMN, else correct the size of the sensor with "
         "lfcal camera import CAMERA --frame FRAME"
     )

@@ -35,7 +35,7 @@ def _numbers(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise InputError.expected("numbers", "numbers separated by commas", text, "correct it") from None
+        raise InputError.expected("numbers", "numbers separated by commas", text, "for example 1,0.25") from None
 
 
 NUMBERS: dict[str, Any] = {"read": _numbers, "show": show_planes, "more": True}
@@ -107,7 +107,7 @@ class RecordedSession(TaskResult):
         Raises the error that occurred after the last frame, if any.
         """
         if self.error is not None:
-            tell(f"the recording is complete; lfcal assemble {self.out} makes H of it")
+            tell(f"the recording is complete; make H from it with lfcal assemble {self.out}")
             raise self.error
         return 0 if self.outcome.how == "complete" else 128 + self.ended_by
 
@@ -125,64 +125,65 @@ class _Acquire(Task):
     resumes: ClassVar[bool] = True
 
     plan: Path = required(
-        "Plan of a scan, of regions of the field, or of a target (.json), made by lfcal plan; or a session.json.",
+        "Plan made by lfcal plan (.json) for a scan, regions of the field or a target; or a session.json.",
         argument=True,
         file="in",
     )
-    out: Path = required("Session folder.", label="Session folder", short="-o", file="out")
-    backend: str = opt("sim", "Devices to record with; lfcal doctor lists them.", label="Devices", short="-b")
+    out: Path = required("Folder for the session.", label="Session folder", short="-o", file="out")
+    backend: str = opt("sim", "Devices with which to record; lfcal doctor lists them.", label="Devices", short="-b")
     stage: str = opt(
         "",
         "Devices of the stage, if they differ from those of the camera.",
         label="Stage",
-        empty="as the camera",
+        empty="same as the camera",
         more=True,
     )
     option: tuple[str, ...] = opt(
-        (), "Option of the devices, NAME=VALUE. May be repeated.", label="Options of the devices", empty="none"
+        (), "Setting of the devices, as NAME=VALUE. May be repeated.", label="Device settings", empty="none"
     )
     bracket: str | tuple[float, ...] | None = opt(
         None,
-        "Exposures of each position as factors of the planned exposure, e.g. 1,0.25; merged to a high dynamic range.",
+        "Exposures at each position, as multiples of the planned exposure (e.g. 1,0.25). They are merged to a "
+        "high dynamic range.",
         label="Exposure bracket",
         empty="1",
         **NUMBERS,
     )
     darks: int | None = opt(
         None,
-        "Number of frames averaged into each dark frame; 0: no dark frames.",
+        "Number of frames to average for each dark frame. 0 records no dark frames.",
         label="Dark frames",
         at_least=0,
         empty="8",
     )
     dark_every: int | None = opt(
         None,
-        "Take dark frames again after this number of positions; 0: at the start only.",
-        label="Dark frames every",
+        "Record dark frames again after this number of positions. 0 records them only at the start.",
+        label="Positions between dark frames",
         at_least=0,
         empty="0",
         more=True,
     )
     cover: bool = opt(
         False,
-        "Pause for you to cover the lens for dark frames, if the light has no switch.",
+        "Pause before dark frames, so that you can cover the lens if the light has no switch.",
         label="Cover the lens",
         more=True,
     )
     reference_every: int | None = opt(
         None,
-        "Record a reference frame, which shows the drift of the lamp, after this number of positions; 0: never.",
-        label="Reference frame every",
+        "Record a reference frame, which shows the drift of the lamp, after this number of positions. 0 records none.",
+        label="Positions between reference frames",
         at_least=0,
         empty="100",
         more=True,
     )
     retries: int | None = opt(
-        None, "Number of further attempts after a transient fault.", at_least=0, empty="2", more=True
+        None, "Number of further attempts after a temporary fault.", at_least=0, empty="2", more=True
     )
     on_suspect: str | None = opt(
         None,
-        "What to do if a repeated frame still looks wrong: stop, or flag the position.",
+        "Action if a repeated frame still looks wrong. stop: end the recording. flag: mark the position and continue.",
         label="Suspicious frames",
         choices=("stop", "flag"),
         empty="stop",
@@ -190,20 +191,20 @@ class _Acquire(Task):
     )
     allow_automatic: bool = opt(
         False,
-        "Record even if the camera keeps exposure, gain or black level automatic, or gamma on.",
-        label="Allow automatic",
+        "Record even if the camera controls exposure, gain or black level automatically, or applies a gamma curve.",
+        label="Allow automatic settings",
         more=True,
     )
     suspend: tuple[str, ...] = opt(
         (),
-        "Hold the recording while a gauge, or the last number in a file, is out of its bounds: GAUGE=LOW:HIGH.",
-        label="Hold by gauges",
+        "Pause the recording while a gauge, or the last number in a file, is outside its bounds: GAUGE=LOW:HIGH.",
+        label="Pause by gauges",
         empty="none",
         more=True,
     )
     steady: float | None = opt(
         None,
-        "Time for which all gauges must be within bounds before a hold ends.",
+        "Time for which all gauges must be within their bounds before the recording continues.",
         label="Steady for",
         unit="s",
         at_least=0,
@@ -213,52 +214,57 @@ class _Acquire(Task):
     )
     tolerance: str | tuple[float, ...] | None = opt(
         None,
-        "Position tolerance X,Y,Z of the stage.",
+        "Largest allowed position error X,Y,Z of the stage.",
         unit="µm",
-        empty="a tenth of a step, and one plane step in depth",
+        empty="a tenth of the lateral step, and one plane distance in depth",
         **NUMBERS,
     )
     overshoot: str | tuple[float, ...] | None = opt(
         None,
-        "Approach every position from the same side, over this distance X,Y,Z; 0,0,0: directly.",
+        "Distance X,Y,Z over which every position is approached from the same side. 0,0,0 approaches "
+        "positions directly.",
         unit="µm",
         empty="20,20,20",
         **NUMBERS,
     )
     keep_free: float | None = opt(
-        None, "Disk space to keep free.", unit="GB", at_least=0, empty="a tenth of the recording", more=True
+        None, "Disk space that remains free.", unit="GB", at_least=0, empty="a tenth of the recording", more=True
     )
     origin: str | tuple[float, ...] | None = opt(
         None,
-        "Stage coordinates X,Y,Z at which the source is imaged on the centre of the sensor.",
+        "Stage coordinates X,Y,Z at which the source is imaged onto the centre of the sensor.",
         unit="µm",
         empty="as planned",
         **NUMBERS,
     )
     check_stage: bool | None = opt(
         None,
-        "Measure sign, scale, scatter and depth of the stage first.",
+        "Measure the directions, scale, repeatability and depth of the stage before the scan.",
         label="Check the stage",
-        empty="as the session began, else yes",
+        empty="as in the session so far, or yes in a new one",
         more=True,
     )
     check_origin: bool = opt(
         True,
-        "When a session continues, do not record its last position again to check the origin.",
+        "Do not check the origin, for which a continued session records its last position again.",
         label="Check the origin",
         more=True,
     )
     assemble: Path | None = opt(
-        None, "Assemble H into this file at the end (.h5).", label="H file", file="out", empty="not assembled"
+        None, "H file (.h5) to assemble after the recording.", label="H file", file="out", empty="not assembled"
     )
     pack: bool = opt(True, "Do not compress the finished recording.", label="Compress the recording", more=True)
-    dry_run: bool = opt(False, "Check everything and show the cost; move nothing.", label="Only check")
+    dry_run: bool = opt(
+        False,
+        "Check everything and show the time and disk space, without moving the stage or recording.",
+        label="Only check",
+    )
     frame_rate: float | None = opt(
         None,
-        "Largest frame rate of the camera, from which a dry run forecasts the recording time.",
+        "Largest frame rate of the camera, from which --dry-run predicts the recording time.",
         unit="frames/s",
         above=0,
-        empty="readout takes no time",
+        empty="without readout time",
         needs=("dry_run", ""),
         more=True,
     )
@@ -268,7 +274,9 @@ class _Acquire(Task):
         super().__post_init__()
         for name, given in (("--dark-every", self.dark_every is not None), ("--cover", self.cover)):
             if self.darks == 0 and given:
-                raise InputError.expected(name, "dark frames", "--darks 0", "leave it out")
+                raise InputError.expected(
+                    name, "dark frames", "--darks 0", "leave this option out, or record dark frames"
+                )
         if isinstance(self.origin, tuple) and len(self.origin) != 3:
             raise InputError.expected("--origin", "X,Y,Z in µm", show_planes(self.origin), "give three numbers")
 
@@ -443,7 +451,7 @@ class _Acquire(Task):
 def _again() -> Path | None:
     return opt(
         None,
-        "List of positions to record again, or to add (from lfcal inspect or lfcal plan fit).",
+        "List of positions to record again, or to add (.json), from lfcal inspect or lfcal plan fit.",
         label="Positions to record again",
         file="in",
         empty="none",
@@ -461,8 +469,10 @@ class AcquireTarget(_Acquire):
     def _devices(self, plan: Any) -> dict[str, str]:
         """Return the options of the devices; the simulator gets the planned target unless another is named."""
         if plan.lit is not None and self.backend != "sim":
-            remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"
-            raise InputError.expected(str(self.plan), "a target that a stage moves", "frames of a display", remedy)
+            remedy = "show its images (lfcal plan target --patterns), record them, and assemble the folder of frames"
+            raise InputError.expected(
+                str(self.plan), "a target that is moved by a stage", "a plan for a display", remedy
+            )
         planned = {"target": str(self.plan)} if self.backend == "sim" else {}
         return planned | pairs(self.option)
 
@@ -490,21 +500,22 @@ class _AcquireScan(_Acquire):
 
     order: str | None = opt(
         None,
-        "Order of the positions. plan: as planned. coarse: first a few positions of all planes, then those between.",
+        "Order of the positions. plan: as planned. coarse: first a few positions of all planes, then the "
+        "positions between them.",
         choices=("plan", "coarse"),
         empty="plan",
     )
     margin: int | None = opt(
         None,
-        "Margin of pixels kept around the cutout.",
+        "Number of pixels to record around the cutout on each side.",
         unit="px",
         at_least=0,
-        empty="0, or 12 between pixels",
+        empty="0, or 12 if the period is not a whole number of pixels",
         more=True,
     )
     controls: int | None = opt(
         None,
-        "Number of control frames for each plane and direction of travel.",
+        "Number of control frames for each plane and direction of motion.",
         label="Control frames",
         at_least=0,
         empty="0",
@@ -582,13 +593,18 @@ class AcquireUntil(_AcquireScan):
     input_words: ClassVar[str] = "a scan until H is good enough (--until-error)"
 
     until_error: float = required(
-        "Record, fit, and choose the next positions, until the error of H is this small, e.g. 0.5%.",
+        "Record, fit and choose the next positions until the error of H is this small, e.g. 0.5%.",
         label="Error of H",
         read=read_share,
     )
-    most: int = opt(0, "Largest number of positions; 0: all of the plan.", label="Positions, at most", at_least=0)
+    most: int = opt(
+        0,
+        "Largest number of positions. 0 allows all positions of the plan.",
+        label="Largest number of positions",
+        at_least=0,
+    )
     unknowns: str | tuple[str, ...] = opt(
-        (), "Groups of unknowns of the fit, A,B,C.", choices=_groups, read=read_names, show=show_names, empty="auto"
+        (), "Groups of unknowns to fit, A,B,C.", choices=_groups, read=read_names, show=show_names, empty="auto"
     )
 
     def __post_init__(self) -> None:
@@ -644,7 +660,7 @@ class Acquire(_AcquireScan):
         "Record only the positions of this list (from lfcal plan fit).",
         label="Positions",
         file="in",
-        empty="all of the plan",
+        empty="all positions of the plan",
     )
 
     def __post_init__(self) -> None:
@@ -655,7 +671,10 @@ class Acquire(_AcquireScan):
     def _begun(self, run: RunSettings) -> Path | None:
         begun = super()._begun(run)
         if self.positions is not None and begun is not None:
-            got, remedy = "--redo" if self.redo else "--resume", "leave it out; --redo records further positions"
+            got, remedy = (
+                "--redo" if self.redo else "--resume",
+                "leave --positions out; --redo records further positions",
+            )
             raise InputError.expected("--positions", "a new session", got, remedy)
         return begun
 

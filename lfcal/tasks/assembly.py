@@ -120,15 +120,15 @@ class _Assemble(Task):
     name: ClassVar[str] = "assemble"
 
     frames: Path = required(
-        "Folder of frames, manifest (.csv, .json), one file of many frames, recorded session, or scan plan (.json), "
-        "which the simulated camera then records.",
+        "Folder of frames, manifest (.csv, .json), one file of many frames, recorded session, or scan plan "
+        "(.json). The simulated camera then records the plan.",
         argument=True,
         file="in",
     )
     out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
     skip_damaged: bool = opt(
         False,
-        "Leave out frames that cannot be read, and list them. Takes longer, because every frame is read twice.",
+        "Leave out frames that cannot be read, and list them. This takes longer, because every frame is read twice.",
         label="Leave out damaged frames",
         more=True,
     )
@@ -140,7 +140,7 @@ class AssembleTarget(_Assemble):
 
     input_words: ClassVar[str] = "frames of a target"
 
-    plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="with the frames")
+    plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="stored with the frames")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage")
 
@@ -173,23 +173,27 @@ class AssembleRegions(_Assemble):
 
     orientation: str = opt(
         "check",
-        "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
-        "mirror-y, transpose, anti-transpose. auto: find it. check: as-is, but stop if that is clearly wrong.",
+        "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to "
+        "right), mirror-y, transpose, anti-transpose. auto: find the orientation. check: as-is, but stop if "
+        "that is clearly wrong.",
         choices=orientations,
         read=read_orientation,
     )
     shift: str = opt(
-        "0", "Number of bits by which to shift left-aligned samples down, or auto.", unit="bit", examples=("auto",)
+        "0",
+        "Number of bits by which to shift left-aligned samples to the right, or auto.",
+        unit="bit",
+        examples=("auto",),
     )
     channel: str = opt(
         "",
-        "Colour of a mosaic (R, G1, G2, B) or of a picture (R, G, B).",
+        "Colour of a mosaic (R, G1, G2, B) or of a colour image (R, G, B).",
         examples=("each", "R", "G", "B", "G1", "G2"),
-        empty="the frames as they are",
+        empty="unchanged frames",
     )
     half_cell: bool = opt(
         False,
-        "In a half-cell scan, replace each unrecorded position by the pattern half a period away.",
+        "In a half-cell scan, use the pattern half a period away for each unrecorded position.",
         label="Half cell",
         more=True,
     )
@@ -233,24 +237,24 @@ class Assemble(AssembleRegions):
     in_units: ClassVar[bool] = True
 
     plan: Path | None = opt(
-        None, "Scan plan (.json).", short="-p", file="in", empty="the session's, or with the frames"
+        None, "Scan plan (.json).", short="-p", file="in", empty="the plan of the session, or plan.json with the frames"
     )
     manifest: Path | None = opt(
-        None, "Manifest or list of the frames (.csv, .tsv, .txt, .json).", file="in", empty="with the frames"
+        None, "Manifest or list of the frames (.csv, .tsv, .txt, .json).", file="in", empty="stored with the frames"
     )
-    pattern: str = opt("", "Positions from file names, e.g. 'z{z}_y{y}_x{x}.png'.", label="File names")
+    pattern: str = opt("", "Take positions from file names, e.g. 'z{z}_y{y}_x{x}.png'.", label="File names")
     order: str = opt(
-        "", "Positions from the order of file names: serpentine or raster.", choices=("serpentine", "raster")
+        "", "Take positions from the order of file names: serpentine or raster.", choices=("serpentine", "raster")
     )
     columns: str = opt(
         "",
-        "Contents of the columns of a list: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
-        empty="by their names",
+        "Contents of the columns of a list, e.g. file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        empty="from their names",
         more=True,
     )
     first: int | None = opt(
         None,
-        "Number at which positions in names or lists begin: 0 or 1.",
+        "First number of the positions in names or lists: 0 or 1.",
         at_least=0,
         at_most=1,
         empty="inferred",
@@ -259,14 +263,15 @@ class Assemble(AssembleRegions):
     origin: str = origin_field("the whole sensor, or as the session states")
     nan: str = opt(
         "auto",
-        "NaN in floating-point frames. auto: mask pixels that are NaN in all frames, refuse others. mask: mask all.",
+        "Treatment of NaN in floating-point frames. auto: mask pixels that are NaN in all frames, and refuse "
+        "frames with others. mask: mask all.",
         label="NaN in frames",
         choices=("auto", "mask", "refuse"),
         more=True,
     )
     fill: Path | None = opt(
         None,
-        "Folder of a fit of this scan (lfcal fit). Its model fills missing positions, which stay marked.",
+        "Folder of a fit of this scan (lfcal fit). Its model fills missing positions, which remain marked as missing.",
         label="Fill from a fit",
         file="in",
         empty="not filled",
@@ -274,10 +279,10 @@ class Assemble(AssembleRegions):
     )
     leave_out: Path | None = opt(
         None,
-        "Positions whose frames are not used: a list (.json) written by lfcal inspect.",
+        "List of positions to leave out (.json), written by lfcal inspect.",
         label="Leave out positions",
         file="in",
-        empty="all are used",
+        empty="all positions are used",
         more=True,
     )
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage")

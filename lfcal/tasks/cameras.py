@@ -50,7 +50,7 @@ def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, 
         known = ", ".join(PRESETS)
         formats = ", ".join(form.name for form in CAMERA_FORMATS)
         meant = choose(name, PRESETS).replace("choose one of these", "check the name")
-        raise StorageError.expected("camera", f"{known}, or a file ({formats})", name, meant)
+        raise StorageError.expected("camera", f"a preset ({known}) or a file ({formats})", name, meant)
     found = import_camera(path, options)
     return found.camera, found.notes
 

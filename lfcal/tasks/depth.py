@@ -93,51 +93,54 @@ class Depth(Task):
     )
     camera: str = opt(
         "",
-        "Preset or camera file. It gives the lattice, the lens types, and depths in µm.",
+        "Preset or camera file, for the lattice, the lens types, and depths in µm.",
         file="in",
         is_path=is_camera_file,
         examples=preset_names,
-        empty="that of H, if it is given",
+        empty="the camera of H, if H is given",
     )
     lattice: Path | None = opt(
-        None, "Measured lattice (lattice.json of lfcal white).", file="in", empty="from the white image, or the camera"
+        None, "Measured lattice (lattice.json of lfcal white).", file="in", empty="from the white image or the camera"
     )
     white: Path | None = opt(
         None, "White image of the same camera, or a folder of them to average.", label="White image", file="in"
     )
     dark: Path | None = opt(
-        None, "Dark frame, or a folder of them to average; subtracted from both.", label="Dark frame", file="in"
+        None,
+        "Dark frame, or a folder of them to average. It is subtracted from the frame and the white image.",
+        label="Dark frame",
+        file="in",
     )
     psf: Path | None = opt(
-        None, "H of the same camera: the depths of its planes correct the scale.", label="H", file="in", empty="none"
+        None, "H of the same camera. The depths of its planes correct the scale.", label="H", file="in", empty="none"
     )
     method: str = opt(
         "auto",
-        "micro-images: match neighbouring micro-images, for lenslets that are focused on the scene. views: compare "
-        "views, for lenslets focused at infinity. auto: the method that suits the "
-        "lenslets of the camera; without a camera, the one that explains more of the frame.",
+        "Matching method. micro-images: match neighbouring micro-images, for lenslets focused on the scene. "
+        "views: compare views, for lenslets focused at infinity. auto: choose by the lenslets of the camera; "
+        "without a camera, choose the method that explains more of the frame.",
         choices=("auto", "micro-images", "views"),
         more=True,
     )
     slopes: tuple[float, float] | None = opt(
         None,
-        "Smallest and largest slope (approximately the virtual depth) to search: MIN,MAX.",
+        "Range of slopes (approximately virtual depths) to search: MIN,MAX.",
         read=read_pair,
         show=show_pair,
-        empty="all that the lenslets show",
+        empty="the whole range of the lenslets",
         more=True,
     )
     mask: Path | None = opt(
         None,
-        "Pixels to leave out: an image that is not 0 at these pixels, or a list, ROW,COLUMN per line. NaN is always "
-        "left out.",
-        label="Mask of pixels",
+        "Pixels to leave out: an image that is not 0 at these pixels, or a list with one ROW,COLUMN per line. "
+        "NaN is always left out.",
+        label="Pixel mask",
         file="in",
         empty="none",
         more=True,
     )
-    channel: str = opt("", "Colour to use.", choices=("", "R", "G", "B"), empty="the mean of all", more=True)
-    cfa: str = opt("", "Colour filters of a mosaic by rows, e.g. GRBG.", empty="as the file states", more=True)
+    channel: str = opt("", "Colour to use.", choices=("", "R", "G", "B"), empty="the mean of all colours", more=True)
+    cfa: str = opt("", "Colour filters of a mosaic, row by row, e.g. GRBG.", empty="as the file states", more=True)
     origin: str = origin_field("the whole sensor")
 
     def __post_init__(self) -> None:
@@ -145,9 +148,16 @@ class Depth(Task):
         super().__post_init__()
         for what, path, suffixes in (("out", self.out, (".tif", ".tiff")), ("cloud", self.cloud, (".ply",))):
             if path is not None and path.suffix.lower() not in suffixes:
-                raise InputError.expected(what, f"a {suffixes[0]} file", path.name, "correct the name")
+                raise InputError.expected(
+                    what, f"a {suffixes[0]} file", path.name, f"end the name of the file with {suffixes[0]}"
+                )
         if not (self.camera or self.lattice or self.white or self.psf):
-            raise InputError.expected("lattice", "camera, lattice, white or psf", "none", "give one of them")
+            raise InputError.expected(
+                "lattice of the micro-images",
+                "a camera, a measured lattice, a white image or H",
+                "none",
+                "give one of them",
+            )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[MeasuredDepth, ...]]:
         """Read the frame, measure its depths, and write them."""
@@ -160,7 +170,9 @@ class Depth(Task):
             with open_matrix(self.psf) as matrix:
                 camera = camera or matrix.camera
                 if camera is None:
-                    raise InputError.expected("H", "one with its camera", "one without", "give the camera as well")
+                    raise InputError.expected(
+                        "camera for the depths", "an H with its camera", "an H without one", "give the camera as well"
+                    )
                 measured = yield from _measured(matrix, workers)
         scene = self._scene(camera)
         found = yield from iter_depth_map(
@@ -273,7 +285,9 @@ def _measured(matrix: PSFMatrix, workers: int | None) -> Work[tuple[tuple[float,
     pairs = zip(matrix.depths, report.virtual_depths, strict=True)
     found = tuple((float(z), float(v)) for z, v in pairs if math.isfinite(v))
     if not found:
-        note(f"{matrix}: the patterns show no virtual depth; the depths follow from the camera alone")
+        note(
+            f"{matrix}: the virtual depths cannot be measured in the patterns; the depths follow from the camera alone"
+        )
     return found
 
 

@@ -71,7 +71,7 @@ class _Export(CopyTask):
     suffixes: ClassVar[tuple[str, ...]]
 
     out: Path = required(
-        "File to write. Its suffix is the format: .mat, .h5, .npy, .tif; for pyolaf .npz.",
+        "File to write. Its suffix selects the format: .mat, .h5, .npy or .tif; for pyolaf .npz.",
         label="File",
         short="-o",
         file="out",
@@ -81,7 +81,9 @@ class _Export(CopyTask):
         """Check every value."""
         super().__post_init__()
         if self.out.suffix.lower() not in self.suffixes:
-            raise InputError.expected("out", self.input_words, self.out.name, "give it this suffix")
+            raise InputError.expected(
+                "--out", self.input_words, self.out.name, "end the name of the file with this suffix"
+            )
 
     def options(self) -> ExportOptions:
         """Return the settings that differ from the defaults of the format."""
@@ -143,15 +145,15 @@ def _missing() -> bool:
     """Declare the field of formats that hold only values."""
     return opt(
         False,
-        "Write zeros for positions that were never recorded, which this format cannot mark.",
-        label="Zeros where missing",
+        "Write zeros for missing positions, which this format cannot mark.",
+        label="Zeros for missing positions",
         more=True,
     )
 
 
 def _uncompressed() -> bool:
     """Declare the field of compressed formats."""
-    return opt(False, "Do not compress the file; it is larger, and faster to read.", more=True)
+    return opt(False, "Do not compress the file. It becomes larger, and can be read faster.", more=True)
 
 
 @record
@@ -166,12 +168,12 @@ class ExportMat(_Export):
     rows_first: bool = opt(False, "Store H(t,s,y,x,z), for codes whose images have rows as the first axis.")
     lens_centred: bool = opt(
         False,
-        "Put the centre of a lens on pixel ceil(Nnum/2), as codes based on that of Prevedel et al. expect.",
-        label="Lens centred",
+        "Place the centre of a lens on pixel ceil(Nnum/2), as expected by codes based on Prevedel et al.",
+        label="Centre a lens",
     )
     interpolation: str = opt(
         "",
-        "Interpolation for shifts by a fraction of a pixel when a lens is centred.",
+        "Interpolation for subpixel shifts when a lens is centred.",
         choices=INTERPOLATIONS,
         empty="nearest: whole pixels only",
         needs=("lens_centred", ""),
@@ -200,10 +202,10 @@ class ExportH5(_ExportView):
 
     dtype: str = opt(
         "",
-        "Stored type. rounded: 16 bits with a scale for each plane.",
+        "Data type of the stored values. rounded: 16 bits with a scale for each plane.",
         label="Stored type",
         choices=STORED_TYPES,
-        empty="that of the source",
+        empty="as in the source",
         more=True,
     )
     uncompressed: bool = _uncompressed()
@@ -242,7 +244,7 @@ class ExportTiff(_ExportView):
 
     position: tuple[int, int] | None = opt(
         None,
-        "Write only one position (Y,X), as a stack over depth.",
+        "Write only the position (Y,X), as a stack over depth.",
         empty="all positions",
         read=read_position,
         show=show_pair,
@@ -267,16 +269,16 @@ class ExportFor(_Export):
     suffixes: ClassVar[tuple[str, ...]] = (".mat", ".npz", ".tif")
 
     code: str = required(
-        "Code that reads the file. It sets the order of axes, the centring and the names of variables.",
+        "Code that will read the file. It determines the order of axes, the centring and the names of variables.",
         flag="--for",
         choices=CODE_NAMES,
         chooses=True,
     )
-    quality: str = opt("", "Word for the quality of H, such as good, written into the file.", empty="none")
+    quality: str = opt("", "Verdict on the quality of H, such as good, to write into the file.", empty="none")
     no_ht: bool = opt(False, "Leave out Ht, which halves the file size.", label="Without Ht")
     position: tuple[int, int] | None = opt(
         None,
-        "For FLFM: the position (Y,X) whose patterns are written, if H has several.",
+        "For a Fourier light-field microscope: the position (Y,X) whose patterns are written, if H has several.",
         empty="the only one",
         read=read_position,
         show=show_pair,
@@ -292,7 +294,10 @@ class ExportFor(_Export):
         code = CODES[self.code]
         if self.out.suffix.lower() != code.suffix:
             raise InputError.expected(
-                "out", f"a {code.suffix} file for {code.title}", self.out.name, "give it this suffix"
+                "--out",
+                f"a {code.suffix} file for {code.title}",
+                self.out.name,
+                "end the name of the file with this suffix",
             )
 
 
@@ -308,7 +313,9 @@ def kind_of(given: Mapping[str, Any]) -> type[Task]:
         if suffix in kind.suffixes:
             return kind
     known = " ".join(suffix for kind in KINDS[:-1] for suffix in kind.suffixes)
-    raise InputError.expected("--out", known, suffix or "no suffix", "choose one of these suffixes")
+    raise InputError.expected(
+        "--out", known, suffix or "no suffix", "end the name of the file with one of these suffixes"
+    )
 
 
 EXPORT = TaskSet(
@@ -316,6 +323,6 @@ EXPORT = TaskSet(
     KINDS,
     kind_of,
     "lfcal export H.h5 --for olaf -o H.mat",
-    "Export H (and Ht) for a deconvolution code or another program.\n\n"
-    "The suffix of the file is its format. --for writes what one code reads.",
+    "Export H (and Ht) for a deconvolution code or another program.\n\nThe suffix of the file selects the "
+    "format. --for writes the file for one code.",
 )

@@ -90,7 +90,7 @@ def read_unknowns(text: str) -> str:
     known = GROUPS.names()
     wrong = [name for name in names if name not in known]
     if wrong or not names:
-        got, remedy = wrong[0] if wrong else repr(text), f"groups are {', '.join(known)}"
+        got, remedy = wrong[0] if wrong else repr(text), f"the groups are {', '.join(known)}"
         raise InputError.expected("unknowns", "auto or groups of unknowns", got, remedy)
     return ",".join(names)
 
@@ -102,33 +102,37 @@ class _Fit(Task):
     name: ClassVar[str] = "fit"
 
     sources: tuple[Path, ...] = required(
-        "H file (only recorded positions are used); recorded session; folder of frames; or a file of many "
-        "frames. Several are regions of the field of one camera.",
+        "H file (of which only recorded positions are used), recorded session, folder of frames, or file of "
+        "many frames. Several sources are regions of the field of one camera.",
         argument=True,
         file="in",
     )
-    out: Path = opt(FOLDER, "Folder to write into.", label="Folder", short="-o", file="out")
+    out: Path = opt(FOLDER, "Folder for the results.", label="Folder", short="-o", file="out")
     camera: str = opt(
-        "", "Preset or camera file to start from.", file="in", is_path=is_camera_file, empty="that of H or of the plan"
+        "",
+        "Preset or camera file to start from.",
+        file="in",
+        is_path=is_camera_file,
+        empty="the camera of H or of the plan",
     )
     unknowns: str = opt(
         "auto",
-        "Groups of unknowns to fit: A,B,C. auto: those that lower the error of held-out patterns.",
+        "Groups of unknowns to fit: A,B,C. auto: the groups that reduce the error of held-out patterns.",
         examples=("auto",),
         read=read_unknowns,
     )
     effects: tuple[str, ...] = opt(
         (),
-        "NAME=on|off|VALUE, or a JSON file: effects to simulate in addition to those that the camera "
-        "describes, for example index_mismatch=1.38,depth:20um.",
+        "Effect to simulate in addition to those in the camera description: NAME=on|off|VALUE, for example "
+        "index_mismatch=1.38,depth:20um; or a JSON file of effects.",
         flag="--effect",
         file="in",
         is_path=lambda text: "=" not in text,
         empty="none",
         more=True,
     )
-    positions: int | None = positions_field("Number of positions to fit, spread evenly; 0 uses all.")
-    write_h: bool = opt(True, "Compute and write H of the fitted camera.", label="Compute H", flag="--no-h")
+    positions: int | None = positions_field("Number of positions to fit, spread evenly. 0 uses all positions.")
+    write_h: bool = opt(True, "Simulate and write H of the fitted camera.", label="Compute H", flag="--no-h")
 
     @property
     def groups(self) -> str | tuple[str, ...]:
@@ -154,7 +158,7 @@ class FitTarget(_Fit):
 
     input_words: ClassVar[str] = "frames of a target"
 
-    plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="with the frames")
+    plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="stored with the frames")
     regions: str = opt("", "Write H of ROWSxCOLUMNS regions to one file, e.g. 3x3.", empty="one region")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
@@ -205,15 +209,15 @@ class FitMatrix(_Fit):
 
     plan: Path | None = opt(
         None,
-        "Scan plan (.json) of the frames, or of an H that has no camera.",
+        "Scan plan (.json) of the frames, or of an H without a camera.",
         short="-p",
         file="in",
-        empty="with the frames",
+        empty="stored with the frames",
     )
     noise: tuple[float, float] | None = noise_field()
     hybrid: bool = opt(
         False,
-        "Write a hybrid H: the model plus the measured deviations from it, with their uncertainty.",
+        "Write a hybrid H: the model plus the measured deviations from the model, with their uncertainty.",
         label="Hybrid H",
         more=True,
     )
@@ -260,7 +264,7 @@ class FitMatrix(_Fit):
         if self.hybrid or not self.write_h:
             if run.executor or run.scheduler or run.resume:
                 got = "--hybrid" if self.hybrid else "--no-h"
-                wanted = "an H of the model, made plane by plane"
+                wanted = "an H of the model, computed plane by plane"
                 raise InputError.expected("--executor", wanted, got, "leave one of them out")
             return None
         return next((one for one in [run.choice(place) for place in self._places] if one is not None), None)
@@ -273,12 +277,14 @@ class FitMatrix(_Fit):
         if len(self.sources) == 1:
             if not self.write_h and matrix.exists():
                 remedy = "choose another folder"
-                raise InputError.expected(str(matrix), "no H with --no-h", "one of an earlier fit", remedy)
+                raise InputError.expected(str(matrix), "no file of H with --no-h", "H of an earlier fit", remedy)
             return
         others = [matrix, self.out / NUMBERS]
         others += [] if self.write_h else self._places
         if there := next((path for path in others if path.exists()), None):
-            raise InputError.expected(str(self.out), "no fit of another camera", str(there), "choose another folder")
+            raise InputError.expected(
+                str(self.out), "a folder without another fit", f"a folder with {there.name}", "choose another folder"
+            )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[FitOutcome, ...]]:
         """Read the patterns, fit the camera, and write it."""

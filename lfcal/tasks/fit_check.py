@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FIT_CHECK", "CheckMatrix", "CheckMatrixByScan", "CheckedMatrix"]
 
-ONE_COLOUR = "take one colour out of them, and the H of that colour"
+ONE_COLOUR = "extract one colour, and use the H of that colour"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +79,8 @@ class CheckMatrix(Task):
     limit: float = opt(
         0.02, "Largest error (relative L2) at which H is still valid.", above=0, below=1, read=read_share
     )
-    positions: int = opt(SOME, "Number of frames to use from each input, spread evenly; 0 uses all.", at_least=0)
-    noise: tuple[float, float] | None = noise_field("as the frames or H state")
+    positions: int = opt(SOME, "Number of frames to use from each input, spread evenly. 0 uses all frames.", at_least=0)
+    noise: tuple[float, float] | None = noise_field("as stated by the frames or H")
     orientation: str = orientation_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
@@ -102,7 +102,9 @@ class CheckMatrixByScan(CheckMatrix):
 
     input_words: ClassVar[str] = "a folder of frames"
 
-    plan: Path | None = opt(None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="with the frames")
+    plan: Path | None = opt(
+        None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="stored with the frames"
+    )
 
 
 def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack) -> Work[list[NewFrame]]:

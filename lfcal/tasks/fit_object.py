@@ -49,10 +49,10 @@ class PredictObject(Task):
 
     name: ClassVar[str] = "fit object"
 
-    fit: Path = required("Folder of a fit, with its H.", argument=True, file="in")
+    fit: Path = required("Folder of a fit that contains its H.", argument=True, file="in")
     frame: Path = required("Frame of the known object.", argument=True, file="in")
-    scene: Path = required("The known object: a volume (.tif, .h5, .npy) of the planes of H.", file="in")
-    noise: tuple[float, float] | None = noise_field("as the frame states")
+    scene: Path = required("The known object: a volume (.tif, .h5, .npy) with the depth planes of H.", file="in")
+    noise: tuple[float, float] | None = noise_field("as stated by the frame")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[PredictedObject, ...]]:
@@ -78,14 +78,21 @@ class PredictObject(Task):
         with open_psf(H) as matrix, own_words(without=NO_PLACE), open_unplaced(self.frame) as single:
             view = corrected_view(single, self.corrections, plan_of(matrix))
             if len(view) != 1:
-                raise InputError.expected(f"{self.frame}, frames", "one", len(view), "name the frame of the object")
+                raise InputError.expected(
+                    f"{self.frame}, number of frames", "1", len(view), "give a file with one frame of the object"
+                )
             shot, planes = new_frame(view, 0, self.frame.name), matrix.shape[0]
         volume = load_volume(self.scene)
         if volume.shape != (planes, *shot.values.shape):
-            wanted = f"{(planes, *shot.values.shape)}: the planes of H and the pixels of the frame"
-            raise InputError.expected(f"{self.scene}, volume", wanted, volume.shape, "resample it")
+            wanted = f"{(planes, *shot.values.shape)}, the planes of H and the pixels of the frame"
+            raise InputError.expected(f"{self.scene}, volume", wanted, volume.shape, "resample the volume")
         if not np.isfinite(volume).all() or not volume.any():
-            raise InputError.expected(f"{self.scene}, volume", "finite values, some above 0", "others", "correct it")
+            raise InputError.expected(
+                f"{self.scene}, volume",
+                "finite values of 0 or more, some above 0",
+                "other values",
+                "correct the volume",
+            )
         return shot, volume
 
 

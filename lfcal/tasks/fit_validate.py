@@ -53,16 +53,16 @@ class ValidateFit(Task):
 
     fit: Path = required("Folder of a fit.", argument=True, file="in")
     sources: tuple[Path, ...] = required(
-        "Source of the fit: H, recorded session, or frames. Positions that were fitted are left out.",
+        "Source of the fit: H, a recorded session, or frames. Positions that were fitted are left out.",
         argument=True,
         file="in",
     )
     other: bool = opt(
         False,
-        "The source is another recording: predict all its points.",
+        "Treat the source as another recording, and predict all its points.",
         label="Another recording",
     )
-    positions: int | None = positions_field("Number of positions to predict, spread evenly; 0 predicts all.")
+    positions: int | None = positions_field("Number of positions to predict, spread evenly. 0 predicts all positions.")
     noise: tuple[float, float] | None = noise_field()
 
     def files(self, way: str) -> tuple[Path, ...]:
@@ -96,7 +96,7 @@ class ValidateFit(Task):
         fits, names = read_fits(self.fit), names_of(self.sources)
         if self.other or "" in fits:
             if len(names) != 1:
-                raise InputError.expected("sources", "one recording", len(names), "name one")
+                raise InputError.expected("sources", "one recording", len(names), "give one recording")
             first = next(iter(fits.values()))
             if "" in fits:
                 return [("", self.fit, first)]
@@ -107,7 +107,7 @@ class ValidateFit(Task):
         wrong = next((name for name in names if name not in fits), None)
         if wrong is not None:
             remedy = "give the source of a region, or add --other for another recording"
-            raise InputError.expected("sources", f"regions of the fit: {', '.join(fits)}", wrong, remedy)
+            raise InputError.expected("sources", f"the regions of the fit: {', '.join(fits)}", wrong, remedy)
         return [(name, self.fit / name, fits[name]) for name in names]
 
 
@@ -129,7 +129,9 @@ class ValidateFitByFrames(ValidateFit):
 
     input_words: ClassVar[str] = "frames"
 
-    plan: Path | None = opt(None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="with the frames")
+    plan: Path | None = opt(
+        None, "Scan plan (.json) of the frames.", short="-p", file="in", empty="stored with the frames"
+    )
     orientation: str = orientation_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 

@@ -75,43 +75,48 @@ class Inspect(MatrixTask):
     input_words: ClassVar[str] = "H"
     in_units: ClassVar[bool] = True
 
-    report: Path | None = opt(None, "Folder for an HTML report with redo.json.", file="out", empty="none is written")
+    report: Path | None = opt(
+        None,
+        "Folder for an HTML report and the list of positions to record again (redo.json).",
+        file="out",
+        empty="no report",
+    )
     reference: Path | None = opt(
-        None, "H of the same shape to compare with.", label="Reference H", file="in", empty="none"
+        None, "Reference H of the same shape, with which H is compared.", label="Reference H", file="in", empty="none"
     )
     session: Path | None = opt(
         None,
-        "Session folder with control frames. They show how well H of one period represents the whole field.",
+        "Session folder with control frames, which show how well H of one period represents the whole field.",
         file="in",
         empty="none",
         more=True,
     )
     fit: Path | None = opt(
         None,
-        "Folder of a fit of this scan (lfcal fit). Patterns are compared with the fitted camera.",
-        label="Camera of a fit",
+        "Folder of a fit of this scan (lfcal fit). The patterns are compared with the fitted camera.",
+        label="Fit of the camera",
         file="in",
-        empty="the camera described in H",
+        empty="the camera stored in H",
         needs=("seconds", ""),
     )
     seconds: float = opt(
         1800.0,
-        "Longest time of the comparison with the camera. If it is reached, the verdict is “not fully judged”. "
-        "0 leaves the comparison out.",
+        "Longest time for the comparison with the camera. If it is reached, the verdict is “not fully "
+        "judged”. 0 skips the comparison.",
         label="Time limit",
         unit="s",
         at_least=0,
     )
     patterns: int = opt(
         60,
-        "Number of patterns compared with the camera. More show smaller faults and take longer.",
+        "Number of patterns to compare with the camera. More patterns show smaller faults, and take longer.",
         at_least=1,
         needs=("seconds", ""),
         more=True,
     )
     every: bool = opt(
         False,
-        "List all metrics, also those that are good or do not apply, and the aperture of each plane.",
+        "List all metrics, including those that are good or do not apply, and the aperture of each plane.",
         label="All metrics",
         flag="--all",
     )
@@ -168,7 +173,7 @@ class Inspect(MatrixTask):
     def _check_units(self, run: RunSettings) -> None:
         asked = [name for name in ("executor", "scheduler", "resume") if getattr(run, name)]
         if asked and self.report is None:
-            raise InputError.expected(f"--{asked[0]}", "--report", "none", "name the folder of the report")
+            raise InputError.expected(f"--{asked[0]}", "--report", "none", "name a folder for the report")
 
     def _iter_quality(self, H: PSFMatrix, choice: RunChoice | None, workers: int | None) -> Work[QualityReport]:
         from lfcal.judge.quality import control_frames, iter_inspect, iter_inspect_units

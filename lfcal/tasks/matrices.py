@@ -32,9 +32,9 @@ def mat_order_field(**more: Any) -> str:
     """Declare the field ``mat_order`` of a task that reads H; ``more`` as of `lfcal.records.opt`."""
     return opt(
         "",
-        "Order of the axes of H in a .mat file that does not state it. rows-first: H(t,s,y,x,z). columns-first: "
-        "H(s,t,x,y,z).",
-        label="Axes in a .mat file",
+        "Order of the axes of H in a .mat file that does not state the order. rows-first: H(t,s,y,x,z). "
+        "columns-first: H(s,t,x,y,z).",
+        label="Axis order of a .mat file",
         choices=("rows-first", "columns-first"),
         empty="inferred from its variables",
         more=True,
@@ -47,7 +47,7 @@ class MatrixTask(Task):
     """Fields of tasks that read one H."""
 
     source: Path = required(
-        "H file (.h5), another code's file (.mat v7.3, .lfc of napari-LF, .tif stack), or .npy array.",
+        "H file (.h5), file of another code (.mat v7.3, .lfc of napari-LF, .tif stack), or .npy array.",
         label="H",
         argument=True,
         file="in",
@@ -64,7 +64,7 @@ class CopyTask(MatrixTask):
     """Fields of tasks that rewrite one H in another form."""
 
     region: str = opt(
-        "", "Name of the region of the field, for an H file with several regions.", empty="the only one", more=True
+        "", "Name of the region of the field, for an H file with several regions.", empty="the only region", more=True
     )
 
     def opened(self, *, quiet: bool = False) -> PSFMatrix:
@@ -72,7 +72,9 @@ class CopyTask(MatrixTask):
         from lfcal.psf import regions_of
 
         if not self.region and len(names := regions_of(self.source)) > 1:
-            raise InputError.expected(f"{self.source.name}, region", " or ".join(names), "none", "choose one")
+            raise InputError.expected(
+                f"{self.source.name}, region", " or ".join(names), "none", "choose one with --region"
+            )
         return open_matrix(self.source, region=self.region, mat_order=self.mat_order, quiet=quiet)
 
 
@@ -122,7 +124,7 @@ def report_missing(matrix: PSFMatrix) -> int:
     from lfcal.psf import empty_positions, empty_words
 
     if words := empty_words(matrix):
-        note(f"{words}: their entries are zero; fill them from a fit with lfcal assemble --fill")
+        note(f"{words}; their entries are zero; fill them from a fit with lfcal assemble --fill")
     return len(empty_positions(matrix))
 
 
@@ -145,7 +147,7 @@ def check_mat_files(mat_order: str, *paths: Path | None) -> None:
     given = [path for path in paths if path is not None]
     if mat_order and not any(_is_mat(path) for path in given):
         names = ", ".join(path.name for path in given)
-        raise InputError.expected("--mat-order", "a .mat file", names, "leave it out")
+        raise InputError.expected("--mat-order", "a .mat file", names, "leave --mat-order out")
 
 
 def _is_mat(path: Path) -> bool:

@@ -41,7 +41,7 @@ def _exposures(text: str) -> float | tuple[float, ...]:
         values = tuple(float(one) for one in text.split(","))
         return values if len(values) > 1 else values[0]
     except ValueError:
-        raise InputError.expected("exposure", "numbers", repr(text), "for example 0.02 or 0.02,0.05") from None
+        raise InputError.expected("exposure (s)", "numbers", repr(text), "for example 0.02 or 0.02,0.05") from None
 
 
 def _show(values: float | tuple[float, ...]) -> str:
@@ -55,7 +55,7 @@ class _Plan(PlanTask):
     name: ClassVar[str] = "plan"
 
     camera: str = required(
-        "Camera: a preset, or a file (camera.json, Raytrix XML, oLaF yaml, napari-LF metadata and others).",
+        "Camera: a preset, or a file (camera.json, Raytrix XML, oLaF YAML, napari-LF metadata and others).",
         argument=True,
         file="in",
         is_path=is_camera_file,
@@ -71,7 +71,7 @@ class _Plan(PlanTask):
     )
     virtual_depths: str | tuple[float, ...] = opt(
         (),
-        "Depth planes by the virtual depths v = a/B of their images behind the main lens.",
+        "Depth planes, given by the virtual depths v = a/B of their images behind the main lens.",
         label="Virtual depths",
         read=read_virtual_depths,
         show=show_planes,
@@ -86,26 +86,28 @@ class _Plan(PlanTask):
     )
     anchor: str | tuple[float, float] | None = opt(
         None,
-        "Pixel ROW,COLUMN of the sensor on which position y = x = 0 is imaged.",
+        "Sensor pixel ROW,COLUMN onto which the position y = x = 0 is imaged.",
         unit="px",
         empty="centred",
         read=read_pair,
         show=_show,
     )
-    resample: bool = opt(False, "Scale frames so that the period is a whole number of pixels.", label="Resample frames")
+    resample: bool = opt(
+        False, "Rescale frames so that the period is a whole number of pixels.", label="Resample frames"
+    )
     order: str = opt("serpentine", "Order of the positions.", choices=("serpentine", "raster"), more=True)
     stage: str = opt(
         "+x,+y,+z",
-        "Stage axes that move the image right and down, and the source away from the camera.",
+        "Stage axes that move the image right and down, and the source away from the camera, e.g. +x,-y,+z.",
         label="Stage axes",
         more=True,
     )
     exposure: float | tuple[float, ...] | str = opt(
-        0.02, "Exposure time, or one for each plane.", unit="s", above=0, read=_exposures, show=_show
+        0.02, "Exposure time, or one exposure time for each plane.", unit="s", above=0, read=_exposures, show=_show
     )
-    settle: float = opt(0.05, "Waiting time after each move.", label="Settling time", unit="s", at_least=0)
+    settle: float = opt(0.05, "Waiting time after each stage movement.", label="Settling time", unit="s", at_least=0)
     out: Path | None = opt(
-        None, "Plan to write (.json).", label="Plan file", short="-o", file="out", empty="only shown"
+        None, "Plan to write (.json).", label="Plan file", short="-o", file="out", empty="not written"
     )
 
     def __post_init__(self) -> None:
@@ -157,7 +159,7 @@ class _Plan(PlanTask):
 class _PlanOfCamera(_Plan):
     """Fields of plans made for a camera."""
 
-    average: int = opt(1, "Number of frames averaged at each position.", label="Frames averaged", at_least=1)
+    average: int = opt(1, "Number of frames to average at each position.", label="Frames averaged", at_least=1)
 
     def settings(self) -> dict[str, Any]:
         """Return the arguments of a `ScanPlan`; None: the camera determines the value."""
@@ -186,7 +188,7 @@ class PlanRegions(_PlanOfCamera):
     input_words: ClassVar[str] = "a scan of several regions (--regions)"
 
     regions: str = required(
-        "Number of regions of the field, ROWSxCOLUMNS over the sensor; 3x3: centre, edges and corners.",
+        "Regions of the field, as ROWSxCOLUMNS over the sensor. 3x3 covers the centre, the edges and the corners.",
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
@@ -225,18 +227,18 @@ class PlanRecorded(_Plan):
 
     input_words: ClassVar[str] = "a recorded scan (--positions)"
 
-    positions: Path = required("List of the stage coordinates of the recorded scan.", file="in")
-    frames: Path | None = opt(None, "Folder of the listed frames.", file="in", empty="next to the list")
+    positions: Path = required("File that lists the stage coordinates of the recorded scan.", file="in")
+    frames: Path | None = opt(None, "Folder of the frames in the list.", file="in", empty="the folder of the list")
     columns: str = opt(
         "",
-        "Contents of the columns of the list: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
-        empty="by their names",
+        "Contents of the columns of the list, e.g. file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        empty="from their names",
         more=True,
     )
     origin: str = origin_field("the whole sensor")
     orientation: str = opt(
         "as-is",
-        "How to turn the frames upright, as for lfcal assemble.",
+        "How to turn the frames upright, as in lfcal assemble.",
         read=read_orientation,
         more=True,
     )
@@ -258,11 +260,14 @@ class PlanRecorded(_Plan):
         except StorageError as error:
             if self.frames is not None:
                 raise
-            note(f"frames were not found ({error}); --frames names their folder")
+            note(f"frames were not found ({error}); give their folder with --frames")
         else:
             _check_size(turn.shape(shape), camera, roi, place, str(root))
             if colour is not None:
-                note(f"{colour} of the colour pictures is used; lfcal assemble --channel chooses another")
+                note(
+                    f"only the colour {colour} of the colour images is used; choose another with lfcal "
+                    "assemble --channel"
+                )
         depths: Any = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
         part = None if place is None else Part(place, turn.name)
         plan, notes = plan_of_list(listing, camera, read=read, part=part, depths_um=depths, **settings)
@@ -284,7 +289,9 @@ def _tell_turned(listing: Listing, plan: ScanPlan, read: Callable[[int], NDArray
         return  # damaged frames are refused or left out later, when all frames are read
     found = find_turned_frames(seen, plan)
     if found is not None:
-        warn(f"the frames are {found.words}; make the plan again with {found.options}, and assemble with it")
+        warn(
+            f"the frames are {found.words}; make the plan again with {found.options}, and assemble with the same option"
+        )
 
 
 def _check_size(
@@ -320,20 +327,22 @@ class PlanScan(_PlanOfCamera):
 
     input_words: ClassVar[str] = "a scan of one region"
 
-    half_cell: bool = opt(False, "Record half of a hexagonal period; the other half has the same patterns.", more=True)
+    half_cell: bool = opt(
+        False, "Record only half of a hexagonal period. The other half has the same patterns.", more=True
+    )
     peak: float | str | None = opt(
         None,
-        "Brightest pixel as a share of the full well. If given, the noise of H is forecast.",
+        "Brightest pixel, as a fraction of the full well. If you give it, the noise of H is predicted.",
         label="Brightest pixel",
         above=0,
         at_most=1,
-        empty="no forecast of the noise",
+        empty="no prediction of the noise",
         read=read_share,
         more=True,
     )
     list_file: Path | None = opt(
         None,
-        "File for the positions of a half-cell scan (.json), for lfcal acquire.",
+        "File for the list of positions of a half-cell scan (.json), for lfcal acquire.",
         label="List of positions",
         flag="--list",
         file="out",
@@ -364,7 +373,7 @@ class PlanScan(_PlanOfCamera):
         from lfcal.simulate import iter_expected_light
 
         if unknown := not_stated_for_noise(plan.camera):
-            note(f"the noise of H is not forecast: {' and '.join(unknown)} only assumed")
+            note(f"the noise of H is not predicted, because of assumed values: {', '.join(unknown)}")
             return None
         light = yield from iter_expected_light(plan)
         return light.noise(plan, peak)

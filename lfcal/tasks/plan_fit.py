@@ -53,7 +53,7 @@ class PlanFit(PlanTask):
 
     plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
     count: int = required(
-        "Number of positions to choose. A fifth of them is held out to check the fit.",
+        "Number of positions to choose. One fifth of them are held out to check the fit.",
         label="Positions",
         short="-n",
         at_least=1,
@@ -64,15 +64,15 @@ class PlanFit(PlanTask):
         label="List of positions",
         short="-o",
         file="out",
-        empty="only shown",
+        empty="not written",
     )
     earlier: Path | None = opt(
         None,
-        "Folder of an earlier fit (lfcal fit), to which the chosen positions are added.",
+        "Folder of an earlier fit (lfcal fit), to whose positions the chosen ones are added.",
         label="Earlier fit",
         flag="--from",
         file="in",
-        empty="no fit",
+        empty="no earlier fit",
     )
     unknowns: str | tuple[str, ...] = opt(
         (),
@@ -84,7 +84,7 @@ class PlanFit(PlanTask):
     )
     full: float = opt(
         0.8,
-        "Brightest pixel of the scan as a share of the full well.",
+        "Brightest pixel of the scan, as a fraction of the full well.",
         label="Brightest pixel",
         above=0,
         at_most=1,
@@ -93,7 +93,7 @@ class PlanFit(PlanTask):
     )
     position_error: float | None = opt(
         None,
-        "Source position error (rms).",
+        "Position error of the source (rms).",
         unit="px",
         at_least=0,
         at_most=5,
@@ -101,11 +101,14 @@ class PlanFit(PlanTask):
         more=True,
     )
     candidates: int = opt(
-        300, "Number of candidate positions, spread evenly over the scan; 0: all positions.", at_least=0, more=True
+        300,
+        "Number of candidate positions, spread evenly over the scan. 0 considers all positions.",
+        at_least=0,
+        more=True,
     )
     draw: Path | None = opt(
         None,
-        "File for a picture of the expected error (.png).",
+        "File for a plot of the expected error (.png).",
         label="Picture",
         file="out",
         empty="not drawn",

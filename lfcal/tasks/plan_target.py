@@ -52,8 +52,9 @@ class _PlanTarget(PlanTask):
 
     plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
     source: str = required(
-        "Points in one frame. array:12x12@1.2mm,hole=20um: pinholes (hex; ROWxCOLUMN pitches). array alone: the pitch "
-        "that needs the fewest frames. display:2160x3840@8um: pixels of a display. Or a file of a target (.json).",
+        "Points in one frame. array:12x12@1.2mm,hole=20um: pinholes (hex for a hexagonal array; ROWxCOLUMN "
+        "for two pitches). array alone: choose the pitch that needs the fewest frames. display:2160x3840@8um: "
+        "pixels of a display. Or a file of a target (.json).",
         argument=True,
         label="Target",
         file="in",
@@ -69,30 +70,30 @@ class _PlanTarget(PlanTask):
     )
     crosstalk: float = opt(
         0.005,
-        "Largest amount of light from neighbouring points in a cutout, relative to the point at its centre.",
+        "Largest allowed light from neighbouring points in a cutout, relative to the point at its centre.",
         at_least=1e-6,
         below=1,
         read=read_share,
     )
     most_frames: int | None = opt(
         None,
-        "Largest number of frames for each plane. The command prints the share of the positions that they show.",
-        label="Frames, at most",
+        "Largest number of frames for each plane. The command prints the fraction of positions that they show.",
+        label="Largest number of frames",
         at_least=1,
         empty="as many as all positions need",
     )
     regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one")
     signal: float | None = opt(
         None,
-        "Electrons in the brightest pixel of a point. They decide whether coded frames, each the sum of several, have "
-        "less noise; if so, a display shows coded frames.",
+        "Electrons in the brightest pixel of a point. This number determines whether coded frames, which show "
+        "several points together, have less noise. If so, a display shows coded frames.",
         unit="e",
         above=0,
         empty="0.8 of the full well",
         more=True,
     )
     out: Path | None = opt(
-        None, "File for the plan of the target (.json).", label="Plan file", short="-o", file="out", empty="only shown"
+        None, "File for the plan of the target (.json).", label="Plan file", short="-o", file="out", empty="not written"
     )
 
     def __post_init__(self) -> None:
@@ -145,7 +146,7 @@ class _PlanTarget(PlanTask):
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
             raise InputError.expected(
-                "--signal", "several points, and frames to show together", "too few", "leave it out"
+                "--signal", "several points, and frames to show together", "too few", "leave --signal out"
             )
         if self.display is not None:
             plan = planned_for_display(plan, self.display, verdict)
@@ -179,9 +180,9 @@ class PlanTarget(_PlanTarget):
     pose: str = opt(
         "",
         "Pose of the target: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
-        empty="not rotated or tilted, or as in its file",
+        empty="as in the file of the target, else not rotated or tilted",
     )
-    pose_within: str = opt("", "Largest error of the pose, written like the pose.", empty="known", more=True)
+    pose_within: str = opt("", "Uncertainty of the pose, written like the pose.", empty="known", more=True)
 
     def __post_init__(self) -> None:
         """Check every value, and that target and pose can be parsed."""
@@ -217,8 +218,8 @@ class PlanDisplay(_PlanTarget):
 
     patterns: Path | None = opt(
         None,
-        "Folder for the pictures that the display shows (frame_0000.png and so on).",
-        label="Folder of pictures",
+        "Folder for the images that the display shows (frame_0000.png and so on).",
+        label="Folder of images",
         file="out",
         empty="not written",
     )
@@ -240,7 +241,9 @@ class PlanDisplay(_PlanTarget):
 
         found = parse_display(self.source)
         if found is None:
-            raise InputError.expected("source", "display:ROWSxCOLUMNS@PITCH", repr(self.source), "correct it")
+            raise InputError.expected(
+                "source", "display:ROWSxCOLUMNS@PITCH", repr(self.source), "write it like display:2160x3840@8um"
+            )
         return found
 
     def _iter_plan(self, scan: ScanPlan) -> Work[TargetPlan]:

@@ -39,10 +39,10 @@ class PlanTask(Task):
     speed: float = opt(1000.0, "Speed of the stage.", unit="µm/s", above=0, more=True)
     frame_rate: float | None = opt(
         None,
-        "Largest frame rate of the camera for the region that is read, as in its data sheet.",
+        "Largest frame rate of the camera for the region that is read, as stated in its data sheet.",
         unit="frames/s",
         above=0,
-        empty="readout takes no time",
+        empty="without readout time",
         more=True,
     )
 
@@ -107,7 +107,9 @@ def planned_scan(
             cutout=cutout,
         )
     if depths or virtual_depths or cutout:
-        raise InputError("planes and cutout: expected those of the plan, got others; leave the options out")
+        raise InputError(
+            "planes and cutout: expected only the plan, got options for them as well; leave these options out"
+        )
     tell_assumed(ready.scan.camera, Path(camera).name)
     return ready.scan
 

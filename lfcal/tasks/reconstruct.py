@@ -50,7 +50,7 @@ def _find(name: str) -> type[SolverFields]:
     if name in own:
         return own[name]
     if name == "list":
-        raise InputError.expected("--solver", "the name of a solver", "list", "lfcal solvers lists them")
+        raise InputError.expected("--solver", "the name of a solver", "list", "lfcal solvers lists the names")
     from lfcal.reconstruct import SOLVERS
 
     return solver_kind(name, SOLVERS.get(name).honours)
@@ -91,7 +91,9 @@ def solver_settings(name: str, **values: Any) -> SolverFields:
     known = [one.name for one in fields(kind) if one.name != "name"]
     for given in values:
         if given not in known:
-            raise InputError.expected(f"solver {name}", f"settings {', '.join(known)}", given, "leave it out")
+            raise InputError.expected(
+                f"solver {name}", f"only the settings {', '.join(known)}", given, "leave this setting out"
+            )
     return kind(**values)
 
 
@@ -133,7 +135,7 @@ class ReconstructionForecast(TaskResult):
 
 
 def _warm() -> bool:
-    words = "Start each frame from the volume of the one before it."
+    words = "Start each frame from the volume of the frame before it."
     return opt(False, words, label="Start from the last volume")
 
 
@@ -144,17 +146,17 @@ class _Reconstruct(Task):
     name: ClassVar[str] = "reconstruct"
 
     psf: Path = required(
-        "H file (.h5), or one of another code (.mat, .npy, .lfc, .tif).", label="H", argument=True, file="in"
+        "H file (.h5), or a file of another code (.mat, .npy, .lfc, .tif).", label="H", argument=True, file="in"
     )
     frames: Path = required(
-        "Light-field frame; or several: an image file of many pages, a folder of frames, or a recorded session.",
+        "Light-field frame. Several frames: an image file of many pages, a folder of frames, or a recorded session.",
         argument=True,
         file="in",
     )
     regions: tuple[str, ...] = opt(
         (),
-        "H of another region of the field: a file, the name of a region in the H file, or all. May be repeated. Each "
-        "voxel is projected with H of the regions around it.",
+        "H of another region of the field: a file, the name of a region in the H file, or all. May be "
+        "repeated. Each voxel is projected with H of the surrounding regions.",
         flag="--region",
         empty="none",
         more=True,
@@ -208,7 +210,9 @@ class ReconstructForecast(_Reconstruct):
 
     input_words: ClassVar[str] = "a forecast"
 
-    forecast: bool = opt(False, "Only predict the time and memory of each projection method.", more=True)
+    forecast: bool = opt(
+        False, "Predict the time and memory of each projection method without reconstructing.", more=True
+    )
     warm: bool = _warm()
     light_field: LightFieldSettings = panel(LightFieldSettings(), "Frames", without=("dark",))
     grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
@@ -250,8 +254,8 @@ class Reconstruct(_Reconstruct):
     in_units: ClassVar[bool] = True
 
     out: Path = required(
-        "Volume to write: .tif, .ome.tif, .ome.zarr, .h5 or .npy. For several frames: a folder, or one such file for "
-        "all.",
+        "Volume to write: .tif, .ome.tif, .ome.zarr, .h5 or .npy. For several frames: a folder, or one such "
+        "file for all volumes.",
         label="Volume",
         short="-o",
         file="out",
@@ -291,7 +295,7 @@ class ReconstructSeries(Reconstruct):
     input_words: ClassVar[str] = "a series of frames"
 
     format: str = opt(
-        ".tif", "Format of the files in a folder of volumes.", label="Format of the files", choices=FORMATS, more=True
+        ".tif", "Format of the files in a folder of volumes.", label="File format", choices=FORMATS, more=True
     )
     warm: bool = _warm()
 
@@ -308,7 +312,7 @@ class ReconstructSeries(Reconstruct):
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
         """Reconstruct frame by frame; one volume is in memory at a time."""
         if self.format != ".tif" and self._whole():
-            raise InputError.expected("--format", "a folder in --out", self.out.name, "leave it out")
+            raise InputError.expected("--format", "a folder as --out", self.out.name, "leave --format out")
         return self._iter_volumes(run or RunSettings(), "" if self._whole() else self.format, warm=self.warm)
 
 

@@ -78,7 +78,7 @@ class Reduce(CopyTask):
     out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
     tolerance: float = opt(
         0.005,
-        "Largest share (L1) of its light that a pattern may lose.",
+        "Largest fraction of its light (L1) that a pattern may lose.",
         above=0,
         below=1,
         read=read_share,

@@ -110,7 +110,7 @@ class SimulatedH(SimulationForecast):
         """Text on the accuracy of the planes. Omitted effects are estimated, and the computation is checked."""
         lowest, highest = 100 * min(self.errors), 100 * max(self.errors)
         error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
-        what = "with that of storage" if self.stored is not None else "of omitted effects and of the computation"
+        what = "including that of storage" if self.stored is not None else "of omitted effects and of the computation"
         least, most = 100 * min(self.light), 100 * max(self.light)
         engines = Counter(plane["engine"] for plane in self.planes if plane is not None)
         count = len(self.errors)
@@ -193,9 +193,8 @@ class _Simulate(Task):
     )
     effects: tuple[str, ...] = opt(
         (),
-        "Effect to switch or set: NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um), or a JSON "
-        "file of effects. "
-        "May be given several times.",
+        "Effect to switch or set: NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um); or a "
+        "JSON file of effects. May be repeated.",
         flag="--effect",
         read=read_effect,
         file="in",
@@ -207,8 +206,9 @@ class _Simulate(Task):
     )
     level: str = opt(
         "auto",
-        "How light is propagated, from fast to accurate: rays (geometric), waves from each lenslet separately (wave) "
-        "or from all together (grid, microscope), or reference. auto: as accurate as the effects need.",
+        "Model of light propagation, from fast to accurate. geometric: rays. wave: waves from each lenslet "
+        "separately. grid, microscope: waves from all lenslets together. reference: the most accurate. auto: "
+        "as accurate as the effects need.",
         choices=LEVELS,
     )
 
@@ -268,7 +268,8 @@ class _Simulate(Task):
         most = predict_bytes(plan, found, self.level, **how, to_file=True, store_tolerance=stored)
         # the user can still stop and choose a larger tolerance
         note(
-            f"expected: about {format_seconds(found.seconds)} of processor time, at most {format_bytes(most)} of memory"
+            f"prediction: about {format_seconds(found.seconds)} of processor time, at most "
+            f"{format_bytes(most)} of memory"
         )
         how |= {"out": out, "provenance": self.known(plan, found)}
         if on_pass is None:
@@ -292,22 +293,22 @@ class _OfOnePlan(_Simulate):
         unit="µm, or with mm",
         read=read_depths,
         show=show_planes,
-        empty="those of the plan",
+        empty="the planes of the plan",
     )
     virtual_depths: tuple[float, ...] = opt(
         (),
         "Virtual depths v = a/B of the planes: a,b,c or start:stop:step.",
         read=read_virtual_depths,
         show=show_planes,
-        empty="those of the plan",
+        empty="the planes of the plan",
     )
     cutout: tuple[int, int] | None = opt(
         None,
-        "Size of the cutout around each point's image: an odd number of pixels, or ROWS,COLUMNS.",
+        "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS.",
         unit="px",
         read=read_cutout,
         show=show_pair,
-        empty="that of the plan, else by geometry",
+        empty="as in the plan, else the geometric size of the pattern",
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Any, ...]]:
@@ -323,7 +324,7 @@ class _OfOnePlan(_Simulate):
 
 OUT: dict[str, Any] = {"label": "H file", "short": "-o", "file": "out", "chooses": True}
 FRAMES: dict[str, Any] = {"label": "Folder of frames", "chooses": True}
-PEAK: dict[str, Any] = {"label": "Brightest pixel", "unit": "share of the full well", "above": 0, "at_most": 1000}
+PEAK: dict[str, Any] = {"label": "Brightest pixel", "unit": "fraction of the full well", "above": 0, "at_most": 1000}
 
 
 @record
@@ -348,11 +349,11 @@ class SimulateH(_OfOnePlan):
     out: Path = required("H file to write (.h5).", **OUT)
     store_tolerance: float | None = opt(
         None,
-        "Largest share (L1) of its light that a pattern may lose when the file is compressed, as in lfcal reduce.",
-        label="Loss in the file",
+        "Largest fraction of its light (L1) that a pattern may lose when the file is compressed, as in lfcal reduce.",
+        label="Compression loss",
         above=0,
         below=1,
-        empty="stored in full",
+        empty="without loss",
         read=read_share,
         more=True,
     )
@@ -372,9 +373,9 @@ class SimulatePasses(_OfOnePlan):
     out: Path = required("H file to write (.h5).", **OUT)
     progressive: bool = opt(
         True,
-        "Simulate H in passes: it is complete after the first, and more accurate after each. Ctrl-C keeps the last "
-        "complete one.",
-        label="In passes",
+        "Simulate H in passes. H is complete after the first pass, and becomes more accurate with each. "
+        "Ctrl-C keeps the last complete H.",
+        label="Simulate in passes",
         chooses=True,
     )
 
@@ -384,8 +385,8 @@ class SimulatePasses(_OfOnePlan):
 
         def tell(matrix: PSFMatrix) -> None:
             worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
-            whole.append(f"{self.out}, whole within {worst:.2g} %")
-            note(f"{whole[-1]}; Ctrl-C keeps it")
+            whole.append(f"{self.out}, complete to within {worst:.2g} %")
+            note(f"{whole[-1]}; Ctrl-C keeps this file")
 
         try:
             return (yield from self.iter_matrix(plan, self.out, run, on_pass=tell))
@@ -409,7 +410,7 @@ class SimulateRegions(_Simulate):
 
         run, several, made = run or RunSettings(), ready_regions(self.camera), {}
         if several is None:
-            raise InputError.expected("camera", "a plan of several regions", self.camera, "simulate it as one H")
+            raise InputError.expected("camera", "a plan of several regions", self.camera, "simulate it without regions")
         with temporary_parts(self.out, several.names) as parts:
             for k, name in enumerate(several.names):
                 note(f"region {name}")
@@ -426,8 +427,8 @@ class SimulateFrames(_OfOnePlan):
     input_words: ClassVar[str] = "frames"
 
     frames: Path = required("New or empty folder for the frames of a simulated session.", file="out", **FRAMES)
-    seed: int = opt(0, "Random seed for noise and stage errors in frames.", at_least=0, more=True)
-    peak: float = opt(0.8, "Brightness of the brightest pixel in frames.", more=True, **PEAK)
+    seed: int = opt(0, "Seed of the random noise and stage errors in the frames.", at_least=0, more=True)
+    peak: float = opt(0.8, "Brightness of the brightest pixel in the frames.", more=True, **PEAK)
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files of the task, without the folder of frames, which is never replaced."""
@@ -462,10 +463,15 @@ class SimulateForecast(_OfOnePlan):
 
     input_words: ClassVar[str] = "a forecast"
 
-    plan_only: bool = opt(True, "Only show which effects matter and their cost.", label="Forecast only", chooses=True)
-    out: Path | None = opt(None, "H file of the planned simulation; it is not written.", **OUT | {"file": ""})
-    frames: Path | None = opt(None, "Folder of frames of the planned simulation; it is not written.", **FRAMES)
-    peak: float = opt(0.8, "Brightness of the brightest pixel in frames.", needs=("frames", ""), more=True, **PEAK)
+    plan_only: bool = opt(
+        True,
+        "Show which effects matter, and their computing time, without simulating.",
+        label="Forecast only",
+        chooses=True,
+    )
+    out: Path | None = opt(None, "H file of the planned simulation, which is not written.", **OUT | {"file": ""})
+    frames: Path | None = opt(None, "Frame folder of the planned simulation, which is not written.", **FRAMES)
+    peak: float = opt(0.8, "Brightness of the brightest pixel in the frames.", needs=("frames", ""), more=True, **PEAK)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:
         """Choose the effects."""
@@ -473,7 +479,7 @@ class SimulateForecast(_OfOnePlan):
         found = self.selection(plan, frames=self.frames is not None, peak=self.peak)
         _tell(plan)
         for target in filter(None, (self.out, self.frames)):
-            note(f"{target} is not written: --plan-only")
+            note(f"{target} is not written, because of --plan-only")
         # the costs of effects are estimated without a run
         return SimulationForecast(plan=plan, effects=found if self.level == "auto" else self.timed(plan, found))
 
@@ -483,7 +489,10 @@ def kind_of(given: Mapping[str, Any]) -> type[Task]:
     if given.get("plan_only"):
         return SimulateForecast
     if bool(given.get("out")) == bool(given.get("frames")):
-        raise InputError("output: give -o H.h5 for the matrix or --frames DIR for a session, or --plan-only")
+        raise InputError(
+            "output: expected a file or a folder to write, got none; add -o H.h5 for H, --frames DIR for a "
+            "session, or --plan-only"
+        )
     if ready_regions(str(given.get("camera", ""))) is not None:
         return SimulateRegions
     if given.get("frames"):
@@ -513,9 +522,9 @@ def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
         (py, px), (ny, nx) = plan.camera.period_px, plan.period
         own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
         note(
-            f"the period of H, {ny} x {nx} px, does not fit that of the lattice, {own}: {plan.drift_px:.3g} px of "
-            "drift over the "
-            "sensor; `lfcal plan --resample` removes it, and `lfcal reconstruct` resamples frames to H's period"
+            f"the period of H, {ny} x {nx} px, does not match that of the lattice, {own}: they drift apart by "
+            f"{plan.drift_px:.3g} px over the sensor; `lfcal plan --resample` removes the drift, and `lfcal "
+            "reconstruct` resamples frames to the period of H"
         )
 
 
@@ -527,15 +536,15 @@ def _warn(made: SimulatedH, *, finest: bool) -> None:
         worst = max(over, key=lambda z: errors[z])
         more = "no more accurate level exists" if finest else "choose --level auto"
         warn(
-            f"{len(over)} of {len(errors)} planes exceed the allowed {100 * made.limit:.3g} %; plane {worst} at "
-            f"{depths[worst]:g} µm reaches {100 * errors[worst]:.2g} %; {more}"
+            f"the error of {len(over)} of {len(errors)} planes exceeds the allowed {100 * made.limit:.3g} %; "
+            f"it is {100 * errors[worst]:.2g} % in plane {worst} at {depths[worst]:g} µm; {more}"
         )
     low = [z for z, share in enumerate(light) if share < LEAST_LIGHT]
     if low:
         worst = min(low, key=lambda z: light[z])
         rows, columns = made.plan.cutout
         warn(
-            f"the cutout of {rows} x {columns} px holds less than {100 * LEAST_LIGHT:g} % of the light in "
+            f"the cutout of {rows} x {columns} px contains less than {100 * LEAST_LIGHT:g} % of the light in "
             f"{len(low)} of {len(light)} planes; plane {worst} at {depths[worst]:g} µm has "
             f"{100 * light[worst]:.3g} %; choose a larger --cutout"
         )

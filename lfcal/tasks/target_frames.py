@@ -59,4 +59,4 @@ def left_words(left: int, count: int, plan: TargetPlan) -> str:
     from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"
-    return f"{far}; {resampling_words(plan.scan)}: lfcal fit uses them at their actual places"
+    return f"{far}; {resampling_words(plan.scan)}; lfcal fit uses these points at their actual positions"

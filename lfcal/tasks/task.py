@@ -41,17 +41,17 @@ class RunSettings:
     """
 
     workers: int | None = opt(
-        None, "Number of threads or processes.", at_least=1, empty="LFCAL_WORKERS, or every processor"
+        None, "Number of threads or processes.", at_least=1, empty="LFCAL_WORKERS, else one per processor"
     )
     executor: str = opt(
         "",
-        "Executor: threads of this process, processes, or dask. All of them do long work in units.",
+        "Where to run the units of long work: in threads of this process, in processes, or with dask.",
         examples=_executors,
         empty="threads",
         more=True,
     )
-    scheduler: str = opt("", "Address of a running dask scheduler.", empty="a local one", more=True)
-    resume: bool = opt(False, "Continue an earlier run that was stopped or killed.")
+    scheduler: str = opt("", "Address of a running dask scheduler.", empty="a local scheduler", more=True)
+    resume: bool = opt(False, "Continue an earlier run that was stopped or interrupted.")
     force: bool = opt(False, "Replace existing files.")
 
     def choice(self, out: Path, seconds: float = 0.0, units: str = "plane by plane") -> RunChoice | None:
@@ -83,7 +83,7 @@ class RunSettings:
         if not (asked or seconds > LONG or folder.exists()):
             return None
         if not asked and seconds > LONG:
-            note(f"kept {units} in {folder.name}: --resume continues after a stop")
+            note(f"intermediate results are kept in {folder.name} {units}; --resume continues after a stop")
         return choice
 
 
@@ -223,7 +223,7 @@ class TaskSet:
             # the choice of the kind may depend on these
             everywhere = all(row.name in {one.name for one in rows(kind)} for kind in self.kinds)
             if row.default is MISSING and everywhere and row.name not in given:
-                raise InputError.expected(row.called, "a value", "none", "give it")
+                raise InputError.expected(row.called, "a value", "none", "state it")
         kind = self.choose(given)
         self.refuse(kind, given, called)
         names = {row.name: called(row.name) for row in rows(kind)}

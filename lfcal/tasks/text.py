@@ -151,7 +151,9 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
     """
     given = dict(data)
     if not isinstance(given.get("task"), str):
-        raise FileFormatError.expected(what, 'a job, task = "assemble" …', "no task", "name one")
+        raise FileFormatError.expected(
+            f"{what}, task", 'a job with an entry such as task = "assemble"', "no such entry", "add the task"
+        )
     tasks, told = task_set(given.pop("task")), given.pop("run", {})
     # a field that several kinds have is read as the first kind declares it, as on the command line
     known = {row.path: row for kind in reversed(tasks.kinds) for row in rows(kind)}
@@ -190,7 +192,9 @@ def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tupl
     if path.suffix.lower() in (".h5", ".hdf5"):
         made = _made_by(path)
         if not isinstance(made, Mapping):
-            raise FileFormatError.expected(str(path), "an H or a volume that a task made", "none", "give a job file")
+            raise FileFormatError.expected(
+                str(path), "an H or a volume that was made by a task", "another one", "give a job file"
+            )
         return read_job({**made, **more}, str(path), path.parent)
     text = read_text(path)
     if path.suffix.lower() == ".json":
@@ -199,7 +203,7 @@ def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tupl
         try:
             data = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
-            raise FileFormatError.expected(str(path), "TOML", str(error), "correct it") from None
+            raise FileFormatError.expected(str(path), "TOML", str(error), "correct the file") from None
     if not isinstance(data, Mapping):
-        raise FileFormatError.expected(str(path), "a job", f"a {type(data).__name__}", "correct it")
+        raise FileFormatError.expected(str(path), "a job", f"a {type(data).__name__}", "correct the file")
     return read_job({**data, **more}, str(path), path.parent)

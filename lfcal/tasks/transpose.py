@@ -61,8 +61,8 @@ class Transpose(CopyTask):
     out: Path = required("HT file to write (.h5).", label="HT file", short="-o", file="out")
     method: str = opt(
         "exact",
-        "Algorithm. paper: the published loop, which leaves a border of zeros. paper-padded: that loop on H with a "
-        "border of zeros, which makes it exact.",
+        "Algorithm. exact: the exact transpose. paper: the published loop, which leaves a border of zeros. "
+        "paper-padded: the same loop on H padded with zeros, which makes the result exact.",
         choices=("exact", "paper", "paper-padded"),
         more=True,
     )

@@ -188,7 +188,7 @@ def test_acquire_refuses_and_records_with_permission(
         assert "got GainAuto = Continuous; switch this off" in said and "--allow-automatic" in said
         assert not out.exists()
     assert run(*command, *automatic, "--allow-automatic", "--no-check-stage", monkeypatch=monkeypatch) == 0
-    assert "note: GainAuto = Continuous: frames, and H made of them," in capsys.readouterr().err
+    assert "note: GainAuto = Continuous: frames, and an H made from them," in capsys.readouterr().err
     folder = out / "a" if regions else out
     assert devices_in(folder)["automatic"] == ["GainAuto"]
     # the permission is of the session, which shows it

@@ -99,7 +99,7 @@ def test_masked_pixels_are_not_valid_in_h(lfcal: Callable[..., Run], recorded: P
 REFUSED = {
     "dark that is not there": (("--dark", "/nonexistent.tif"), "no such file or folder"),
     "plan that is not there": (("--plan", "/nonexistent.json"), "No such file"),
-    "plan of another scan": (("--plan", "other.json"), "expected the scan of these frames"),
+    "plan of another scan": (("--plan", "other.json"), "expected the plan of these frames"),
     "manifest": (("--manifest", "moved.json"), "the source defines this itself"),
     "pattern": (("--pattern", "z{z}_y{y}_x{x}.png"), "the source defines this itself"),
     "order": (("--order", "raster"), "the source defines this itself"),

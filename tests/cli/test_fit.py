@@ -229,7 +229,8 @@ def test_where_every_position_is_fitted_none_is_left_to_predict(
     shutil.copytree(whole[0] / "fit", place / "fit")
     run = lfcal("fit", "validate", "fit", "few.h5")
     assert (
-        run.code == 2 and "few.h5, recorded positions: expected at least one that was not fitted, got none" in run.err
+        run.code == 2
+        and "few.h5, recorded positions: expected at least one position that was not fitted, got none" in run.err
     )
     stored = read_fit(place / "fit")
     three = frozenset(sorted(stored.positions)[:3])
@@ -326,11 +327,11 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     values = np.asarray(data)
     save(PSFMatrix(values, depths=data.depths, anchor=data.anchor, facts=plain), place / "bare.h5")
     run = lfcal("fit", "bare.h5")
-    assert run.code == 2 and "bare.h5: expected an H with its camera, got none; name it with --camera" in run.err
+    assert run.code == 2 and "bare.h5: expected an H with its camera, got an H without one; state the camera" in run.err
     assert data.camera is not None
     (place / "c.json").write_text(data.camera.to_json())
     run = lfcal("fit", "bare.h5", "--camera", "c.json")
-    assert run.code == 2 and "give it with --noise CONSTANT,SLOPE" in run.err, run.err
+    assert run.code == 2 and "state it with --noise CONSTANT,SLOPE" in run.err, run.err
     guessed = replace(data.camera, marks=data.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
     save(PSFMatrix(values, depths=data.depths, camera=guessed, anchor=data.anchor, facts=plain), place / "guess.h5")
     assert "got a sensor whose read noise or full well is assumed; set them" in lfcal("fit", "guess.h5").err
@@ -343,7 +344,7 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     assert again.code == 2 and "exists; add --force to replace it" in again.err
     (place / "fit" / "H.h5").write_text("of another camera")
     mixed = lfcal("fit", "bare.h5", *words, "--force")
-    assert mixed.code == 2 and "H.h5: expected no H with --no-h, got one of an earlier fit" in mixed.err
+    assert mixed.code == 2 and "H.h5: expected no file of H with --no-h, got H of an earlier fit" in mixed.err
 
 
 @pytest.mark.usefixtures("plain_pages")
@@ -368,7 +369,9 @@ def test_a_plan_says_what_an_h_of_nothing_but_values_does_not(
     wrong = lfcal("fit", "bare.h5", "--plan", "other.json", *words, "-o", "other")
     assert wrong.code == 2 and "expected a plan of its shape (1, 2, 4, 15, 15), got (1, 2, 3, 15, 15)" in wrong.err
     twice = lfcal("fit", "few.h5", "--plan", "plan.json", *words, "-o", "twice")
-    assert twice.code == 2 and "plan: expected an H without a camera, got that of few.h5, which has one" in twice.err
+    assert (
+        twice.code == 2 and "plan: expected an H without a camera, got few.h5, which contains its camera" in twice.err
+    )
 
 
 def test_other_files_are_no_h_and_no_frames(lfcal: Lfcal, place: Path) -> None:

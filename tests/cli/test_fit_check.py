@@ -118,7 +118,7 @@ def test_frames_that_state_no_position_are_named_one_by_one(lfcal: Lfcal, place:
     for name in ("scan", "below"):
         (place / name / "plan.json").write_text(plan_of().to_json())
     run = check(lfcal, "old.h5", "scan")
-    assert "name the files of single frames instead of scan: H shows where their sources are" in run.err, run.err
+    assert "give the files of single frames instead of scan, because the positions of their sources" in run.err, run.err
     # none of these is an option here
     assert run.code == 2 and not any(option in run.err for option in ("--manifest", "--order", "--pattern"))
     nested = check(lfcal, "old.h5", "below").err

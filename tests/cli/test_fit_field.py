@@ -140,7 +140,7 @@ def test_what_a_fit_of_regions_wrote_stays(
     assert again.code == 2 and "exists; add --force" in again.err
     # H of these regions does not stay beside another camera
     bare = lfcal("fit", "centre.h5", "edge.h5", "--no-h", "--force")
-    assert bare.code == 2 and "no fit of another camera" in bare.err
+    assert bare.code == 2 and "a folder without another fit" in bare.err
     assert {path: path.stat().st_mtime_ns for path in whole[0].rglob("*")} == before
 
 
@@ -219,7 +219,10 @@ def test_each_point_of_an_object_is_seen_by_h_of_the_nearest_region(judged: tupl
         (("centre.h5", "centre.h5"), "sources: expected a different name for each region, got centre twice"),
         (("centre.h5", "other.h5"), "region 'other': expected 30 px or more from 'centre', got 0 px"),
         (("centre.h5", "edge.h5", "--hybrid", "--no-h"), "--hybrid: expected an H to write, got --no-h"),
-        (("centre.h5", "report.h5"), "sources: expected a region of another name, got report, the folder of all"),
+        (
+            ("centre.h5", "report.h5"),
+            "sources: expected a region with another name, got report, which is the name of the common report",
+        ),
         (("centre.h5", "--unknowns", "field_wavefront"), "which needs patterns of several regions"),
     ],
 )

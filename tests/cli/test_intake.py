@@ -106,7 +106,7 @@ def test_what_goes_wrong_is_one_line(lfcal: Callable[..., Run], folder: Path, tm
     done = lfcal("plan", folder / "camera.json", "--positions", folder / "stage.csv")
     assert done.code == 2 and "column of file" in done.err and "--columns file=COLUMN" in done.err
     done = lfcal("plan", folder / "camera.json", "--positions", folder / "stage.csv", "--columns", "file=Bild")
-    assert done.code == 0 and "--frames names their folder" in done.err and "state them with --stage" in done.err
+    assert done.code == 0 and "give their folder with --frames" in done.err and "state them with --stage" in done.err
     missing = tmp_path / "none"
     done = lfcal(
         "plan",

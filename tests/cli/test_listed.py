@@ -17,7 +17,7 @@ from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
-        ((20, 24), "as after binning 2 x 2; if they are binned, make a camera of the binned pixels"),
+        ((20, 24), "as after binning 2 x 2; if they are binned, make a camera with the binned pixels"),
         ((24, 20), "as after binning 2 x 2"),
         ((13, 16), "as after binning 3 x 3"),
         ((10, 12), "as after binning 4 x 4"),

@@ -161,4 +161,8 @@ def test_the_noise_of_h_is_forecast_where_the_sensor_is_described(run: Run, tmp_
     camera = replace(preset("bench"), marks=Marks.of({"sensor.read_noise_e": "assumed"}))
     (tmp_path / "c.json").write_text(camera.to_json())
     code, out, err = run("plan", str(tmp_path / "c.json"), "--virtual-depths", "3,4", "--peak", "0.8")
-    assert code == 0 and "noise of H is not forecast: read noise only assumed" in err and "noise of H (" not in out
+    assert (
+        code == 0
+        and "noise of H is not predicted, because of assumed values: read noise" in err
+        and "noise of H (" not in out
+    )

@@ -56,7 +56,7 @@ def test_light_beside_the_cutout_is_reported(
         out = tmp_path / f"{cutout}.h5"
         done = lfcal("simulate", plan_file, "-o", out, "--tolerance", 0.5, "--json", *run)
         assert done.code == 0, done.err
-        assert ("holds less than 90 % of the light in 1 of 1 planes" in done.err) == (cutout == 21)
+        assert ("contains less than 90 % of the light in 1 of 1 planes" in done.err) == (cutout == 21)
         shares[cutout] = done.json["light_in_cutout"][0]  # type: ignore[index, call-overload]
         with open_psf(out) as H:
             held[cutout] = float(H.plane(0).sum())
@@ -70,8 +70,8 @@ def test_a_period_that_does_not_fit_the_lattice_is_reported(lfcal: Lfcal, tmp_pa
     """As `lfcal plan` reports it; a plan that resamples, or has no whole period, says nothing."""
     done = lfcal("simulate", "lfm_60x12", "--depths", "0", "--plan-only")
     assert (
-        "the period of H, 15 x 15 px, does not fit that of the lattice, 15.385 x 15.385 px: 52.5 px of drift"
-        in done.err
+        "the period of H, 15 x 15 px, does not match that of the lattice, 15.385 x 15.385 px: they drift "
+        "apart by 52.5 px" in done.err
     )
     planned = lfcal("plan", "lfm_60x12", "--depths", "0", "--resample", "-o", tmp_path / "plan.json")
     assert planned.code == 0, planned.err

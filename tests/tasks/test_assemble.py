@@ -89,7 +89,7 @@ def test_what_a_job_reads_is_shown_before_it_runs(lfcal: Lfcal, task: Assemble, 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("frames = 3", "no task"),
+        ("frames = 3", "add the task"),
         ('task = "asemble"', "did you mean assemble?"),
         ('task = "assemble"\nframes = "f"\nouut = "H.h5"', "did you mean out?"),
         ('task = "assemble"\nframes = "f"\nout = "H.h5"\n[settings]\nlost = 2', "settings.lost: expected a number > 0"),

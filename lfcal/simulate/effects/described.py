@@ -136,7 +136,7 @@ def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
         For an unknown effect or magnitude.
     """
     source = Path(path)
-    wanted = f"a list of effects, such as [{'name': 'coma', 'waves': 0.3}]"
+    wanted = 'a list of effects, such as [{"name": "coma", "waves": 0.3}]'
     try:
         data = json.loads(read_text(source))
     except (ValueError, RecursionError):
@@ -157,7 +157,7 @@ def _entry(data: Mapping[str, Any]) -> Entry:
     effect = effect_from(name, magnitudes)
     given = {key: "stated" for key, value in magnitudes.items() if value is not None}
     if not isinstance(sources, dict) or any(sources[key] not in GIVEN or key not in given for key in sources):
-        wanted = f"stated or measured for each magnitude of the entry, such as {'waves': 'measured'}"
+        wanted = 'stated or measured for each magnitude of the entry, such as {"waves": "measured"}'
         raise InputError.expected(f"sources of {name}", wanted, str(sources)[:60], "correct the sources")
     return Entry(None if "setting" in data and not magnitudes else effect, name, given | sources, setting)
 

@@ -42,5 +42,6 @@ def test_one_plane_bounds_no_range(plan: ScanPlan) -> None:
     curve = measure_curve(PLACES.get("planes"), Subject("one", one))
     assert (
         not curve.rungs
-        and curve.stopped == "depth planes: expected at least two planes, as the ends of the depth range, got one; add a plane"
+        and curve.stopped
+        == "depth planes: expected at least two planes, as the ends of the depth range, got one; add a plane"
     )
