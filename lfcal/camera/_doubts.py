@@ -70,13 +70,13 @@ def _lenslets(camera: Camera, lenslets: PupilLenslets) -> list[str]:
     if dark.any():
         pupil = f"the pupil of {lenslets.pupil_um(camera.optics):.0f} µm"
         remedy = "check the focal length of the Fourier lens, the magnification and the NA"
-        found.append(f"{int(dark.sum())} of {len(centres)} lenslets lie outside {pupil}; {remedy}")
+        found.append(f"{int(dark.sum())} of {len(centres)} lenslets are outside {pupil}; {remedy}")
     pixels = camera.pixels(centres + np.array(lenslets.offset_um))
     outside = ((pixels < 0) | (pixels > np.array(camera.sensor.shape) - 1)).any(-1)
     if outside.any():
         rows, columns = camera.sensor.shape
         found.append(
-            f"{int(outside.sum())} of {len(centres)} elemental images lie outside the {rows} x {columns} px sensor"
+            f"{int(outside.sum())} of {len(centres)} elemental images are outside the {rows} x {columns} px sensor"
         )
     return found
 
@@ -86,17 +86,22 @@ def _sensor(camera: Camera) -> list[str]:
     x, y = (v / camera.sensor.pixel_um for v in camera.lattice.offset_um)
     found = []
     if camera.pitch_px < FEWEST_PIXELS:
-        found.append(f"micro-images of {camera.pitch_px:.3g} px are too small to be measured; check pitch and pixel")
+        found.append(
+            f"micro-images of {camera.pitch_px:.3g} px are too small to be measured; check the lenslet pitch "
+            "and the pixel size"
+        )
     if abs(x) > columns / 2 or abs(y) > rows / 2:
         found.append(
-            f"the lattice's offset, {x:.0f}, {y:.0f} px from the centre, is outside the {rows} x {columns} px sensor"
+            f"the offset of the lattice, {x:.0f}, {y:.0f} px from the centre, is outside the {rows} x "
+            f"{columns} px sensor"
         )
     centre = camera.distortion.centre_px if camera.distortion is not None else (0.0, 0.0)
     if not (0 <= centre[0] <= columns and 0 <= centre[1] <= rows):
         found.append(
-            f"the manufacturer's centre of distortion ({centre[0]:.0f}, {centre[1]:.0f} px) is outside the {rows} x "
+            f"the centre of the manufacturer's distortion ({centre[0]:.0f}, {centre[1]:.0f} px) is outside the "
+            f"{rows} x "
             f"{columns} "
-            "px sensor: check the sensor's size, and that the file belongs to this camera"
+            "px sensor; check the size of the sensor, and that the file belongs to this camera"
         )
     return found
 

@@ -53,7 +53,7 @@ class LensType:
         if self.depth_range is not None:
             near, far = check_tuple("virtual depths, near and far", self.depth_range, 2)
             object.__setattr__(self, "depth_range", (near, far))
-            check_number("virtual depth, far", far, above=near, remedy="the far end lies beyond the near end")
+            check_number("virtual depth, far", far, above=near, remedy="choose a far end beyond the near end")
 
     @classmethod
     def focused_at(

@@ -126,7 +126,7 @@ class Microscope:
             self.numerical_aperture,
             above=0,
             below=self.medium_index,
-            remedy="the NA is below the index of the medium",
+            remedy="choose an NA below the index of the medium",
         )
         check_length("tube lens focal length (µm)", self.tube_length_um)
 

@@ -92,7 +92,7 @@ def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[floa
     given = given.tolist() if isinstance(given, np.ndarray) else given
     several = isinstance(given, list | tuple) and len(given) != 1
     values = check_tuple(
-        "exposures (s), one or one per plane",
+        "exposures (s), one for all planes or one per plane",
         given if isinstance(given, list | tuple) else [given],
         planes if several else 1,
         above=0,

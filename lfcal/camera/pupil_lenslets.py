@@ -90,7 +90,9 @@ class PupilLenslets:
         """Check every value."""
         check_type("centres of the lenslets", self.lens_centres_um, (tuple, list))
         centres = tuple(check_tuple("centre of a lenslet (x, y) (µm)", one, 2) for one in self.lens_centres_um)
-        check_number("lenslets", len(centres), at_least=1, at_most=MOST_LENSLETS, remedy="list the centre of each")
+        check_number(
+            "lenslets", len(centres), at_least=1, at_most=MOST_LENSLETS, remedy="list the centre of each lenslet"
+        )
         if len(set(centres)) < len(centres):
             raise InputError.expected(
                 "centres of the lenslets",

@@ -246,7 +246,9 @@ def unidentified(unknowns: Sequence[Unknown], data: F8) -> tuple[str, ...]:
             break
         parts = [(abs(v), one.name) for v, one in zip(vector, unknowns, strict=True) if abs(v) > LEAST_COMPONENT]
         names = [name for _, name in sorted(parts, reverse=True)]
-        found.append(" with ".join(names) if len(names) > 1 else names[0] if names else "a combination of many")
+        found.append(
+            " with ".join(names) if len(names) > 1 else names[0] if names else "a combination of many parameters"
+        )
     return tuple(found)
 
 

@@ -281,8 +281,8 @@ def iter_next_positions(
         If too few positions are left, or ``earlier`` belongs to another scan.
     """
     expected = expected or Expected()
-    check_number("positions to record", count, at_least=FEWEST, integer=True)
-    check_number("candidate positions", candidates, at_least=0, integer=True)
+    check_number("number of positions to record", count, at_least=FEWEST, integer=True)
+    check_number("number of candidate positions", candidates, at_least=0, integer=True)
     setup, groups = _start(plan, setup, groups, earlier)
     there = _there(earlier, recorded)
     every = plan.in_scan_order(np.argwhere(np.ones(plan.shape[:3], np.bool_)))
@@ -387,7 +387,9 @@ def draw_design(design: PositionDesign, path: str | os.PathLike[str], positions:
         spread = [100 * point.spread_error for point in design.curve]
         left.plot(counts, chosen, "o-", color=LINES[0], label="chosen")
         left.plot(counts, spread, "s--", color=LINES[1], label="spread evenly")
-        left.plot([positions], [100 * design.pattern_error], "D", color=LINES[6], label="whole scan, noise of each")
+        left.plot(
+            [positions], [100 * design.pattern_error], "D", color=LINES[6], label="whole scan, noise of each pattern"
+        )
         left.set(xlabel="positions recorded", ylabel="expected error of H (%, relative L2)")
         right.plot(minutes, chosen, "o-", color=LINES[0])
         right.plot([60 * hours], [100 * design.pattern_error], "D", color=LINES[6])

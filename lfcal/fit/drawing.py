@@ -158,5 +158,5 @@ def draw_parameters(fit: Fit, path: str | os.PathLike[str]) -> None:
         panel.invert_yaxis()
         panel.axvline(0.0, color=COLOURS["muted"], linewidth=0.8)
         panel.set_xscale("symlog", linthresh=5.0)
-        panel.set_xlabel("found minus described (standard deviations)")
+        panel.set_xlabel("measured minus described (standard deviations)")
         save_figure(fig, path)

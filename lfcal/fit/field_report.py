@@ -103,7 +103,9 @@ def _page(fit: FieldFit, picture: bytes, hybrids: Mapping[str, HybridSummary]) -
         html_section("Regions", _regions(fit)),
         html_section("Wavefront over the field (waves at the pupil's rim)", terms + html_figure(picture, CAPTION)),
         html_section("Parameters of all regions", parameters(first)),
-        html_section("Fixed parameters, and what these scans do not determine", limits(first) + _outliers(fit)),
+        html_section(
+            "Fixed parameters, and parameters that these scans do not determine", limits(first) + _outliers(fit)
+        ),
     ]
     return html_page(title, title, first.camera.name, body, "fit of the optics")
 

@@ -107,7 +107,7 @@ def outliers_of(problem: Problem, point: Point) -> tuple[NDArray[np.bool_], tupl
     measured = problem.measured
     regions = measured.level // measured.plan.shape[0]
     found = [
-        Outlier(int(z), int(y), int(x), f"chi² {own:.3g} while the others have {np.median(chi2):.3g}", int(region))
+        Outlier(int(z), int(y), int(x), f"chi² {own:.3g}, but {np.median(chi2):.3g} for the others", int(region))
         for (z, y, x), own, region in zip(measured.index[far], chi2[far], regions[far], strict=True)
     ]
     return far, tuple(found)

@@ -400,7 +400,7 @@ class HybridPlanes(PlaneSource):
         """Compute plane ``z``; progress counts rows of the model, then patterns and tiles."""
         model = yield from self._model.iter_plane(z, zeros, workers, alone=alone)
         data, facts = yield from iter_plane_data(self._fit, self._recorded, z, model.values, workers)
-        left = yield from iter_residual_estimate(data, f"beyond the model, plane {z}", seed=z, workers=workers)
+        left = yield from iter_residual_estimate(data, f"deviations from the model, plane {z}", seed=z, workers=workers)
         plane, changed = _joined(self._fit, data, facts, left)
         self._made[z] = plane.facts, changed
         return plane

@@ -53,10 +53,10 @@ class Expected:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number("brightest pixel (share of the full well)", self.full, above=0, at_most=1)
+        check_number("brightest pixel (fraction of the full well)", self.full, above=0, at_most=1)
         check_number("source position error (px rms)", self.stage_px, at_least=0, at_most=5)
-        check_number("rms of the lamp", self.lamp, at_least=0, at_most=1)
-        check_number("rms of the pixels' response", self.response, at_least=0, at_most=1)
+        check_number("rms variation of the lamp", self.lamp, at_least=0, at_most=1)
+        check_number("rms variation of the pixel response", self.response, at_least=0, at_most=1)
 
 
 @dataclass(frozen=True, eq=False)

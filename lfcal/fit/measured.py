@@ -248,7 +248,7 @@ def _aside(chosen: NDArray[np.intp], held_out: float | Sequence[Sequence[int]], 
         if named.any() and not named.all():
             return named
         held_out = HELD_OUT
-    check_number("share of held-out patterns", held_out, at_least=0, below=0.9)
+    check_number("fraction of held-out patterns", held_out, at_least=0, below=0.9)
     aside = np.zeros(len(chosen), np.bool_)
     aside[held_out_rows(chosen, round(held_out * len(chosen)), plan)] = True
     return aside

@@ -116,7 +116,7 @@ class Unknown:
 
     def __post_init__(self) -> None:
         """Check every value."""
-        check_number(f"{self.name}: start", self.start)
+        check_number(f"{self.name}: starting value", self.start)
         check_number(f"{self.name}: scale", self.scale, above=0)
         if self.sigma is not None:
             check_number(f"{self.name}: sigma", self.sigma, above=0)

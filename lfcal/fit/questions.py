@@ -233,7 +233,7 @@ def _answers() -> list[Answer]:
     turn = "mirror the frames, or reverse the stage's axis in the plan, and assemble again"
     for name, axes in (("mirrored rows", (1,)), ("mirrored columns", (2,)), ("turned by 180°", (1, 2))):
         found.append(Answer("axes of the patterns", name, _mirrored(axes), turn))
-    found.append(Answer("sign of depth", "nearer where it says farther", _nearer, "change the sign of the depths"))
+    found.append(Answer("sign of the depths", "reversed depths", _nearer, "change the sign of the depths"))
     return found
 
 

@@ -227,7 +227,7 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
             f"{shapes[1]} pixels",
             "give a recording of this sensor",
         )
-    clock = Clock("predict withheld points", len(known))
+    clock = Clock("predict held-out points", len(known))
     yield clock.at(0)
     points = []
     for z in np.unique(withheld.index[known, 0]).tolist():
@@ -370,7 +370,7 @@ def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:
             periodic = [_shown((one.periodic or one.model).error) for one in found.points]
             line.plot(field, 100 * np.array(periodic), "s", color=LINES[1], markersize=4, label="H, assumed periodic")
             line.legend()
-        line.set(title="from the sensor's middle to its edge", xlabel="place in the field", ylabel="error (%)")
+        line.set(title="from the centre of the sensor to its edge", xlabel="position in the field", ylabel="error (%)")
         line.set_ylim(bottom=0)
         save_figure(fig, path)
 

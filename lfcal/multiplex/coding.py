@@ -108,8 +108,8 @@ def random_code(frames: int, points: int, density: float, rng: np.random.Generat
     (12, 6) [0. 1.] 6
     """
     check_number("points", points, at_least=1, at_most=MOST_POINTS, integer=True)
-    check_number("frames of a random code", frames, at_least=points, at_most=4 * MOST_POINTS, integer=True)
-    check_number("share of points that are lit", density, above=0, below=1)
+    check_number("number of frames of a random code", frames, at_least=points, at_most=4 * MOST_POINTS, integer=True)
+    check_number("fraction of points that are lit", density, above=0, below=1)
     for _ in range(100):
         code = np.asarray(rng.random((frames, points)) < density, float)
         if np.linalg.matrix_rank(code) == points:
@@ -319,7 +319,7 @@ def overlapping_patterns(
     """
     values = np.asarray(plane)
     check_number("points", points, at_least=1, integer=True)
-    check_number("step of the points (px)", step, at_least=1, at_most=10_000, integer=True)
+    check_number("distance of the points (px)", step, at_least=1, at_most=10_000, integer=True)
     if values.ndim != 4 or not values.size or values.dtype.kind not in "uif":
         raise InputError.expected(
             "plane of H", "an array of numbers (ny, nx, nt, ns)", values.shape, "give one plane of H"

@@ -140,10 +140,10 @@ def best_array(
     Bayer 0.00 dB: the best of all 210 candidates
     """
     rows, columns = check_tuple("super-pixel (rows, columns)", side, 2, at_least=1, at_most=8, integer=True)
-    check_number("least light", least_light, at_least=0, at_most=1)
+    check_number("smallest fraction of light", least_light, at_least=0, at_most=1)
     check_number("crosstalk", crosstalk, at_least=0, at_most=0.5)
     if most_kinds is not None:
-        check_number("kinds of filters", most_kinds, at_least=1, integer=True)
+        check_number("number of different filters", most_kinds, at_least=1, integer=True)
     kinds = sorted(set(letters), key=letters.index)
     if not kinds or not set(kinds) <= set(FILTERS):
         raise InputError.expected(

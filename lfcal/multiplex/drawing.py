@@ -65,7 +65,7 @@ def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
                 va="bottom",
             )
     axes.set_xlabel("χ² = photon over additive noise variance (dimensionless)")
-    axes.set_ylabel(f"gain of SNR over {curves.reference} (dB)")
+    axes.set_ylabel(f"SNR gain relative to {curves.reference} (dB)")
     axes.set_title(title)
     axes.legend(loc="best", ncols=2 if len(curves.names) > 4 else 1)
 
@@ -171,7 +171,7 @@ def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
             color=COLOURS["accent"],
             marker="o",
             ms=4,
-            label="nothing better in both",
+            label="Pareto front",
         )
         best = frontier.best_index
         axes.plot(
@@ -219,7 +219,7 @@ def save_filter_choice(parts: Sequence[tuple[str, Sequence[FilterTrial]]], path:
             axes.set_ylim(bottom=0)
             axes.set_xlabel("time (ms)")
             axes.set_ylabel("rms error (% of the scene's range)")
-            axes.set_title(f"{title} (filled: nothing faster is better)")
+            axes.set_title(f"{title} (filled: no faster method is better)")
             axes.legend(loc="best")
         save_figure(fig, path)
 
@@ -359,14 +359,18 @@ def save_coding(
     with figure(12.0, 6.8) as fig:
         grid = fig.subplots(2, 2)
         shown = np.log10(np.maximum(light[middle] / np.nanmax(light), 1e-4))
-        draw_image(grid[0, 0], shown, title="pattern of the middle point", unit="log10 of its share of the peak")
+        draw_image(
+            grid[0, 0], shown, title="pattern of the middle point", unit="log10 of the value relative to the peak"
+        )
         for axes, title, gains in (
             (grid[0, 1], f"equal time, {gain.signal_e:.3g} e⁻ in the brightest pixel", gain.time_db),
             (grid[1, 0], "equal full well", gain.full_well_db),
         ):
             draw_image(axes, gains[middle], title=title, unit="gain of each entry (dB)", signed=True)
         _over_light(grid[1, 1], light, np.asarray(code, float), noise, gain.signal_e)
-        fig.suptitle(f"{gain.points} points lit together, {gain.frames} frames, over one at a time", fontsize=10)
+        fig.suptitle(
+            f"{gain.points} points lit together in {gain.frames} frames, compared with one at a time", fontsize=10
+        )
         save_figure(fig, path)
 
 
@@ -381,8 +385,8 @@ def _over_light(
     for k, (name, values) in enumerate(
         (
             ("all entries, rms", [one.rms_db for one in found]),
-            ("bright ones", [one.core_db for one in found]),
-            ("dark ones", [one.dark_db for one in found]),
+            ("bright entries", [one.core_db for one in found]),
+            ("dark entries", [one.dark_db for one in found]),
         )
     ):
         axes.semilogx(signals, values, color=LINES[k], label=name)

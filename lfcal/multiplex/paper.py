@@ -127,7 +127,7 @@ def _routes() -> PaperFigure:
             "pixels in filter colours",
         ),
         PaperPanel("spectrum", spectrum, "log10, relative", (-6.0, 0.0)),
-        PaperPanel("truth, magnified", colour_picture(truth[zoom], top=top), "the scene"),
+        PaperPanel("ground truth, magnified", colour_picture(truth[zoom], top=top), "the scene"),
     ]
     for name, colours in found:
         rings = ringing(colours, truth, modulator.side)
@@ -168,7 +168,7 @@ def _upsampling() -> PaperFigure:
             )
             row.append(PaperPanel(f"{_plain(kind)}: {name}", views[middle], words, levels))
     order = [ways[row][column] for column in range(2) for row in range(3)]
-    return PaperFigure(5, "Middle view, three times upsampled", tuple(order), 3)
+    return PaperFigure(5, "Middle view, upsampled three times", tuple(order), 3)
 
 
 def _plain(kind: str) -> str:
@@ -183,7 +183,7 @@ def _gains(camera: str, chi2: float | None) -> PaperFigure:
         "colour filter arrays compared with Bayer",
         f"light-field modulators of {SIDE} x {SIDE} compared with a pinhole",
     )
-    return PaperFigure(6, "Gain of signal to noise", curves=tuple(zip(titles, (left, right), strict=True)))
+    return PaperFigure(6, "Gain in signal-to-noise ratio", curves=tuple(zip(titles, (left, right), strict=True)))
 
 
 def _acquired(camera: str, chi2: float | None, seed: int) -> PaperFigure:

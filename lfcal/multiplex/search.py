@@ -130,7 +130,7 @@ def filter_set_frontier(
     chi^2 = 0.01: CYMG is best, 0.64 dB over Bayer
     chi^2 = 100: CYMG is best, -0.54 dB over Bayer
     """
-    check_number("filters in the super-pixel", filters, at_least=3, at_most=6, integer=True)
+    check_number("number of filters in the super-pixel", filters, at_least=3, at_most=6, integer=True)
     if not letters or not set(letters) <= set(FILTERS):
         raise InputError.expected(
             "filters", f"letters out of {''.join(FILTERS)}", repr(letters), "use only these letters"

@@ -216,7 +216,7 @@ POINTS = 16
 def band_edges(bands: int | Sequence[float]) -> Array:
     """Return the edges (nm) of a number of equal bands in 400 … 700 nm, or the given edges after checking them."""
     if isinstance(bands, int | np.integer) and not isinstance(bands, bool):
-        check_number("spectral bands", int(bands), at_least=1, at_most=MAX_SAMPLES, integer=True)
+        check_number("number of spectral bands", int(bands), at_least=1, at_most=MAX_SAMPLES, integer=True)
         return np.linspace(*VISIBLE_NM, int(bands) + 1)
     edges = np.array(check_tuple("edges of the bands (nm)", tuple(np.asarray(bands, float).tolist()), above=0))
     if len(edges) < 2 or (np.diff(edges) <= 0).any():

@@ -54,7 +54,10 @@ class SuperPixelLattice:
             object.__setattr__(self, name, check_tuple(name, getattr(self, name), 2))
         (ax, ay), (bx, by) = self.along_px, self.across_px
         check_number(
-            "area of a super-pixel (px^2)", abs(ax * by - ay * bx), at_least=0.999, remedy="a period of 1 px or more"
+            "area of a super-pixel (px^2)",
+            abs(ax * by - ay * bx),
+            at_least=0.999,
+            remedy="choose a period of at least 1 px",
         )
 
     @property

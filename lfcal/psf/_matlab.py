@@ -274,9 +274,9 @@ def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str
     ny, nx = matrix.period
     notes = []
     if ny != nx:
-        notes.append(f"the period is {ny} x {nx}; codes that need a square period (Nnum) cannot use this H")
+        notes.append(f"the period is {ny} x {nx}; codes that require a square period (Nnum) cannot use this H")
     elif ny % 2 == 0:
-        notes.append(f"the period is {ny} x {nx}; codes that need an odd Nnum cannot use this H")
+        notes.append(f"the period is {ny} x {nx}; codes that require an odd Nnum cannot use this H")
     lens = lens_centre_of(matrix)
     if lens is None:
         return (
@@ -287,13 +287,14 @@ def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str
     wanted = "row {} and column {}".format(*(at + 1 for at in lens.expected))
     if not options.lens_centred and not lens.agrees:
         notes.append(
-            f"a lens is centred on row {row:.2f} and column {column:.2f} of the period, other codes assume {wanted} "
-            "(both from 1): centre it (--lens-centred), or use frames that begin at pixel `anchor`"
+            f"a lens is centred on row {row:.2f} and column {column:.2f} of the period, but other codes assume "
+            f"{wanted} "
+            "(counting from 1); centre the lens (--lens-centred), or use frames that begin at pixel `anchor`"
         )
     elif options.lens_centred and not lens.is_whole and options.interpolation == "nearest":
         rest = ", ".join(f"{v:+.2f}" for v in lens.rest)
         notes.append(
-            f"whole pixels leave the lens's centre ({rest}) px (rows, columns) from {wanted}: "
-            "move the patterns by fractions of a pixel too (--interpolation cubic)"
+            f"with shifts by whole pixels, the centre of the lens is ({rest}) px (rows, columns) from {wanted}; "
+            "shift the patterns by fractions of a pixel (--interpolation cubic)"
         )
     return tuple(notes)

@@ -73,7 +73,7 @@ class _Array:
         if not isinstance(data, bytes) or not isinstance(shape, tuple) or not all(isinstance(n, int) for n in shape):
             raise _Refused("an array of objects")
         if len(data) != int(np.prod(shape, dtype=object)) * kind.dtype().itemsize or len(data) > MAX_ITEMS:
-            raise _Refused("an array that is shorter than it says")
+            raise _Refused("an array that is shorter than stated")
         return np.frombuffer(data, kind.dtype()).reshape(shape, order="F" if fortran else "C")
 
 

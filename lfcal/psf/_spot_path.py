@@ -90,7 +90,7 @@ def iter_spot_path(source: FrameSource, shape: tuple[int, int, int], cutout: tup
     infos = [source.info(k) for k in range(len(source))]
     chosen = path_frames(infos, shape)
     block = max(1, -(-max(source.shape) // SIDE))
-    clock = Clock("look at the frames", len(chosen))
+    clock = Clock("examine the frames", len(chosen))
     small: list[NDArray[np.float32]] = []
     for done, index in enumerate(chosen):
         yield clock.at(done)

@@ -151,7 +151,10 @@ def _description(matrix: PSFMatrix, planes: Sequence[int]) -> str:
             *(
                 []
                 if even
-                else ["the depths are not evenly spaced: the spacing is their mean, the labels give each depth"]
+                else [
+                    "the depths are not evenly spaced: the stored spacing is their mean, and the labels state "
+                    "each depth"
+                ]
             ),
         ]
     )

@@ -115,7 +115,9 @@ class AssemblyReport:
         """Notes on how frames were turned and averaged, one line each."""
         notes = []
         if self.orientation != AS_IS:
-            notes.append(f"the frames are {ORIENTATIONS[self.orientation].words}: turned upright ({self.orientation})")
+            notes.append(
+                f"the frames are {ORIENTATIONS[self.orientation].words} and were turned upright ({self.orientation})"
+            )
         if self.repeated:
             spread = "" if self.spread is None else f"; they differ by {100 * self.spread:.2g} % (median)"
             again = format_count(len(self.repeated), "position was", "positions were")

@@ -64,7 +64,7 @@ CODES = {
             ".mat",
             "H{y,x,z}(t,s)",
             "cells of single, MATLAB 7.3",
-            "call oLaF's projections with range 'full': a measured H has no symmetry to mirror",
+            "call the projections of oLaF with range 'full', because a measured H has no exact symmetry",
             "https://gitlab.lrz.de/IP/olaf",
         ),
         Code(
@@ -82,7 +82,8 @@ CODES = {
             ".npz",
             "H[y,x,z][t,s]",
             "float32, NumPy",
-            "make the patterns sparse as docs/matlab.md shows, and call pyolaf's projections with crange 'full'",
+            "make the patterns sparse as shown in docs/matlab.md, and call the projections of pyolaf with "
+            "crange 'full'",
             "https://github.com/lambdaloop/pyolaf",
         ),
         Code(
@@ -91,7 +92,8 @@ CODES = {
             ".tif",
             "PSF[z,t,s]",
             "float32, TIFF",
-            "crop or pad light field and PSF to one size: the code multiplies their Fourier transforms",
+            "crop or pad the light field and the PSF to the same size, because the code multiplies their "
+            "Fourier transforms",
             "https://github.com/ssec-jhu/flfm",
             one_lens=False,
         ),
@@ -123,9 +125,9 @@ def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None =
 
     ny, nx = matrix.period
     if matrix.is_transposed:
-        return needs("H", "HT", "export H; HT is exported with it")
+        return needs("H", "HT", "export H, with which HT is exported")
     if matrix.dtype != np.float32:
-        return needs("float32 values", str(matrix.dtype), "make an H file with the stored type float32 first")
+        return needs("float32 values", str(matrix.dtype), "store H as float32 first")
     if not code.one_lens:
         several = position is None and (ny, nx) != (1, 1)
         words = "choose a position if the optics are shift-invariant"

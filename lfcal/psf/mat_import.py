@@ -122,7 +122,8 @@ class _Reader:
         if self._flag("ReducedMatrix"):
             base = MirroredPlanes(base)
             self._notes.append(
-                "the file holds a quarter of the positions (ReducedMatrix); the others were mirrored, as its code does"
+                "the file contains a quarter of the positions (ReducedMatrix); the others were mirrored, as "
+                "in the code that wrote it"
             )
         windows = self._windows(nz, nt, ns)
         if self._swapped or windows or not (nt % 2 and ns % 2):
@@ -192,7 +193,7 @@ class _Reader:
         first, last = self._crops(nz, nt)
         if (first == 1).all() and (last == nt).all():
             return None
-        self._notes.append("only the window CAindex of each plane was read, as its code does")
+        self._notes.append("only the window CAindex of each plane was read, as in the code that wrote it")
         return [(slice(a - 1, b), slice(a - 1, b)) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
 
     def _crops(self, nz: int, n: int) -> NDArray[np.int64]:

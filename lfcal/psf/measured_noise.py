@@ -141,7 +141,7 @@ def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> FrameNoise | None:
         return None
     if found is None:
         return None
-    return FrameNoise(float(found.constant), float(found.slope), 0.0, "as in the camera's description", stated=True)
+    return FrameNoise(float(found.constant), float(found.slope), 0.0, "as in the camera description", stated=True)
 
 
 def _repeated(

@@ -86,7 +86,9 @@ def check_place(
             view.info(k).origin == (0, 0) for k in range(len(view))
         ):
             place = [-n for n in found.offset_px] if seen and found is not None else None
-            raise part_refusal(view.shape, sensor, place, "according to the place of the light (to a few pixels)")
+            raise part_refusal(
+                view.shape, sensor, place, "according to the position of the light (to within a few pixels)"
+            )
         return
     if found is None or found.name != AS_IS:
         return

@@ -73,7 +73,7 @@ class PupilScene:
         """Check every value."""
         check_wavelength(self.wavelength_um)
         check_number("pixel pitch (µm)", self.pixel_um, above=0)
-        check_number("light-sensitive share of a pixel's side", self.pixel_fill, above=0, at_most=1)
+        check_number("light-sensitive fraction of a pixel's side", self.pixel_fill, above=0, at_most=1)
         check_cutout(*self.cutout)
 
     # -- light on the lenslets ---------------------------------------------------------------------------

@@ -124,7 +124,7 @@ def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
     """
     there = set(plan.camera.marks.paths("assumed"))
     asked = [one for one in quantities_of(plan.camera) if one.path in there and plan.camera.has_lattice]
-    clock = Clock("weigh assumed values", len(asked))
+    clock = Clock("estimate the influence of assumed values", len(asked))
     yield clock.at(0)
     kept = {name: getattr(plan, name) for name in KEPT}
     found, base = [], _Outcome.of(plan.camera, kept) if asked else None

@@ -86,7 +86,7 @@ class ExpectedLight:
         peak
             Fraction of the full well that the brightest pixel of the scan reaches.
         """
-        check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1)
+        check_number("brightest pixel (fraction of the full well)", peak, above=0, at_most=1)
         sensor, seconds = plan.camera.sensor, np.array(plan.exposures)
         rate = peak * sensor.full_well_e / float((self.brightest * seconds).max())
         found = []

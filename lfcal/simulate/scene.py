@@ -341,10 +341,12 @@ class Scene:
         """Check every value."""
         check_wavelength(self.wavelength_um)
         check_number("pixel pitch (µm)", self.pixel_um, above=0)
-        check_number("height of a pixel over its width", self.pixel_aspect, at_least=0.25, at_most=4)
+        check_number("ratio of a pixel's height to its width", self.pixel_aspect, at_least=0.25, at_most=4)
         check_number("image distance behind the array (µm)", self.image_um)
-        check_number("working f-number", self.f_number, at_least=0.5, remedy="a cone in air is f/0.5 or slower")
-        check_number("light-sensitive share of a pixel's side", self.pixel_fill, above=0, at_most=1)
+        check_number(
+            "working f-number", self.f_number, at_least=0.5, remedy="choose f/0.5 or slower, the limit of a cone in air"
+        )
+        check_number("light-sensitive fraction of a pixel's side", self.pixel_fill, above=0, at_most=1)
         check_number("depth (µm)", self.z_um)
         check_number("lens law (0 sine, 1 tangent)", self.lens_law, at_least=LAWS[0], at_most=LAWS[1])
         check_choice("lenslet aperture", self.aperture, ("circle", "cell"))

@@ -92,7 +92,9 @@ def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -
             own = there & (holes[:, axis] == k)
             if own.sum() > 1 and not (own & shown).any():
                 lost = _tuples(holes[own])
-                out.append(_mistake(f"missing {name}", f"{name} {k} is missing: {len(lost)} holes show no light", lost))
+                out.append(
+                    _mistake(f"missing {name}", f"{name} {k} is missing: no light from its {len(lost)} holes", lost)
+                )
                 gone &= ~own
     if gone.any():
         lost = _tuples(holes[gone])
@@ -121,7 +123,9 @@ def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Finding]:
     if len(dim):
         own = _tuples(holes[dim])
         least = float(share[dim].min())
-        out.append(_mistake("dim", f"{_words(own)} at {least:.0%} of the light of others: dirt, or half closed", own))
+        out.append(
+            _mistake("dim", f"{_words(own)} with only {least:.0%} of the light of others: dirty or partly closed", own)
+        )
     return out
 
 
@@ -132,7 +136,9 @@ def _displaced(holes: Index, away: NDArray[np.float64], fit: PoseFit) -> list[Fi
         return []
     own = _tuples(holes[far])
     return [
-        _mistake("displaced", f"{_words(own)} up to {off[far].max():.1f} px off the lattice: doubled or dirty", own)
+        _mistake(
+            "displaced", f"{_words(own)} up to {off[far].max():.1f} px away from the lattice: doubled or dirty", own
+        )
     ]
 
 
@@ -151,7 +157,7 @@ def _pitch(target: Target, fit: PoseFit, camera: Camera, step_um: float) -> list
         return []
     words = " and ".join(f"{name} {abs(s - 1):.1%} {'farther apart' if s > 1 else 'closer'}" for name, s in wrong)
     remedy = ", or the target is nearer or farther away" if len(wrong) == sum(several) else ""
-    return [_mistake("pitch", f"{words} than described: the pitch is another{remedy}")]
+    return [_mistake("pitch", f"{words} than described: the pitch differs{remedy}")]
 
 
 def _tuples(holes: Index) -> tuple[tuple[int, int], ...]:

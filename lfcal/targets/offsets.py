@@ -217,7 +217,7 @@ def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most:
     """
     check_number("tolerance of a phase (px)", tolerance_px, at_least=FINEST_PX, at_most=0.5)
     if most is not None:
-        check_number("most frames", most, at_least=1, integer=True)
+        check_number("largest number of frames", most, at_least=1, integer=True)
     lines = _product(phases, images, tolerance_px)
     found = None if lines is None else _counted(phases, images, lines, tolerance_px).first(most)
     least = math.ceil(phases.count / max(1, len(images)))

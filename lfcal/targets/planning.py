@@ -311,7 +311,7 @@ class Wishes:
     def __post_init__(self) -> None:
         """Check every value."""
         check_number("tolerance of a phase (px)", self.tolerance_px, at_least=FINEST_PX, at_most=0.5)
-        check_number("crosstalk allowed", self.crosstalk, at_least=1e-6, below=1)
+        check_number("allowed crosstalk", self.crosstalk, at_least=1e-6, below=1)
 
 
 def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:

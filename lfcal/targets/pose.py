@@ -58,7 +58,7 @@ class Pose:
         for name in ("tilt_right_rad", "tilt_down_rad"):
             check_number("tilt of the target (rad)", getattr(self, name), above=-MOST_TILT_RAD, below=MOST_TILT_RAD)
         for name in LENGTHS.values():
-            check_number("place of the target (µm)", getattr(self, name))
+            check_number("position of the target (µm)", getattr(self, name))
 
     @classmethod
     def parse(cls, text: str) -> Pose:

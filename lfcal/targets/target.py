@@ -89,7 +89,9 @@ class Target:
                 raise InputError.expected("target of a point", "one hole", f"{self.shape}", "describe it as an array")
             return
         for pitch in self.pitch_um:
-            check_number("pitch of the target (µm)", pitch, above=self.hole_um, remedy="holes may not touch")
+            check_number(
+                "pitch of the target (µm)", pitch, above=self.hole_um, remedy="choose a pitch larger than the holes"
+            )
         if math.prod(self.shape) < 2:
             raise InputError.expected(
                 "target of an array", "at least 2 holes", f"{self.shape}", "describe it as a point"

@@ -34,7 +34,10 @@ def changed(part: str, **values: Any) -> Camera:
         (changed("lattice", pitch_um=11.0, clear_um=None), "too small"),
         (changed("lattice", offset_um=(1000.0, 0.0)), "outside the 320 x 320 px sensor"),
         (changed("lattice", gap_um=1500.0), "overlap"),
-        (replace(preset("bench"), distortion=BrownDistortion((1e-3,), (3186.0, 2651.0))), "centre of distortion"),
+        (
+            replace(preset("bench"), distortion=BrownDistortion((1e-3,), (3186.0, 2651.0))),
+            "centre of the manufacturer's distortion",
+        ),
     ],
 )
 def test_mistakes_are_questioned(camera: Camera, said: str) -> None:

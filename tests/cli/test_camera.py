@@ -125,7 +125,7 @@ def test_the_size_of_the_sensor_comes_from_a_frame(lfcal: Command, tmp_path: Pat
 @needs_real
 def test_a_sensor_that_cannot_be_the_maker_s_is_questioned(lfcal: Command) -> None:
     done = lfcal("camera", "import", REAL, "--sensor", "2048x2048,5.5")
-    assert done.code == 0 and "centre of distortion (3187, 2651 px)" in done.err and "nothing written" in done.out
+    assert done.code == 0 and "distortion (3187, 2651 px)" in done.err and "nothing written" in done.out
 
 
 # -- new --------------------------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ def test_new_asks(lfcal: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         "numerical aperture": ["0.8"],
         "magnification": ["40"],
         "pixel pitch": ["abc", "6.5"],
-        "pitch of micro-images": ["20px"],
+        "pitch of the micro-images": ["20px"],
         "gap": ["2.4mm"],
         "virtual depths": ["1x2", ""],
         "focal length of the tube": ["180"],

@@ -66,7 +66,7 @@ def test_lens_centred_by_whole_pixels_and_by_what_they_leave(lfcal: Lfcal, tmp_p
         and "row 8 and column 8" in told.err
     )
     rolled = lfcal(*export, "--lens-centred")
-    assert rolled.code == 0 and "leave the lens's centre (+0.50, +0.50) px" in rolled.err
+    assert rolled.code == 0 and "the centre of the lens is (+0.50, +0.50) px" in rolled.err
     with h5py.File(tmp_path / "H.mat") as file:
         np.testing.assert_allclose(file["lensCentre"][()], [[8.5], [8.5]])
         np.testing.assert_allclose(file["H"][()], values)

@@ -144,7 +144,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     run = lfcal("fit", "scan/frames", *more, "--unknowns", "geometry", "--no-h", "--json")
     assert run.code == 0 and isinstance(run.json, dict), run.err
     assert [Path(name).name for name in run.json["files"]] == ["index.html", *FILES[1:4]]
-    assert run.err.startswith("lfcal: note: noise of the frames: as in the camera's desc") and run.err.count("\n") == 1
+    assert run.err.startswith("lfcal: note: noise of the frames: as in the camera desc") and run.err.count("\n") == 1
     assert len(fitted) == 1 and len(fitted[0]) == 8 and fitted[0].patterns.shape[1:] == (15, 15)
     # the dark frame is subtracted, and patterns are those of the positions
     clean = simulated(plan, fitted[0].index)
@@ -177,7 +177,7 @@ def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[M
     save(few_patterns(), place / "later.h5")
     assert lfcal("fit", "few.h5", "--no-h").code == 0
     run = lfcal("fit", "validate", "fit", "later.h5", "--other")
-    assert run.code == 0 and "6 withheld points: error below" in run.out, run.err
+    assert run.code == 0 and "6 held-out points: error below" in run.out, run.err
     found = json.loads((place / "fit" / "validation.json").read_text())
     assert found["source"] == "later.h5"
     assert len(found["points"]) == 6 and found["errors"]["camera"]["all"]["limit"] < 0.03
@@ -186,13 +186,13 @@ def test_withheld_points_are_predicted(lfcal: Lfcal, place: Path, fitted: list[M
     assert picture[:4] == b"\x89PNG"
     page = (place / "fit" / "report" / "index.html").read_text()
     assert b64encode(picture).decode() in page and page.count("<section") == 6 and page.rstrip().endswith("</html>")
-    assert "Points that were not fitted" in page and "6 withheld points: error below" in page
+    assert "Points that were not fitted" in page and "6 held-out points: error below" in page
     again = lfcal("fit", "validate", "fit", "later.h5", "--other")
     assert again.code == 2 and "exists; add --force" in again.err
     # once more is no second section
     assert lfcal("fit", "validate", "fit", "later.h5", "--other", "--force", "--positions", 4).code == 0
     page = (place / "fit" / "report" / "index.html").read_text()
-    assert page.count("<section") == 6 and "4 withheld points" in page and "6 withheld points" not in page
+    assert page.count("<section") == 6 and "4 held-out points" in page and "6 held-out points" not in page
 
 
 @pytest.mark.long

@@ -110,7 +110,7 @@ def three_commands(lfcal: Callable[..., Run], root: Path) -> tuple[Path, str]:
 
 def test_a_makers_xml_leads_to_h(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     out, said = three_commands(lfcal, strangers_folder(tmp_path / "f", 4.0, (7, 12), (-37e3,)))
-    assert "plan: assumed of the camera: gap from lenslets to sensor" in said
+    assert "plan: assumed of the camera: gap between lenslets and sensor" in said
     with open_psf(out) as matrix:
         assert matrix.shape[:3] == (1, 7, 12)
         assert matrix.depths[0] == pytest.approx(-37e3, abs=1e3), "the stage's zero is found from the steps"

@@ -153,7 +153,7 @@ def described(camera: Camera) -> Measured:
     ("case", "what"),
     [
         ("rows", "axes of the patterns: expected as described, got mirrored rows"),
-        pytest.param("depth", "sign of depth: expected as described, got nearer", marks=long),
+        pytest.param("depth", "sign of the depths: expected as described, got reversed depths", marks=long),
         pytest.param("pitch", "those of a camera like 'bench', got .* % of their light unexplained", marks=long),
     ],
 )
@@ -212,7 +212,7 @@ def test_a_pattern_from_elsewhere_is_left_out_with_its_reason() -> None:
     bad[k] = np.roll(bad[k], 2, axis=1)
     fit = fit_camera(replace(measured, patterns=bad), unknowns=KNOWN, workers=1)
     (found,) = fit.outliers
-    assert (found.z, found.y, found.x) == tuple(measured.index[k]) and "while the others have" in found.reason
+    assert (found.z, found.y, found.x) == tuple(measured.index[k]) and "for the others" in found.reason
     assert measured_error(fit, truth, 12)["error_l1"] < 0.006
 
 

@@ -167,7 +167,7 @@ def test_a_pattern_unlike_the_others_is_an_outlier_and_half_of_them_are_not() ->
     at.seen.residual[5] *= 3
     far, (found,) = outliers_of(one, at)
     assert far.tolist() == [k == 5 for k in range(COUNT)]
-    told = re.fullmatch(r"chi² ([\d.]+) while the others have ([\d.]+)", found.reason)
+    told = re.fullmatch(r"chi² ([\d.]+), but ([\d.]+) for the others", found.reason)
     assert (
         told is not None and float(told[1]) == pytest.approx(9, rel=0.1) and float(told[2]) == pytest.approx(1, rel=0.1)
     )

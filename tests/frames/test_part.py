@@ -154,7 +154,7 @@ def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) ->
     with opened(tmp_path / "f", origin=(1, 6)) as source:
         found = FoundOrientation("as is", residual_px=0.1, offset_px=(-4.2, 0.1))
         with pytest.raises(
-            InputError, match="expected about 5,6, according to the place of the light, got 1,6; correct it"
+            InputError, match="expected about 5,6, according to the position of the light, got 1,6; correct --origin"
         ):
             check_place(found, source, PLAN)
         check_place(replace(found, offset_px=(1.0, 0.5)), source, PLAN)

@@ -209,5 +209,5 @@ def test_hexagonal_arrays_and_other_numbers_are_refused(tmp_path: Path) -> None:
 
 def test_a_code_says_how_its_file_is_used() -> None:
     notes = export_notes(matrix(), "H.mat", ExportOptions(code="olaf"))
-    assert notes == ("call oLaF's projections with range 'full': a measured H has no symmetry to mirror",)
+    assert notes == ("call the projections of oLaF with range 'full', because a measured H has no exact symmetry",)
     assert not export_notes(matrix(), "H.mat", ExportOptions(code="prevedel"))

@@ -101,5 +101,5 @@ def test_periods_that_the_codes_cannot_use_are_told() -> None:
     def said(ny: int, nx: int) -> str:
         return " ".join(mat_notes(PSFMatrix(np.ones((1, ny, nx, 3, 3)), depths=[-500.0], camera=preset("bench"))))
 
-    assert "the period is 3 x 4; codes that need a square period" in said(3, 4)
+    assert "the period is 3 x 4; codes that require a square period" in said(3, 4)
     assert "odd Nnum" in said(4, 4) and "Nnum" not in said(3, 3)

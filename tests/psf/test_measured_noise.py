@@ -195,7 +195,7 @@ def test_noise_that_is_stated_is_kept() -> None:
     matrix = assemble_plan(corrected_view(source, CorrectionRecipe(black_level=BLACK), described), described).matrix
     sensor = described.camera.sensor
     found = noise_of(matrix.provenance)
-    assert found is not None and found.source == "as in the camera's description"
+    assert found is not None and found.source == "as in the camera description"
     assert found.slope == pytest.approx(1 / sensor.electrons_per_count)
 
 

@@ -203,7 +203,7 @@ def test_a_noisy_matrix_does_not_spoil_long_runs(exact, kind, peak, read_noise):
     found = reconstruct(P, image, SolverChoice("sieve", 80, 5.0))
     assert nrmse(found.volume, truth) == errors[-1] < 1.08 * min(errors)
     assert found.stopped == f"only noise of H and of the frame remains after iteration {len(errors)}"
-    assert found.notes == ("the noise stated in H is reduced in its patterns",)
+    assert found.notes == ("the patterns of H are denoised with the noise stated in H",)
     exactly = reconstruct(true, image, SolverChoice("sieve", 15, 5.0))
     assert errors[-1] < (1.2 if peak == 2000 else 1.7) * nrmse(exactly.volume, truth)
     assert len(exactly.history) == 15 and not exactly.stopped and not exactly.notes

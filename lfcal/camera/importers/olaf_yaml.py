@@ -199,7 +199,7 @@ def _lit_radius(tube: float, array: float, objective: float, na: float) -> float
 
 
 FORMAT = CameraFormat(
-    "oLaF yaml",
+    "oLaF YAML",
     (".yaml", ".yml"),
     lambda head: re.search(r"^\s*(lensPitch|gridType)\s*:", head, re.MULTILINE) is not None and head[:1] != "{",
     _read,

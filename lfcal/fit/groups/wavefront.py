@@ -86,14 +86,14 @@ class Defocus(WavefrontGroup):
 
 
 GROUPS = (
-    Defocus("defocus", "defocus of the main lens's or objective's wavefront", 51, ((2, 0),)),
+    Defocus("defocus", "defocus of the wavefront of the main lens or objective", 51, ((2, 0),)),
     ThirdOrder(
         "wavefront", "astigmatism, coma and spherical aberration", 50, ((2, 2), (2, -2), (3, 1), (3, -1), (4, 0))
     ),
     WavefrontGroup("trefoil", "trefoil", 52, ((3, 3), (3, -3))),
     WavefrontGroup(
         "higher_wavefront",
-        "further wavefront of fourth and sixth order",
+        "remaining wavefront of fourth and sixth order",
         54,
         ((4, 2), (4, -2), (4, 4), (4, -4), (6, 0)),
     ),

@@ -317,7 +317,7 @@ def iter_solve(
     if c.known_noise is not None:
         work = _iter_judged(work, P, image, run, c.known_noise)
     if noisy:
-        work = _iter_noted(work, "the noise stated in H is reduced in its patterns")
+        work = _iter_noted(work, "the patterns of H are denoised with the noise stated in H")
     return _iter_cropped(work, c.margin) if c.margin else work
 
 

@@ -130,7 +130,7 @@ class Measurement:
         counted = np.broadcast_to(True, data.shape) if trust is None else trust > 0
         notes = []
         if lost := int(np.count_nonzero(bad & counted)):
-            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and left out")
+            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and were left out")
         if saturation is not None:
             full = np.greater_equal(data, saturation, where=~bad, out=np.zeros(data.shape, bool))
             if lost := int(np.count_nonzero(full & counted)):
@@ -146,7 +146,7 @@ class Measurement:
         # counted after the read noise is added: its square lifts most of them above zero.
         below = int(np.count_nonzero(data < 0))
         if below and not signed:
-            notes.append(f"{below} negative pixels were set to 0; a background or read noise would keep them")
+            notes.append(f"{below} negative pixels were set to 0; state a background or read noise to keep them")
             np.maximum(data, 0, out=data)
         held = None
         if held_out is not None:

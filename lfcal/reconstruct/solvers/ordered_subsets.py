@@ -76,7 +76,7 @@ SOLVER = (
     ),
     Solver(
         "phase-space",
-        "view by view, brightest first (ordering of Lu et al. 2019)",
+        "one view after the other, brightest first (ordering of Lu et al. 2019)",
         iterate_views,
         EM | {"subsets"},
         rank=70,

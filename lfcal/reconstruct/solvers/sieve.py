@@ -125,7 +125,8 @@ def _parts_of(P: Projector, image: ArrayLike, subsets: int | None) -> Masks | No
 
 SOLVER = Solver(
     "sieve",
-    "accelerated Richardson-Lucy within a sieve (Snyder & Miller 1985): few lenslets in the native plane, no rings",
+    "accelerated Richardson-Lucy with a sieve (Snyder & Miller 1985): fewer lenslet artefacts in the native "
+    "plane, no rings",
     iterate,
     EM | {"subsets"},
     rank=85,

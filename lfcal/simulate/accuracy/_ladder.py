@@ -179,7 +179,7 @@ def iter_ladder(
     asked = quick_steps(scene, level) if samplings is None else samplings
     steps = [(s.level, s.sampling) if isinstance(s, LevelSampling) else (level, s) for s in asked]
     tasks: list[tuple[str, Sampling | None]] = [("geometric", None), *steps]
-    clock = Clock("accuracy against time", len(tasks) + 1)
+    clock = Clock("accuracy as a function of time", len(tasks) + 1)
     yield clock.at(0, "reference")
     # one scene for all rungs: they differ only in how it is computed
     truth, per_px, each = _reference(scene, places, reference)
@@ -357,9 +357,9 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
             axes.plot(*at, "*", ms=15, mfc="none", mec=COLOURS["good"], mew=1.5, label="picked")
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_xlabel("processor time for the whole H (s)")
+        axes.set_xlabel("processor time for H (s)")
         axes.set_ylabel(f"L1 error relative to {found.reference} (%)")
-        axes.set_title(title or f"Accuracy against time, v = {found.virtual_depth:.3g}")
+        axes.set_title(title or f"Accuracy and processor time, v = {found.virtual_depth:.3g}")
         axes.legend()
         save_figure(fig, path)
 

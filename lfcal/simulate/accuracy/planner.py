@@ -370,25 +370,25 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decisio
     share = f"{'at most ' if e.upper_bound else ''}{format_share(e.error)} of the image"
     cost = f", {format_seconds(draft.seconds)}" if draft.seconds else ", free"
     if draft.setting == "off":
-        return _Decision(False, "switched off", f"switched off: {size}, {share} is missing")
+        return _Decision(False, "switched off", f"switched off: {size}; {share} is missing")
     if not draft.frames and not effect.acts_on.enters_h:
         asked = "switched on, but " if draft.setting == "on" else ""
-        return _Decision(False, "not on H", f"{asked}acts on the {effect.acts_on.value}, not on H ({size})")
+        return _Decision(False, "not in H", f"{asked}acts on the {effect.acts_on.value}, not on H ({size})")
     if draft.setting == "on":
         if e.size == 0 and effect.deviation and not draft.known:
-            return _Decision(False, "give its size", f"switched on, but has no typical size: {size}, give one")
+            return _Decision(False, "needs a size", f"switched on, but has no typical size ({size}); give a size")
         return _Decision(True, "switched on", f"switched on: {size}, {share}{cost}")
     if effect.deviation and not draft.known:
-        return _Decision(False, "not known", f"unknown for this camera; a typical {size} would be {share}")
+        return _Decision(False, "unknown", f"unknown for this camera; a typical {size} would be {share}")
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
-        return _Decision(True, "always", f"frames hold whole numbers: {size}, {share}")
+        return _Decision(True, "always", f"frames consist of integers: {size}, {share}")
     if e.error < NEGLIGIBLE:
-        return _Decision(False, "no effect", f"changes nothing here: {size}")
+        return _Decision(False, "no effect", f"negligible here: {size}")
     within = f"the {100 * allowed:.3g} % that may be left out"
     if e.error > allowed:
         return _Decision(True, "needed", f"{size}: {share}, above {within}{cost}")
     if e.error > allowed - used:
         return _Decision(
-            True, "needed", f"{size}: {share}, too much, because {format_share(used)} is left out already{cost}"
+            True, "needed", f"{size}: {share}, too much, because {format_share(used)} is already left out{cost}"
         )
     return _Decision(False, "small", f"{size}: {share}, within {within}")

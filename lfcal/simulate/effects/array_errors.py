@@ -84,7 +84,7 @@ class LensletGap(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rim's spot shift dB/(2 Nw); its mean over the shadow is two thirds of it."""
         rim = abs(self.error_um) / (2 * outlook.f_number) / outlook.pixel_um
-        return Estimate(rim, "px", outlook.moved(2 / 3 * rim), "dB/(2 Nw) at the rim, 2/3 of it in the mean")
+        return Estimate(rim, "px", outlook.moved(2 / 3 * rim), "dB/(2 Nw) at the rim, 2/3 of it on average")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with the true gap."""

@@ -118,7 +118,9 @@ class Distortion(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the displacement k h³ of the region's images, which spots follow by 1/v."""
         shift = math.hypot(*self.at(outlook)) / outlook.pixel_um
-        return Estimate(shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all")
+        return Estimate(
+            shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all of it"
+        )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with images displaced by the distortion, linearized about the middle of the period."""

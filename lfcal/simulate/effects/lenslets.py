@@ -42,8 +42,8 @@ class MissingLenslets(SceneEffect):
     >>> camera = preset("r29")
     >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
     >>> found = MissingLenslets(((0, 0, 0.0), (0, 1, 0.5))).estimate(plane)
-    >>> print(f"{found.size} {found.unit} of {plane.lenslets:.0f} lit: light lost over light left {found.error:.0%}")
-    1.5 lenslets of 15 lit: light lost over light left 7%
+    >>> print(((((((f"{found.size} " f"{found.unit} of ") f"{plane.lenslets:.0f} ") "lit: lost ") "relative to ") "remaining light ") f"{found.error:.0%}"))
+    1.5 lenslets of 15 lit: lost relative to remaining light 7%
     """
 
     lenslets: Defects = ((0, 0, 0.0),)
@@ -84,7 +84,9 @@ class MissingLenslets(SceneEffect):
             lost += (1.0 - passed) * sum(seen) / len(seen)
         share = min(1.0, lost / lattice.fill_factor)
         missing = sum(1.0 - t for _, _, t in self.lenslets)
-        return Estimate(missing, "lenslets", min(2.0, share / max(1e-9, 1.0 - share)), "light lost over light left")
+        return Estimate(
+            missing, "lenslets", min(2.0, share / max(1e-9, 1.0 - share)), "lost light relative to the remaining light"
+        )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return the scene with these lenslets."""

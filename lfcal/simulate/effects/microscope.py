@@ -135,7 +135,7 @@ class IndexMismatch(SceneEffect):
         shift = specimen.focus_um(z, optics.medium_index) - z
         deep = specimen.source_um(z)
         if deep < 0 or self.index == optics.medium_index:
-            return Estimate(0.0, "µm", 0.0, "before the interface, or of the same index: nothing is crossed")
+            return Estimate(0.0, "µm", 0.0, "before the interface, or with the same index: no interface is crossed")
         n1, n2 = optics.medium_index, self.index
         least = math.cos(optics.half_angle_rad)
         theta = np.arccos(least + (1 - least) * (np.arange(RAYS) + 0.5) / RAYS)  # equal solid angles

@@ -112,7 +112,7 @@ class Backlash(MotionEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the image's shift |M| e; every other row of a serpentine scan lags by it."""
         shift = _pixels(outlook, self.play(outlook.camera))
-        return Estimate(shift, "px", outlook.source_moved(shift), "|M| e; at most every position lags", True)
+        return Estimate(shift, "px", outlook.source_moved(shift), "||M| e, if every position lags", True)
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
@@ -166,7 +166,7 @@ class Drift(MotionEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the image's shift at the end of the session; its mean is half of it."""
         shift = _pixels(outlook, math.hypot(*self.end(outlook.camera)))
-        return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "|M| e at the end, half of it in the mean")
+        return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "||M| e at the end, half of it on average")
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator

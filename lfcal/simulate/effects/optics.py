@@ -256,7 +256,9 @@ class ExactAngles(SceneEffect):
         focal = min(abs(kind.focal_length_um) for kind in outlook.camera.lattice.types)
         steepest = min(1.0, 1 / (2 * outlook.f_number) + 0.5 * outlook.clear_um / focal)
         rim = outlook.gap_um * steepest**3 / 2 / outlook.pixel_um
-        return Estimate(rim, "px", min(2.0, OF_RIM * rim), "B s³/2, s of cone and lenslet; rather much, by runs")
+        return Estimate(
+            rim, "px", min(2.0, OF_RIM * rim), "B s³/2, s of cone and lenslet; an upper bound found by simulation"
+        )
 
     def holds(self, outlook: Outlook) -> bool:
         """Return whether spots move like rays: many lenslets are lit, by more than fringes, and spots are wide enough.

@@ -83,7 +83,7 @@ class SimulatedCamera(Frames):
         peak: float = 0.8,
         seed: int = 0,
     ) -> None:
-        check_number("brightest pixel (share of the full well)", peak, above=0, at_most=1000)
+        check_number("brightest pixel (fraction of the full well)", peak, above=0, at_most=1000)
         check_number("seed", seed, at_least=0, at_most=2**64 - 1, integer=True)
         if effects == "auto":
             effects = plan_effects(plan, tolerance_for(effects, tolerance), frames=True, peak=peak)

@@ -52,7 +52,7 @@ def test_notes_follow_the_options() -> None:
     H = matrix()
     settings = ExportSettings()
     assert "a lens is centred on row 8.50" in settings.notes(H)[0]
-    assert "leave the lens's centre" in settings.changed("lens_centred", True).notes(H)[0]
+    assert "the centre of the lens is" in settings.changed("lens_centred", True).notes(H)[0]
     assert settings.changed("interpolation", "cubic").notes(H) == ()
     assert ExportSettings(suffix=".npy").notes(H) == ()
     plain = PSFMatrix(np.ones((1, 3, 3, 3, 3), np.float32))
