@@ -120,7 +120,7 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
         if fitted is None:
             continue
         constant, slope, black = fitted
-        words = f"constant from {'dark frames' if floor is not None else name}, slope from {name}"
+        words = f"floor from {'dark frames' if floor is not None else name}, slope from {name}"
         return FrameNoise(constant * share, slope, black, words)
     return None
 

@@ -66,7 +66,7 @@ def test_a_simulated_sample_is_the_middle_of_a_simulated_h(plan: ScanPlan, monke
     middle = replace(plan, depths_um=plan.depths_um[1:2], exposure_s=plan.exposures[1:2])
     (whole,) = simulate_psf(middle, effects, level="geometric", tolerance=module.TOLERANCE)
     np.testing.assert_allclose(sample.matrix[0], whole[:, :, 3:18, 3:18], atol=1e-6 * float(whole.max()))
-    assert "by rays" in sample.notes[0] or "level geometric, as waves take longer" in sample.notes[0]
+    assert "by rays" in sample.notes[0] or "level geometric, because wave optics takes longer" in sample.notes[0]
 
 
 def test_the_plan_of_h_is_the_one_it_was_made_with(plan: ScanPlan, tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def test_a_cutout_off_the_sensor_names_the_position() -> None:
     rows, columns = plan.camera.sensor.shape
     top = ScanPlan(plan.camera, plan.period, plan.cutout, plan.depths_um, (90.0, 90.0))
     assert top.anchor == (90.0, 90.0)
-    with pytest.raises(InputError, match="z=0, y=0, x=0: expected rows 0 to 4383, got -1 to 179"):
+    with pytest.raises(InputError, match="z=0, y=0, x=0: expected rows from 0 to 4383, got rows from -1 to 179"):
         ScanPlan(plan.camera, plan.period, plan.cutout, plan.depths_um, (89.0, 90.0))
     ScanPlan(plan.camera, plan.period, plan.cutout, plan.depths_um, (rows - 1 - 90.0 - 54, columns - 1 - 90.0 - 94))
     with pytest.raises(InputError, match="z=0, y=0, x=94: expected columns 0 to 6575, got 6396 to 6576"):

@@ -159,9 +159,9 @@ def test_a_draft_assumes_seven_lenslets_across_the_pupil():
 
 
 def test_a_draft_refuses_values_of_the_other_kind():
-    with pytest.raises(InputError, match="a value of a Fourier light-field microscope"):
+    with pytest.raises(InputError, match="an entry of a Fourier light-field microscope"):
         Draft("FourierMicroscope", {"lattice.pitch_um": 100.0})
-    with pytest.raises(InputError, match="a value of a microscope"):
+    with pytest.raises(InputError, match="an entry of a microscope"):
         Draft("Microscope", {"lattice.fourier_um": 100.0})
 
 

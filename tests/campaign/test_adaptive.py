@@ -91,7 +91,9 @@ def test_a_session_ends_when_h_is_as_good_as_wanted(whole: Whole) -> None:
     assert found.how == "reached" and found.outcome.how == "complete" and tuple(seen) == found.steps
     assert len(seen) > 1 and seen[0].positions == 6 and seen[-1].positions == found.outcome.acknowledged < 40
     assert seen[0].expected_error > GOAL.error >= seen[-1].expected_error
-    assert "positions: error of H 0." in str(seen[-1]) and seen[-1].complete and seen[-1].groups == ("geometry",)
+    assert (
+        "positions: expected error of H 0." in str(seen[-1]) and seen[-1].complete and seen[-1].groups == ("geometry",)
+    )
     fit = found.fit
     assert fit is not None and fit.camera.lattice.gap_um == pytest.approx(GAP * PLAN.camera.lattice.gap_um, rel=2e-3)
     # everything is in the session: some kept aside in each part, never fitted
@@ -104,7 +106,7 @@ def test_a_session_ends_when_h_is_as_good_as_wanted(whole: Whole) -> None:
 
 
 def test_progress_says_the_error(whole: Whole) -> None:
-    assert len(whole.notes) == len(whole.seen) > 1 and whole.notes[0].startswith("6 positions: error of H")
+    assert len(whole.notes) == len(whole.seen) > 1 and whole.notes[0].startswith("6 positions: expected error of H")
     assert whole.notes == [str(step) for step in whole.seen]
 
 
@@ -211,7 +213,7 @@ def test_what_is_refused_before_anything_moves(tmp_path: Path) -> None:
 
     refused("single ones, whose noise is known", PLAN, replace(OPTIONS, bracket=(1.0, 0.5)))
     assumed = replace(PLAN.camera, marks=PLAN.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
-    refused("noise of the camera: expected stated or measured", replace(PLAN, camera=assumed), OPTIONS)
+    refused("noise of the camera: expected a stated or measured noise", replace(PLAN, camera=assumed), OPTIONS)
     refused(r"at most the 627 left|expected", replace(PLAN, period=(1, 2)), OPTIONS)
     assert not (tmp_path / "s").exists()
     small = replace(PLAN, period=(2, 2))

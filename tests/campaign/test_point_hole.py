@@ -157,7 +157,7 @@ def test_what_is_told_of_the_holes() -> None:
     assert words(20.0, (20.2, 0.3)) == ""
     assert words(20.0, (28.3, 0.29)) == "size of the holes: 28.3 ± 0.29 µm measured, 20 µm described"
     assert words(0.0, (28.3, 0.29)).endswith("points described")
-    told = "size of the holes: undetermined, because their images are too small; fixed at the described 2 µm"
+    told = "size of the holes: undetermined, because their images are too small; fixed at the described size of 2 µm"
     assert words(2.0, None, (HOLE,)) == told
     # with all groups tried, that one did not help is no news
     tried = SimpleNamespace(parameters={}, unhelpful=(HOLE,), setup=None)

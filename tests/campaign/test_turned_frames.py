@@ -81,6 +81,6 @@ def test_plan_calls_mirrored_frames_mirrored(scan: Scan, caplog: pytest.LogCaptu
     _tell_turned(listing, plan, read)
     ((_, level, said),) = caplog.record_tuples
     assert level == logging.WARNING and said.startswith("the frames are mirrored left to right relative to the camera")
-    assert "make the plan again with --orientation mirror-x, and assemble with it" in said
+    assert "make the plan again with --orientation mirror-x, and assemble with the same option" in said
     _tell_turned(listing, plan, lambda k: read(k)[:, ::-1])
     assert len(caplog.records) == 1

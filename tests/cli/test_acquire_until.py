@@ -41,7 +41,7 @@ def test_a_session_ends_by_the_error_of_h(lfcal: Lfcal, place: Path) -> None:
     run = until(lfcal, "--until-error", "0.3%")
     assert run.code == 0, run.err
     assert "the target error of H is reached" in run.out and "lfcal fit s -o fit/" in run.out
-    assert "12 positions: error of H 0." in run.err
+    assert "12 positions: expected error of H 0." in run.err
     session = SessionFile.read(place / "s")
     assert len(session.redo[0]) == 12 and session.kept_aside
     assert lfcal("verify", "s").code == 0

@@ -199,7 +199,7 @@ def test_a_fourier_microscope_is_described_by_options_and_planned(lfcal: Command
     refused = lfcal("plan", out, "--virtual-depths", "3", "-o", tmp_path / "other.json")
     assert refused.code == 2 and "virtual depth" in refused.err
     wrong = lfcal("camera", "new", "--type", "fourier", "--yes", "--pitch", "100", "-o", tmp_path / "no.json")
-    assert wrong.code == 2 and "a value of a Fourier light-field microscope" in wrong.err
+    assert wrong.code == 2 and "an entry of a Fourier light-field microscope" in wrong.err
 
 
 @pytest.mark.parametrize(

@@ -334,7 +334,7 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     assert run.code == 2 and "state it with --noise CONSTANT,SLOPE" in run.err, run.err
     guessed = replace(data.camera, marks=data.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
     save(PSFMatrix(values, depths=data.depths, camera=guessed, anchor=data.anchor, facts=plain), place / "guess.h5")
-    assert "got a sensor whose read noise or full well is assumed; set them" in lfcal("fit", "guess.h5").err
+    assert "got a sensor whose read noise or full well is assumed; state these values" in lfcal("fit", "guess.h5").err
     words = ("--camera", "c.json", "--noise", "64,1", "--unknowns", "geometry", "--no-h")
     run = lfcal("fit", "bare.h5", *words)
     assert run.code == 0, run.err

@@ -56,7 +56,7 @@ def check(lfcal: Lfcal, *words: object) -> Run:
 def test_h_holds_for_a_frame_of_the_same_camera(lfcal: Lfcal, place: Path) -> None:
     run = check(lfcal, "old.h5", "same.tif")
     assert run.code == 0 and f"0, {AT[0]}, {AT[1]}" in run.out, run.err
-    assert "holds: This H is as the frames show it: error below" in run.out
+    assert "holds: This H is confirmed by the frames: error below" in run.out
     assert run.err == "lfcal: note: noise: as stated\n"
     assert {path.name for path in place.iterdir()} == {"old.h5", "same.tif"}, "nothing is written"
 
@@ -181,7 +181,7 @@ def _cut(path: Path) -> None:
         (lambda path: path.write_bytes(b""), "new.tif: expected an image, got an empty file"),
         (lambda path: path.mkdir(), "frames in new.tif: expected images, got none"),
         (_text, "new.tif: expected"),
-        (_dark, "new.tif, light: expected more than its noise, got none"),
+        (_dark, "new.tif, light: expected more light than noise, got no light"),
         (_small, "new.tif, pixels: expected (120, 120), as in the camera of H, got (100, 120)"),
         (_one_value, "new.tif: expected an image, got the value 100 in every pixel"),
         (_nan, "new.tif: expected finite values"),

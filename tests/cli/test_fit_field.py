@@ -217,7 +217,10 @@ def test_each_point_of_an_object_is_seen_by_h_of_the_nearest_region(judged: tupl
     ("words", "said"),
     [
         (("centre.h5", "centre.h5"), "sources: expected a different name for each region, got centre twice"),
-        (("centre.h5", "other.h5"), "region 'other': expected 30 px or more from 'centre', got 0 px"),
+        (
+            ("centre.h5", "other.h5"),
+            "region 'other': expected a distance of at least 30 px from region 'centre', got 0 px",
+        ),
         (("centre.h5", "edge.h5", "--hybrid", "--no-h"), "--hybrid: expected an H to write, got --no-h"),
         (
             ("centre.h5", "report.h5"),

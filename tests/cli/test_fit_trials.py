@@ -73,7 +73,7 @@ CASES: dict[str, tuple[Spoil, str]] = {
     "noise unknown": (saved(lambda: h_of(facts={"noise": no_noise()})), "state it with --noise CONSTANT,SLOPE"),
     "all saturated": (
         saved(lambda: h_of(facts={"valid": np.zeros((1, 2, 4, 29), np.uint8)})),
-        "patterns: expected pixels that carry a measurement, got none; expose shorter",
+        "patterns: expected pixels that carry a measurement, got none; reduce the exposure",
     ),
     "resampled": (
         saved(lambda: h_of(provenance={"cutout": {"scale": [1.1, 1.0]}})),
@@ -81,7 +81,8 @@ CASES: dict[str, tuple[Spoil, str]] = {
     ),
     "a microscope": (
         saved(lambda: h_of(camera=preset("lfm_20x05"), depths=[-4000.0], anchor=(500.0, 500.0))),
-        "depths of the patterns: expected depths at which 'lfm_20x05' gives patterns of about 15 px, got light over",
+        "depths of the patterns: expected depths at which the camera 'lfm_20x05' has patterns of about 15 px, "
+        "got light over",
     ),
 }
 

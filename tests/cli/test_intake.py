@@ -216,7 +216,7 @@ def test_colour_pictures_tell_where_the_light_is(lfcal: Callable[..., Run], fold
     plan = tmp_path / "plan.json"
     done = lfcal(*of_positions(folder, folder / "stage.csv", frames), "-o", plan)
     assert done.code == 0, done.err
-    assert "anchor: row 18, column 21" in done.err and "G of the colour pictures is used" in done.err
+    assert "anchor: row 18, column 21" in done.err and "the colour G of the colour images is used" in done.err
     listed = ("--manifest", folder / "stage.csv", "--columns", "file=Bild", "--plan", plan, "--black-level", "100")
     wrong = lfcal("assemble", frames, *listed, "-o", tmp_path / "H.h5")
     assert wrong.code == 2 and "--channel G" in wrong.err and "--channel each" in wrong.err

@@ -276,7 +276,7 @@ def test_one_bad_frame_does_not_end_the_others(
     assert done.code == 1 and done.out.count("residual") == 2
     assert sorted(path.name for path in (tmp_path / "each").iterdir()) == ["0.tif", "4.tif"]
     assert "1: no volume; image: expected light, got no pixel above 0; check the light" in done.err
-    assert "2: no volume; image: expected pixels to fit, got none; 930 pixels are not finite and left out" in done.err
+    assert "2: no volume; image: expected pixels to fit, got none; 930 non-finite pixels were left out" in done.err
     assert "3: no volume; " in done.err and "expected an intact TIFF file" in done.err
     told: Any = lfcal(*words, "--out", tmp_path / "all.npy", "--json").json
     assert [bool(one["failed"]) for one in told["volumes"]] == [False, True, True, True, False]

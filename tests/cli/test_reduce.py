@@ -108,7 +108,7 @@ def test_simulated_into_a_small_file(lfcal: Lfcal, place: Path, more: tuple[obje
     assert lfcal("reduce", "full.h5", "-o", "reduced.h5", "--tolerance", 0.01).code == 0
     run = lfcal(*words, "small.h5", "--store-tolerance", 0.01, *more)
     assert run.code == 0, run.err
-    assert "error with that of storage: " in run.err and "(4 % allowed)" in run.err
+    assert "error including that of storage: " in run.err and "(4 % allowed)" in run.err
     two, one = (contents(place / name) for name in ("reduced.h5", "small.h5"))
     for found in (two, one):  # but for the tasks that made them
         known = json.loads(found["@provenance"])

@@ -306,7 +306,10 @@ def test_a_run_that_failed_before_its_first_unit_leaves_nothing(
 def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.tasks.task.LONG", 0.0)
     run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5")
-    assert run.code == 0 and "kept plane by plane in out.h5.parts: --resume continues after a stop" in run.err
+    assert (
+        run.code == 0
+        and "intermediate results are kept in out.h5.parts plane by plane; --resume continues after a stop" in run.err
+    )
 
 
 @pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])

@@ -64,7 +64,10 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     assert data["missing"] == [[0, 12, 4]] and data["left_out"][0]["position"] == [0, 12, 4]
     with open_psf(tmp_path / "H.h5") as matrix:
         assert matrix.recorded[0, 12, 4] == 0
-    assert "Positions never recorded: 1 position. Record them, or fill them" in lfcal("verify", tmp_path / "H.h5").out
+    assert (
+        "Positions never recorded: 1 position. Record these positions, or fill them"
+        in lfcal("verify", tmp_path / "H.h5").out
+    )
 
 
 def test_json_lists_everything(lfcal: Lfcal, sample: Path) -> None:

@@ -115,7 +115,9 @@ def test_regions_that_do_not_belong_together_are_refused() -> None:
     own = recorded(true_setup(), "edge", 3, rng, cutout=15)
     with pytest.raises(InputError, match="two or more"):
         regional_of({"edge": own})
-    with pytest.raises(InputError, match=r"region 'b': expected 30 px or more from 'a', got 0 px"):
+    with pytest.raises(
+        InputError, match=r"region 'b': expected a distance of at least 30 px from region 'a', got 0 px"
+    ):
         regional_of({"a": own, "b": own})
     for wrong, what in (({"cutout": 17}, "pixels of a pattern"), ({"cutout": 15, "depths": (2.2, 2.8)}, "depths")):
         with pytest.raises(InputError, match=f"region 'far', {what}"):

@@ -154,7 +154,7 @@ def described(camera: Camera) -> Measured:
     [
         ("rows", "axes of the patterns: expected as described, got mirrored rows"),
         pytest.param("depth", "sign of the depths: expected as described, got reversed depths", marks=long),
-        pytest.param("pitch", "those of a camera like 'bench', got .* % of their light unexplained", marks=long),
+        pytest.param("pitch", "patterns of a camera like 'bench', got .* % of the light unexplained", marks=long),
     ],
 )
 def test_what_is_not_as_described_is_refused_by_name(case: str, what: str) -> None:

@@ -49,7 +49,10 @@ def test_what_a_camera_gets_it_has() -> None:
 
 
 def test_they_are_refused_where_they_were_asked_for() -> None:
-    what = "unknowns: expected groups that .* has, got specimen, which needs the effect index_mismatch; choose from geo"
+    what = (
+        "unknowns: expected groups that the camera .* has, got specimen, which needs the effect "
+        "index_mismatch; choose from geo"
+    )
     with pytest.raises(InputError, match=what) as raised:
         fit_camera(measured_of(few_patterns()), unknowns=("geometry", "specimen"))
     assert "cats_eye" not in str(raised.value).partition("choose from")[2]

@@ -145,7 +145,7 @@ def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) ->
     write_part(tmp_path / "f")
     with opened(tmp_path / "f") as source:
         with pytest.raises(
-            InputError, match=r"row 5, column 6 of it, according to the place of the light .* --origin 5,6"
+            InputError, match=r"row 5, column 6 of it, according to the position of the light .* --origin 5,6"
         ):
             drain(iter_upright(source, PLAN))
         # an orientation that is stated is not looked for in the light, and the place is missing all the same

@@ -79,7 +79,7 @@ def test_a_frame_of_the_same_camera_is_found_and_h_holds(camera: bool, offset: t
     assert found.holds is (True if camera or not any(offset) else None) and not found.explanations
     assert found.answer == ("holds" if found.holds else "undecided")
     assert judgement_of(found).verdict.startswith(
-        ("This H is as the frames show it: error", "This H is not fully judged")
+        ("This H is confirmed by the frames: error", "This H is not fully judged")
     )
     assert (one.found.z, one.found.y, one.found.x) == (0, *AT) and one.found.correlation > 0.95
     # without a camera what lies between positions is interpolated, which sharp spots hardly allow; it says so
@@ -221,9 +221,9 @@ def test_a_frame_of_another_kind_has_nothing_in_common() -> None:
 @pytest.mark.parametrize(
     ("frame", "what"),
     [
-        (np.zeros((120, 120)), "light: expected some, got none"),
-        (30 + 8 * np.random.default_rng(1).standard_normal((120, 120)), "light: expected more than its noise"),
-        (np.full((120, 120), np.nan), "light: expected some"),
+        (np.zeros((120, 120)), "light: expected light from the point, got none"),
+        (30 + 8 * np.random.default_rng(1).standard_normal((120, 120)), "light: expected more light than noise"),
+        (np.full((120, 120), np.nan), "light: expected light from the point"),
         (np.zeros((2, 120, 120)), r"frame: expected numbers with axes \(row, column\)"),
         (np.array([["a"]]), "frame: expected numbers"),
     ],

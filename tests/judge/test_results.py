@@ -214,4 +214,4 @@ def test_deep_folders_are_noted_and_loops_end(tmp_path: Path) -> None:
     (deep / "loop").symlink_to(tmp_path, target_is_directory=True)
     assert kinds(find_results(tmp_path)) == {"H.h5": "H"}
     shallow = find_results(tmp_path, depth=1)
-    assert not shallow.results and "too deep" in shallow.notes[0]
+    assert not shallow.results and "nested too deeply" in shallow.notes[0]

@@ -74,8 +74,8 @@ def test_the_verdict_says_what_the_table_says(quality: QualityReport, seed: int)
 @pytest.mark.parametrize(
     ("cost", "many", "words"),
     [
-        (0.01, 1, "show 1 fault that costs a reconstruction next to nothing"),
-        (0.01, 2, "show 2 faults that cost a reconstruction next to nothing"),
+        (0.01, 1, "show 1 fault that costs a reconstruction almost nothing"),
+        (0.01, 2, "show 2 faults that cost a reconstruction almost nothing"),
         (None, 1, "show 1 fault that is too small to matter"),
         (None, 2, "show 2 faults that are too small to matter"),
     ],

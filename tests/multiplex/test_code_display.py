@@ -17,7 +17,7 @@ def test_a_display_is_judged_by_its_pixel_in_the_image() -> None:
     assert equal.fits and equal.image_px == pytest.approx(1), "one display pixel to each position"
     coarse = display_fit(step, 3 * step)
     assert not coarse.fits and coarse.image_px == pytest.approx(3)
-    assert "too large" in coarse.words and f"{step:.4g} µm" in coarse.words and "3 times" in coarse.words
+    assert "too coarse" in coarse.words and f"{step:.4g} µm" in coarse.words and "3 times" in coarse.words
     odd = display_fit(10.0, 4.0)  # 2.5 to a step: positions fall between pixels
     assert not odd.fits and odd.placing_px == pytest.approx(0.2) and "too coarse" in odd.words
     assert display_fit(10.0, 1.9).fits and display_fit(10.0, 1.9).placing_px == pytest.approx(0.095)

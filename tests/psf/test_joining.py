@@ -102,6 +102,6 @@ def test_parts_that_do_not_fit(tmp_path: Path) -> None:
         join([two], PSFWriter(joined, (1, *SHAPE[1:]), compression="none"))
     with pytest.raises(StorageError, match="no such file"):
         join([tmp_path / "gone.h5"], PSFWriter(joined, (1, *SHAPE[1:])))
-    with pytest.raises(InputError, match="planes \\[2\\] missing"):
+    with pytest.raises(InputError, match="without planes \\[2\\]"):
         join(parts[:2], PSFWriter(joined, SHAPE, compression="none"))
     assert not joined.exists() and not list(tmp_path.glob(".joined*"))

@@ -159,7 +159,7 @@ def test_small_pickles_that_would_take_gigabytes(tmp_path: Path, database: type)
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("nu", 0, "nu, a whole number from 1 to 1000"),
+        ("nu", 0, "nu, an integer from 1 to 1000"),
         ("nv", "wide", "nv, a whole number"),
         ("supersample_factor", 9, "up to 5 voxels"),
         ("z_coords", [], "a depth for each plane"),

@@ -112,7 +112,7 @@ def test_what_cannot_be_made_is_refused_before_a_plane_is() -> None:
     with pytest.raises(InputError, match="H in units: expected a file to write"):
         drain(iter_make(source, run=THREADS))
     for wrong in ({"dtype": "int7"}, {"compression": "zip"}, {"store_tolerance": 2.0}):
-        with pytest.raises(InputError, match=r"stored type|compression|tolerance of storage"):
+        with pytest.raises(InputError, match=r"stored type|compression|storage tolerance"):
             Stored(**wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="depths: expected 3 values"):
         Header(SHAPE, depths=(1.0, 2.0))

@@ -103,7 +103,7 @@ def test_nnum_or_caindex_means_rows_first(tmp_path: Path, known: dict[str, Any])
         assert "H(t, s, y, x, z), rows first" in note and next(iter(known)) in note and "columns-first" in note
     with open_psf(path, mat_order="columns-first") as found:
         np.testing.assert_array_equal(np.asarray(found), as_meant(H).transpose(0, 2, 1, 4, 3))
-        assert opening_notes(found) == ("read as H(s, t, x, y, z), columns first, as stated",)
+        assert opening_notes(found) == ("read as H(s, t, x, y, z), columns first, as requested",)
 
 
 def test_an_order_that_nothing_states_is_said_and_can_be_stated(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_depths_that_repeat_are_refused(tmp_path: Path) -> None:
     path = prevedel(tmp_path / "H.mat", np.ones((3, 3, 3, 3, 2)))
     with h5py.File(path, "r+") as file:
         file["x3objspace"][...] = 1e-6
-    with pytest.raises(FileFormatError, match="x3objspace: expected a depth for each plane"):
+    with pytest.raises(FileFormatError, match="x3objspace: expected different depths for all planes"):
         open_psf(path)
 
 

@@ -148,7 +148,7 @@ def test_sums_come_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_writer_that_misses_a_plane_leaves_no_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="missing"), PSFWriter(tmp_path / "H.h5", SHAPE) as writer:
+    with pytest.raises(InputError, match="without planes"), PSFWriter(tmp_path / "H.h5", SHAPE) as writer:
         writer.write_plane(0, random_matrix()[0])
     assert list(tmp_path.iterdir()) == []
 

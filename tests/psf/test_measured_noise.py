@@ -116,7 +116,7 @@ def test_the_floor_is_measured_on_darks(tmp_path: Path, count: int) -> None:
     """The mean of the darks brings their noise into every pattern: its share is part of the floor."""
     recipe = CorrectionRecipe(dark=darks(tmp_path / "dark", 4.0, count))
     found = noise_of(assembled(frames(4.0, 0.25, 3000.0), recipe).provenance)
-    assert found is not None and found.source.startswith("floor from darks, slope from neighbouring")
+    assert found is not None and found.source.startswith("floor from dark frames, slope from neighbouring")
     assert found.floor == pytest.approx(4.0 * (1 + 1 / count), rel=0.03)
     assert found.slope == pytest.approx(0.25, rel=0.15)
 
@@ -208,7 +208,7 @@ def test_fit_takes_the_noise_that_was_measured(tmp_path: Path, caplog: pytest.Lo
     caplog.set_level("INFO", logger="lfcal")
     measured, known = drain(iter_patterns(tmp_path / "H.h5", how))
     np.testing.assert_allclose(measured.noise, np.broadcast_to([4.5, 0.25], measured.noise.shape), rtol=0.15)
-    assert "noise of the frames: floor from darks, slope from neighbouring positions" in caplog.text
+    assert "noise of the frames: floor from dark frames, slope from neighbouring positions" in caplog.text
     assert known["noise"]["floor"] == pytest.approx(4.5, rel=0.05)
     with open_psf(tmp_path / "H.h5") as H:  # the facts of another program's H may lack it
         other = PSFMatrix(H[:], depths=H.depths, camera=H.camera, anchor=H.anchor, provenance=H.provenance)

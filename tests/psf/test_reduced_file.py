@@ -207,7 +207,7 @@ def test_it_is_as_specified_and_whole(path: Path) -> None:
 
 def test_earlier_programs_refuse_it(path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(opening, "VERSIONS", (1, 2, 3))
-    with pytest.raises(FileFormatError, match="expected version 3 or older, got 4; update lfcal"):
+    with pytest.raises(FileFormatError, match="expected format version 3 or older, got version 4; update lfcal"):
         open_psf(path)
 
 

@@ -327,7 +327,9 @@ def test_version_1_still_opens(tmp_path: Path) -> None:
         np.testing.assert_array_equal(np.asarray(H), values())
         assert (H.recorded == 2).all() and H.facts.error is None and H.region == ""
         assert H.saturated is not None and (H.saturated == -1).all(), "zeros that nobody counted"
-    with pytest.raises(FileFormatError, match="expected checksums, got version 1 without them"):
+    with pytest.raises(
+        FileFormatError, match="expected an H file with checksums, got a file of version 1, which has none"
+    ):
         open_psf(path, check=True)
 
 

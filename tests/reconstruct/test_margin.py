@@ -90,7 +90,7 @@ def test_pixels_of_the_margin_are_not_counted(scene):
     image = image.copy()
     image[3, 5] = 1e6
     choice = SolverChoice("rl", 1, saturation=1e5, margin=4)
-    assert reconstruct(with_margin(scene[0], 4), image, choice).notes == ("1 saturated pixel is left out",)
+    assert reconstruct(with_margin(scene[0], 4), image, choice).notes == ("1 saturated pixel was left out",)
 
 
 def test_arrays_and_sizes():

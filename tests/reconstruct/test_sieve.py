@@ -249,7 +249,7 @@ def test_what_begins_elsewhere_is_not_stretched():
     np.testing.assert_array_equal(late, plain)
     first = reconstruct(P, f, SolverChoice("sieve", 1, 0.5), initial=found).volume
     assert np.abs(first - plain).max() > 0.01 * plain.max()
-    with pytest.raises(InputError, match="stretched updates: expected acceleration nesterov"):
+    with pytest.raises(InputError, match="stretched updates: expected the acceleration nesterov"):
         EmOptions(stretch=Stretch((5, 5)))
 
 

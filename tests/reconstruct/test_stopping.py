@@ -106,7 +106,7 @@ def test_notes_and_tolerance_are_kept(noisy):
     spoilt = image.copy()
     spoilt[3, 4] = np.nan
     found = reconstruct(P, spoilt, SolverChoice("phase-space", 60, 2.0, auto=True))
-    assert "1 pixel is not finite and left out" in found.notes
+    assert "1 non-finite pixel was left out" in found.notes
     few = reconstruct(P, image, SolverChoice("rl", 60, 2.0, tolerance=0.5, auto=True))
     assert len(few.history) < 5 and "changed by less than 0.5" in few.stopped
 
@@ -138,7 +138,7 @@ def test_solvers_of_others_are_judged_by_their_volumes(noisy, monkeypatch):
             {"auto": True},
             "iterations of solver blind: expected a number, .* got auto; give a number, stop by the discrepancy, or",
         ),
-        ({"margin": 8}, "margin of solver blind: expected 0, .* got 8; give 0, or choose .*sieve or "),
+        ({"margin": 8}, "margin of solver blind: expected 0, .* got 8; set it to 0, or choose .*sieve or "),
     ):
         with pytest.raises(InputError, match=words):
             SolverChoice("blind", 60, **setting)

@@ -140,7 +140,7 @@ def test_fields_of_another_solver_are_refused_in_a_job_and_in_python(place: Path
     (place / "job.toml").write_text(said)
     with pytest.raises(InputError, match=r"solver.strength: expected solver.name rl-tv or rl-tikhonov, got rl"):
         load_job(place / "job.toml")
-    with pytest.raises(InputError, match=r"solver rl: expected settings iterations, goal.*, got strength"):
+    with pytest.raises(InputError, match=r"solver rl: expected only the settings iterations, goal.*, got strength"):
         solver_settings("rl", strength=0.1)
     with pytest.raises(TypeError):
         SOLVER["rl"](strength=0.1)
@@ -185,7 +185,7 @@ def test_a_solver_of_another_distribution_has_the_fields_of_its_options(
     assert lfcal("run", place / "job.toml").code == 0
     for name in "bcd":
         np.testing.assert_array_equal(np.load(place / f"{name}.npy"), np.load(place / "a.npy"))
-    with pytest.raises(InputError, match=r"solver theirs: expected settings .*, got subsets"):
+    with pytest.raises(InputError, match=r"solver theirs: expected only the settings .*, got subsets"):
         solver_settings("theirs", subsets=2)
     words = ("reconstruct", place / "H.h5", place / "frame.tif", "-o", place / "e.npy", "--solver", "theirs")
     done = lfcal(*words, "--tolerance", 0.1)

@@ -130,11 +130,11 @@ class Measurement:
         counted = np.broadcast_to(True, data.shape) if trust is None else trust > 0
         notes = []
         if lost := int(np.count_nonzero(bad & counted)):
-            notes.append(f"{format_count(lost, 'pixel is', 'pixels are')} not finite and were left out")
+            notes.append(f"{format_count(lost, 'non-finite pixel was', 'non-finite pixels were')} left out")
         if saturation is not None:
             full = np.greater_equal(data, saturation, where=~bad, out=np.zeros(data.shape, bool))
             if lost := int(np.count_nonzero(full & counted)):
-                notes.append(f"{format_count(lost, 'saturated pixel is', 'saturated pixels are')} left out")
+                notes.append(f"{format_count(lost, 'saturated pixel was', 'saturated pixels were')} left out")
             bad |= full
         if bad.any():
             trust = np.where(bad, 0, 1 if trust is None else trust).astype(dtype)

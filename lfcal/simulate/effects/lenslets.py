@@ -42,8 +42,8 @@ class MissingLenslets(SceneEffect):
     >>> camera = preset("r29")
     >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
     >>> found = MissingLenslets(((0, 0, 0.0), (0, 1, 0.5))).estimate(plane)
-    >>> print(((((((f"{found.size} " f"{found.unit} of ") f"{plane.lenslets:.0f} ") "lit: lost ") "relative to ") "remaining light ") f"{found.error:.0%}"))
-    1.5 lenslets of 15 lit: lost relative to remaining light 7%
+    >>> print(f"{found.size} {found.unit} of {plane.lenslets:.0f} lit: error {found.error:.0%}")
+    1.5 lenslets of 15 lit: error 7%
     """
 
     lenslets: Defects = ((0, 0, 0.0),)

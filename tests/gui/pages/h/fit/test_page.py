@@ -396,8 +396,8 @@ def test_groups_that_the_camera_lacks_are_grey_with_their_reason(page: Page, qtb
     over_the_field = {"field_curvature", "field_wavefront", "plane_tilt", "region_depths", "region_places"}
     assert grey == {"cats_eye", "depths", "hole", "specimen", *over_the_field}
     assert "several regions of the field" in rows["field_wavefront"].toolTip()
-    assert rows["depths"].text() == "depth of each plane\nneeds two planes or more"
-    assert rows["depths"].toolTip().endswith("needs two planes or more")
+    assert rows["depths"].text() == "depth of each plane\nneeds at least two planes"
+    assert rows["depths"].toolTip().endswith("needs at least two planes")
     # one that was chosen for another camera neither shows as chosen, nor is it fitted
     both = replace(GEOMETRY, groups=("geometry", "depths"))
     project.update("choices", settings=both.into(project.state))
@@ -409,7 +409,7 @@ def test_groups_that_the_camera_lacks_are_grey_with_their_reason(page: Page, qtb
     project.update("choices", settings=alone.into(project.state))
     page.fitting.begin()
     idle(page.context.jobs, qtbot)
-    assert "got depths, which needs two planes or more" in page.fitting.view.verdict.text() + page.notice.label.text()
+    assert "got depths, which needs at least two planes" in page.fitting.view.verdict.text() + page.notice.label.text()
     # a lens without blades, in this window
     camera = project.state.camera
     plain = replace(camera, optics=replace(camera.optics, blades=0))
