@@ -417,7 +417,7 @@ def coding_pays(
     >>> verdict: CodingVerdict = coding_pays(patterns, sensor_noise(preset("r29").sensor), signal_e=50)
     >>> print(verdict.words)
     coding pays at equal time: +1.78 dB over all entries; it pays up to 15600 electrons in a point's brightest pixel:
-    with less light the sensor's own noise dominates, with more the photon noise of bright cores is spread over dark
+    with less light, the sensor's noise dominates; with more, the photon noise of bright cores is spread over dark
     entries
     """
     check_choice("limit", limit, LIMITS)

@@ -65,7 +65,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
     >>> print(iris.blades, "blades,", round(iris.diameter_px), "px,", round(iris.rotation_rad, 1), "rad")
     7 blades, 32 px, 0.2 rad
     >>> fit_aperture(np.zeros((31, 31))).reason
-    'no lit patch stands out from the noise'
+    'no lit area is visible above the noise'
     """
     return plane_verdict(depth_sum, footprint_px=footprint_px)[0]
 

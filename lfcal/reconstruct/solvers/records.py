@@ -129,7 +129,7 @@ class Reconstruction:
     >>> image = [[0, 0, 2, 4, 2, 0, np.nan]]
     >>> result: Reconstruction = richardson_lucy(P, image, 50, tolerance=0.01)
     >>> print(result.volume.shape, result.notes[0], result.stopped, sep="; ")
-    (1, 1, 7); 1 pixel is not finite and left out; changed by less than 0.01 in iteration 14
+    (1, 1, 7); 1 non-finite pixel was left out; changed by less than 0.01 in iteration 14
     """
 
     volume: NDArray[Any]

@@ -132,7 +132,7 @@ class SolverRun(SolverSettings):
     >>> frame = np.full((4, 4), 20.0)
     >>> frame[0, 0] = 4095
     >>> print(SolverRun(10, saturation=4095).measure(P, frame).notes[0])
-    1 saturated pixel is left out
+    1 saturated pixel was left out
     """
 
     iterations: int

@@ -166,7 +166,7 @@ def iter_ladder(
     >>> work = iter_ladder(plan, effects=[LensTypeDefocus()], positions=1, samplings=())
     >>> step: LadderProgress = next(work)
     >>> print(step.stage, step.count, step.note, sep="; ")
-    accuracy against time; 0 of 2; reference
+    accuracy as a function of time; 0 of 2; reference
     >>> work.close()  # no more of it is wanted
     """
     z = len(plan.depths_um) // 2 if z is None else z
