@@ -49,7 +49,7 @@ class Rung:
     >>> from lfcal.accuracy import Rung
     >>> rung = Rung("rounded to 16 bits", {"dtype": "rounded"}, error=0.001, cost=4e6, unit="bytes")
     >>> print(f"{rung.label}: {rung.error:.1%} off in {rung.cost / 1e6:g} MB")
-    16-bit integers: 0.1% off in 4 MB
+    rounded to 16 bits: 0.1% off in 4 MB
     """
 
     label: str

@@ -129,7 +129,7 @@ def iter_measure_curve(
     >>> for step in iter_measure_curve(place, subject):
     ...     print(step.note or "end", [rung.error for rung in step.curve.rungs])
     Frames averaged []
-    Frames averaged: truth []
+    Frames averaged: reference []
     Frames averaged: mean of 1 [0.08]
     Frames averaged: mean of 4 [0.08, 0.04]
     end [0.08, 0.04]

@@ -56,7 +56,7 @@ SCAN = {
 
 def either_words(name: str) -> str:
     """Return what may be wrong if the image moves as in frames with orientation ``name``."""
-    return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} against the plan"
+    return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} relative to the plan"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class FoundOrientation:
             return f"the orientation of the frames cannot be determined: {self.reason}"
         if not self.wrong or self.cause == "frames":
             return f"the frames are {ORIENTATIONS[self.name].words}"
-        return f"{SCAN[self.name]} against the plan" if self.cause == "scan" else either_words(self.name)
+        return f"{SCAN[self.name]} relative to the plan" if self.cause == "scan" else either_words(self.name)
 
 
 def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrientation]:

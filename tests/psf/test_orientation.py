@@ -113,7 +113,7 @@ def test_a_scan_that_ran_backwards_in_upright_frames_is_not_taken_for_mirrored_f
     frames, places = upright(plan, moves=np.diag([1.0, -1.0]), every=37)
     found = solved(frames, places, plan)
     assert (found.name, found.cause) == ("mirror x", "scan")
-    assert found.words == "the x axis of stage or scan is reversed against the plan"
+    assert found.words == "the x axis of stage or scan is reversed relative to the plan"
 
 
 def test_where_the_cell_is_in_the_middle_both_explanations_are_named() -> None:
@@ -123,7 +123,7 @@ def test_where_the_cell_is_in_the_middle_both_explanations_are_named() -> None:
     assert (found.name, found.cause) == ("mirror x", "either")
     assert (
         found.words
-        == "the frames are mirrored left to right, or the x axis of stage or scan is reversed against the plan"
+        == "the frames are mirrored left to right, or the x axis of stage or scan is reversed relative to the plan"
     )
 
 

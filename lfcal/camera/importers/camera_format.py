@@ -107,7 +107,7 @@ def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0)
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise FileFormatError.expected(f"{what}: {name}", "a number", repr(value)[:40], "replace it by a number")
+        raise FileFormatError.expected(f"{what}: {name}", "a number", repr(value)[:40], "replace it with a number")
     return float(f"{value * scale:.15g}")
 
 

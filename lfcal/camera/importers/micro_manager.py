@@ -71,7 +71,7 @@ def _positive(text: str, what: str) -> float | None:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value >= 0):
-        raise FileFormatError.expected(what, "a length in µm", repr(text)[:40], "replace it by a number")
+        raise FileFormatError.expected(what, "a length in µm", repr(text)[:40], "replace it with a number")
     return value or None  # 0 means unknown
 
 
