@@ -68,7 +68,7 @@ def modulator_of(text: str) -> Modulator:
             raise InputError.expected("modulator", GRAMMAR, repr(text)[:60], "write the name like one of these")
         return cfa(written)
     if ":" in written and not is_whole(rest.strip()):
-        raise InputError.expected(f"size of {found} (px)", "an integer", repr(rest), "write it like MURA:11")
+        raise InputError.expected(f"size of {found} (px)", "a whole number", repr(rest), "write it like MURA:11")
     return mask(found, int(rest or 11))
 
 

@@ -108,7 +108,7 @@ class _Table:
     def _count(self, name: str) -> int:
         value = self._values.get(name)
         if not isinstance(value, int | float) or value != value // 1 or not 1 <= value <= 1000:
-            raise _wrong(self._where, f"{name}, an integer from 1 to 1000", value)
+            raise _wrong(self._where, f"{name}, a whole number from 1 to 1000", value)
         return int(value)
 
     def _provenance(self, path: Path) -> dict[str, Any]:

@@ -262,7 +262,7 @@ class MatrixGroup:
         if low < 0 or high > np.iinfo(dtype).max or not _whole(plane):
             raise InputError.expected(
                 f"plane {z}, stored as {dtype}",
-                f"integers from 0 to {np.iinfo(dtype).max}",
+                f"whole numbers from 0 to {np.iinfo(dtype).max}",
                 f"other values, from {low:.6g} to {high:.6g}",
                 f"store the values as {ROUNDED} or float32 (--dtype)",
             )

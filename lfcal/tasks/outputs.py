@@ -48,7 +48,7 @@ def check_outputs(outs: Iterable[Path | None], *inputs: Path | str | None, force
             raise InputError.expected("output", "a file other than the input", str(out), "choose another name")
         check_writable(out)
         if out.exists() and not force:
-            raise InputError(f"{out} exists; add --force to replace it, or choose another name")
+            raise InputError(f"{out}: exists; add --force to replace it, or choose another name")
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

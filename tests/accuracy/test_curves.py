@@ -54,7 +54,7 @@ def test_what_one_per_cent_would_cost() -> None:
     assert made.answer(0.01) == "An error of 1 % costs 1 min 00 s: 60.0 0.009 (0.9 %)"
     reached = "No measured setting reaches an error of 0.01 %; the best one has 0.1 % for 2 h 00 min: 7200.0 0.001"
     assert made.answer(1e-4) == reached
-    assert curve().answer(0.01) == "1 %: nothing was measured"
+    assert curve().answer(0.01) == "Error of 1 %: nothing was measured"
     with pytest.raises(InputError, match="requested error"):
         made.cheapest(0)
 

@@ -155,7 +155,9 @@ def test_a_cutout_off_the_sensor_names_the_position() -> None:
     with pytest.raises(InputError, match="z=0, y=0, x=0: expected rows from 0 to 4383, got rows from -1 to 179"):
         ScanPlan(plan.camera, plan.period, plan.cutout, plan.depths_um, (89.0, 90.0))
     ScanPlan(plan.camera, plan.period, plan.cutout, plan.depths_um, (rows - 1 - 90.0 - 54, columns - 1 - 90.0 - 94))
-    with pytest.raises(InputError, match="z=0, y=0, x=94: expected columns 0 to 6575, got 6396 to 6576"):
+    with pytest.raises(
+        InputError, match="z=0, y=0, x=94: expected columns from 0 to 6575, got columns from 6396 to 6576"
+    ):
         ScanPlan(plan.camera, plan.period, plan.cutout, plan.depths_um, (2000.0, columns - 90.0 - 94))
     with pytest.raises(InputError, match="y=54, x=0"):
         ScanPlan(plan.camera, plan.period, plan.cutout, plan.depths_um, (rows - 90.0 - 54, 2000.0))

@@ -211,14 +211,14 @@ def test_what_is_refused_before_anything_moves(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=what):
             drain(iter_adaptive(tmp_path / "s", plan, ideal_rig(plan), GOAL, options, **more))
 
-    refused("single ones, whose noise is known", PLAN, replace(OPTIONS, bracket=(1.0, 0.5)))
+    refused("single exposures, whose noise is known", PLAN, replace(OPTIONS, bracket=(1.0, 0.5)))
     assumed = replace(PLAN.camera, marks=PLAN.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
     refused("noise of the camera: expected a stated or measured noise", replace(PLAN, camera=assumed), OPTIONS)
     refused(r"at most the 627 left|expected", replace(PLAN, period=(1, 2)), OPTIONS)
     assert not (tmp_path / "s").exists()
     small = replace(PLAN, period=(2, 2))
     record(tmp_path / "s", small, rig_for(small), OPTIONS)
-    refused("a new folder, got a session", small, OPTIONS)
+    refused("a new folder, got one with a session", small, OPTIONS)
     refused("a session of chosen positions, got a scan of all", small, OPTIONS, resume=True)
 
 

@@ -100,7 +100,10 @@ def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]
         (("--seconds", "0"), "time for each measurement (s): expected a number > 0"),
         (("--seconds", "nan"), "time for each measurement (s): expected a number > 0"),
         (("--place", "moon"), "place of accuracy: expected simulation or sampling or"),
-        (("--place", "lattice"), "nothing could be measured; camera: expected that of the scan, got H of an unknown"),
+        (
+            ("--place", "lattice"),
+            "nothing could be measured; camera of the measurement: expected the camera of a scan, got H of an unknown",
+        ),
     ],
 )
 def test_bad_options_are_one_line(lfcal: Lfcal, h: Path, options: tuple[str, str], message: str) -> None:

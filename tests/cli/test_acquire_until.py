@@ -90,7 +90,7 @@ def test_goals_by_their_words() -> None:
         ("--most 20", "--most: expected a scan until H is good enough (--until-error), got a scan of one region"),
         ("--unknowns iris", "--unknowns: expected a scan until H is good enough (--until-error)"),
         ("--until-error 1% --resume", "expected a session folder"),
-        ("--until-error 1% --bracket 1,0.5", "single ones, whose noise is known"),
+        ("--until-error 1% --bracket 1,0.5", "single exposures, whose noise is known"),
     ],
 )
 def test_what_is_refused(lfcal: Lfcal, place: Path, words: str, what: str) -> None:

@@ -157,7 +157,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     again = lfcal("fit", "scan/frames", *more[:2], "--dark", "none", "--unknowns", "geometry", "--no-h", "-o", "b")
     assert (
         again.code == 2
-        and "samples: expected without the black level, got samples that include it; subtract it with --dark"
+        and "samples: expected samples without the black level, got samples that include it; subtract it with --dark"
         in again.err
     )
     assert not (place / "b").exists()
@@ -308,7 +308,7 @@ def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
         (("--noise", "64"), "--noise: expected CONSTANT,SLOPE of the variance of a sample, got '64'"),
         (("--noise", "0,0"), "--noise: expected a variance above 0, got '0,0'; give constant and slope"),
         (("--noise=-1,1",), "--noise: expected a number ≥ 0, got -1"),
-        (("--positions", 2), "recorded patterns: expected 3 or more, got 2"),
+        (("--positions", 2), "recorded patterns: expected at least 3, got 2"),
         (("--camera", "nowhere.json"), "camera: expected"),
         (("--orientation", "sideways"), "--orientation: expected"),
         (("--out", "few.h5"), "few.h5"),
@@ -367,7 +367,7 @@ def test_a_plan_says_what_an_h_of_nothing_but_values_does_not(
         and (place / "bare" / "camera.json").read_text() == (place / "whole" / "camera.json").read_text()
     )
     wrong = lfcal("fit", "bare.h5", "--plan", "other.json", *words, "-o", "other")
-    assert wrong.code == 2 and "expected a plan of its shape (1, 2, 4, 15, 15), got (1, 2, 3, 15, 15)" in wrong.err
+    assert wrong.code == 2 and "expected a plan of the shape (1, 2, 4, 15, 15) of H, got (1, 2, 3, 15, 15)" in wrong.err
     twice = lfcal("fit", "few.h5", "--plan", "plan.json", *words, "-o", "twice")
     assert (
         twice.code == 2 and "plan: expected an H without a camera, got few.h5, which contains its camera" in twice.err
@@ -394,8 +394,8 @@ def test_frames_of_several_colours_are_refused_with_the_way_out(lfcal: Lfcal, pl
         run = lfcal("fit", name)
         assert run.code == 2 and run.err.count("\n") == 1, run.err
         channel = "G1" if name == "mosaic" else "G"
-        assert f"type lfcal assemble {name} --channel {channel} -o H.h5, then lfcal fit H.h5" in run.err
-        typed = run.err.partition("type lfcal ")[2].partition(", then")[0]
+        assert f"run lfcal assemble {name} --channel {channel} -o H.h5, then lfcal fit H.h5" in run.err
+        typed = run.err.partition("run lfcal ")[2].partition(", then")[0]
         assert lfcal(*shlex.split(typed), "--orientation", "as-is", "--force", "--keep-pedestal").code == 0
 
 

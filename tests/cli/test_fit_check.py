@@ -122,7 +122,7 @@ def test_frames_that_state_no_position_are_named_one_by_one(lfcal: Lfcal, place:
     # none of these is an option here
     assert run.code == 2 and not any(option in run.err for option in ("--manifest", "--order", "--pattern"))
     nested = check(lfcal, "old.h5", "below").err
-    assert "type lfcal fit check old.h5 below/frames" in nested, nested
+    assert "run lfcal fit check old.h5 below/frames" in nested, nested
 
 
 @pytest.mark.long

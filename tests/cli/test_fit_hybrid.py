@@ -125,7 +125,7 @@ def test_a_fit_of_something_else_fills_nothing(lfcal: Lfcal, place: Path, scan: 
     told("the results of a fit", {"gains": ["much"]})
     told("the results of a fit", {"gains": []})
     told("a result of an older version of lfcal", None, json.dumps({k: v for k, v in kept.items() if k != "scan"}))
-    told("lfcal-fit, version 1", None, "{}")
+    told('"lfcal-fit", version 1', None, "{}")
     told("fit.json", None, "no JSON")
     told("light as in the frames of plane 0", {"gains": [1.5 * kept["gains"][0]]})
     told("at least one fitted pattern", {"positions": []})

@@ -53,22 +53,25 @@ CASES: dict[str, tuple[Spoil, str]] = {
         lambda path: (save(few_patterns(), path), path.write_bytes(path.read_bytes()[:9000])),
         "expected an intact HDF5 file",
     ),
-    "all zero": (saved(lambda: h_of(np.zeros(few_patterns().shape))), "light of the patterns: expected more than"),
+    "all zero": (
+        saved(lambda: h_of(np.zeros(few_patterns().shape))),
+        "light of the patterns: expected more light than",
+    ),
     "below its background": (
         saved(lambda: h_of(-np.asarray(few_patterns()))),
         "brighter than the background, got darker",
     ),
     "scattered": (
         saved(lambda: h_of(4000 * np.random.default_rng(0).random(few_patterns().shape))),
-        "expected those of a camera like 'bench'",
+        "expected patterns of a camera like 'bench'",
     ),
     "one position": (
         saved(lambda: h_of(facts={"recorded": recorded(0)})),
-        "recorded patterns: expected 3 or more, got 1",
+        "recorded patterns: expected at least 3, got 1",
     ),
     "no position": (
         saved(lambda: h_of(facts={"recorded": recorded()})),
-        "recorded patterns: expected 3 or more, got 0",
+        "recorded patterns: expected at least 3, got 0",
     ),
     "noise unknown": (saved(lambda: h_of(facts={"noise": no_noise()})), "state it with --noise CONSTANT,SLOPE"),
     "all saturated": (
@@ -121,9 +124,9 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
     (tmp_path / "damaged" / "z0_y1_x1.png").write_bytes(b"")
     for name, what in (
         ("empty", "frames in"),
-        ("frames", f"type lfcal plan CAMERA.json --virtual-depths 3,4 -o {tmp_path / 'frames' / 'plan.json'}"),
-        ("nested", f"type lfcal fit {tmp_path / 'nested' / 'frames'}"),
-        ("numbered", f"type lfcal assemble {tmp_path / 'numbered'} --order serpentine -o H.h5, then lfcal fit H.h5"),
+        ("frames", f"run lfcal plan CAMERA.json --virtual-depths 3,4 -o {tmp_path / 'frames' / 'plan.json'}"),
+        ("nested", f"run lfcal fit {tmp_path / 'nested' / 'frames'}"),
+        ("numbered", f"run lfcal assemble {tmp_path / 'numbered'} --order serpentine -o H.h5, then lfcal fit H.h5"),
         ("damaged", "or leave it out (lfcal assemble --skip-damaged)"),
     ):
         run = lfcal(
@@ -132,7 +135,7 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
         said = [line for line in run.err.splitlines() if not line.startswith("lfcal: note:")]
         assert run.code == 2 and len(said) == 1 and what in said[0], run.err
         # neither lists nor orders nor patterns are options here
-        mine = said[0].partition("type lfcal assemble")[0]
+        mine = said[0].partition("run lfcal assemble")[0]
         assert not any(o in mine for o in ("--manifest", "--order", "--pattern")) and not (tmp_path / "fit").exists()
 
 
@@ -143,13 +146,13 @@ def test_the_command_that_does_what_is_missing_is_named(
     plan = replace(small_plan(15, (2.2,)), period=(2, 4))
     (tmp_path / "plan.json").write_text(plan.to_json())
     assert lfcal("simulate", "plan.json", "--frames", "my scan", "--level", "grid").code == 0
-    assert "type lfcal fit 'my scan/frames' --dark 'my scan/dark'" in lfcal("fit", "my scan").err
+    assert "run lfcal fit 'my scan/frames' --dark 'my scan/dark'" in lfcal("fit", "my scan").err
     # names of which some are like none of the others
     (tmp_path / "my scan" / "frames" / "manifest.csv").unlink()
     cv2.imwrite("my scan/frames/lamp.png", np.zeros((120, 120), np.uint16))
     said = lfcal("fit", "my scan/frames").err
-    assert "type lfcal assemble 'my scan/frames' --pattern 'z0_y{y}_x{x}.png' -o H.h5, then lfcal fit H.h5" in said
-    typed = said.partition("type lfcal ")[2].partition(", then lfcal ")
+    assert "run lfcal assemble 'my scan/frames' --pattern 'z0_y{y}_x{x}.png' -o H.h5, then lfcal fit H.h5" in said
+    typed = said.partition("run lfcal ")[2].partition(", then lfcal ")
     assert lfcal(*shlex.split(typed[0]), "--orientation", "as-is").code == 0
 
 
@@ -165,19 +168,19 @@ def test_the_command_that_is_named_does_what_is_missing(
     assert lfcal("simulate", "plan.json", "--frames", "my scan", "--level", "grid").code == 0
     few = ("--unknowns", "geometry", "--no-h", "--orientation", "as-is", "--workers", 1)
     said = lfcal("fit", "my scan", *few).err
-    assert "type lfcal fit 'my scan/frames' --dark 'my scan/dark'" in said, said
-    run = lfcal(*shlex.split(said.partition("type lfcal ")[2]), *few, "-o", "first")
+    assert "run lfcal fit 'my scan/frames' --dark 'my scan/dark'" in said, said
+    run = lfcal(*shlex.split(said.partition("run lfcal ")[2]), *few, "-o", "first")
     assert run.code == 0, run.err
     # names of which some are like none of the others
     (tmp_path / "my scan" / "frames" / "manifest.csv").unlink(missing_ok=True)
     cv2.imwrite("my scan/frames/lamp.png", np.zeros((120, 120), np.uint16))
     said = lfcal("fit", "my scan/frames", *few).err
-    assert "type lfcal assemble 'my scan/frames' --pattern 'z0_y{y}_x{x}.png' -o H.h5, then lfcal fit H.h5" in said
-    typed = said.partition("type lfcal ")[2].partition(", then lfcal ")
+    assert "run lfcal assemble 'my scan/frames' --pattern 'z0_y{y}_x{x}.png' -o H.h5, then lfcal fit H.h5" in said
+    typed = said.partition("run lfcal ")[2].partition(", then lfcal ")
     assert lfcal(*shlex.split(typed[0]), "--orientation", "as-is").code == 0
     assert lfcal(*shlex.split(typed[2]), *few[:3], "-o", "second").code == 0
     said = lfcal("fit", "my scan/frames/lamp.png", "--plan", "plan.json", *few).err
-    assert "type lfcal assemble 'my scan/frames/lamp.png' --plan plan.json --manifest LIST.csv -o H.h5, then" in said
+    assert "run lfcal assemble 'my scan/frames/lamp.png' --plan plan.json --manifest LIST.csv -o H.h5, then" in said
 
 
 def test_frames_of_fewer_bits_than_described_have_no_known_noise(lfcal: Lfcal, tmp_path: Path) -> None:

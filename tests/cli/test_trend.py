@@ -62,7 +62,7 @@ def test_folders_of_one_name_are_told_apart(lfcal: Lfcal, tmp_path: Path) -> Non
     ("spoil", "what"),
     [
         (lambda folder: shutil.rmtree(folder), "expected fit.json, written by lfcal fit, got no such folder"),
-        (lambda folder: (folder / "fit.json").unlink(), "expected fit.json of lfcal fit, got none"),
+        (lambda folder: (folder / "fit.json").unlink(), "expected fit.json, written by lfcal fit, got none"),
         (lambda folder: (folder / "fit.json").write_bytes(b""), "fit.json"),
         (lambda folder: (folder / "camera.json").unlink(), "camera.json"),
         (lambda folder: (folder / "camera.json").write_text("{}"), "camera.json"),

@@ -49,7 +49,7 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     assert "What remains is whole in 635 of 636 frames." in run.out
     assert "should not be used as it is: damaged position frames. Damaged position frames: 1 frame in rec" in run.out
     assert "position (z, y, x) = (0, 12, 4), recording.h5[400]: frame damaged" in run.out
-    assert "Record them again (lfcal acquire --resume)." in run.out and "1 position to record again" in run.out
+    assert "Record these frames again (lfcal acquire --resume)." in run.out and "1 position to record again" in run.out
     assert RedoList.read(tmp_path / "redo.json").positions == (Position(0, 12, 4),)
     refused = lfcal("assemble", sample, "-o", tmp_path / "H.h5")
     assert refused.code == 2 and refused.err.count("\n") == 1

@@ -113,7 +113,7 @@ def test_where_the_array_lies_is_told_from_where_it_was_seen() -> None:
 def test_regions_that_do_not_belong_together_are_refused() -> None:
     rng = np.random.default_rng(0)
     own = recorded(true_setup(), "edge", 3, rng, cutout=15)
-    with pytest.raises(InputError, match="two or more"):
+    with pytest.raises(InputError, match="at least two"):
         regional_of({"edge": own})
     with pytest.raises(
         InputError, match=r"region 'b': expected a distance of at least 30 px from region 'a', got 0 px"

@@ -128,7 +128,7 @@ def test_progress_and_cancel() -> None:
 
 @pytest.mark.parametrize(
     ("unknowns", "what"),
-    [("all", "'auto' or a list of groups"), ((), "one group or more"), (("gap",), "unknowns: expected")],
+    [("all", "'auto' or a list of groups"), ((), "at least one group"), (("gap",), "unknowns: expected")],
 )
 def test_unknowns_that_are_none(unknowns: object, what: str) -> None:
     with pytest.raises(InputError, match=what):

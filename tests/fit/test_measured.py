@@ -72,10 +72,10 @@ def test_a_smaller_cutout_is_the_middle() -> None:
         ({"noise": (1.0, 0.0), "cutout": 4}, "an odd number, got 4"),
         ({"noise": (1.0, 0.0), "cutout": 7}, "cutout"),
         ({"noise": (1.0, 0.0), "held_out": 1.0}, "held-out patterns"),
-        ({"noise": (1.0, 0.0), "positions": [(0, 0, 0), (0, 1, 1)]}, "3 or more, got 2"),
+        ({"noise": (1.0, 0.0), "positions": [(0, 0, 0), (0, 1, 1)]}, "at least 3, got 2"),
         (
             {"noise": (1.0, 0.0), "positions": [(0, 0, 0), (0, 1, 1), (2, 0, 0)]},
-            r"position \(z, y, x\): expected within",
+            r"position \(z, y, x\): expected a position inside",
         ),
     ],
 )

@@ -149,7 +149,7 @@ def test_points_that_were_all_fitted_or_of_another_sensor_are_refused() -> None:
     with pytest.raises(InputError, match="points that were not fitted"):
         validate(fit_of(plan, fitted=8), recorded(plan, few(plan)))
     other = replace(plan.camera, sensor=replace(plan.camera.sensor, shape=(200, 200)))
-    with pytest.raises(InputError, match="a sensor of"):
+    with pytest.raises(InputError, match="sensor of the held-out points"):
         validate(fit_of(replace(plan, camera=other)), recorded(plan, few(plan)))
 
 

@@ -25,7 +25,7 @@ def test_figure_3_spatial_does_not_ring_and_fourier_does() -> None:
     assert number(panels["spatial, cubic"].numbers, "rms") < number(panels["Fourier"].numbers, "rms")
     assert panels["Fourier"].image.shape == panels["spatial, cubic"].image.shape == (40, 50, 3)
     # shown as bright as the scene is: neither black nor burnt out
-    for title in ("truth, magnified", "spatial, cubic"):
+    for title in ("ground truth, magnified", "spatial, cubic"):
         image = np.asarray(panels[title].image, float)
         assert 0.1 * image.max() < image.mean() < 0.9 * image.max() and len(np.unique(image)) > 2, title
 

@@ -271,5 +271,5 @@ def test_the_unit_of_the_image_does_not_matter():
 
 @pytest.mark.parametrize("shape", [(5,), (0, 40), (2, 9, 9)])
 def test_what_is_no_image_is_an_input_error(shape):
-    with pytest.raises(InputError, match="depth-plane sum"):
+    with pytest.raises(InputError, match="sum of a depth plane"):
         fit_aperture(np.zeros(shape))

@@ -124,7 +124,7 @@ def test_a_pickle_runs_nothing(tmp_path: Path, database: type) -> None:
     evil = Evil(target)
     for k, value in enumerate((evil, {"a": evil}, np.array([evil], object), sys.exit, np.load)):
         db.extra = value
-        with pytest.raises(UnsafeFileError, match="expected numbers and arrays, got a pickle that asks for") as caught:
+        with pytest.raises(UnsafeFileError, match="expected numbers and arrays, got a pickle that requires") as caught:
             open_psf(save_lfc(tmp_path / f"{k}.lfc", db))
         assert "\n" not in str(caught.value)
     assert not target.exists()
@@ -159,7 +159,7 @@ def test_small_pickles_that_would_take_gigabytes(tmp_path: Path, database: type)
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("nu", 0, "nu, an integer from 1 to 1000"),
+        ("nu", 0, "nu, a whole number from 1 to 1000"),
         ("nv", "wide", "nv, a whole number"),
         ("supersample_factor", 9, "up to 5 voxels"),
         ("z_coords", [], "a depth for each plane"),

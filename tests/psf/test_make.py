@@ -109,12 +109,12 @@ def test_units_depend_on_how_values_are_stored() -> None:
 
 def test_what_cannot_be_made_is_refused_before_a_plane_is() -> None:
     source = Numbered()
-    with pytest.raises(InputError, match="H in units: expected a file to write"):
+    with pytest.raises(InputError, match="H that is made unit by unit: expected the name of the file"):
         drain(iter_make(source, run=THREADS))
     for wrong in ({"dtype": "int7"}, {"compression": "zip"}, {"store_tolerance": 2.0}):
         with pytest.raises(InputError, match=r"stored type|compression|storage tolerance"):
             Stored(**wrong)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="depths: expected 3 values"):
+    with pytest.raises(InputError, match="depths of the planes: expected 3 values"):
         Header(SHAPE, depths=(1.0, 2.0))
     assert not source.memory
 

@@ -179,7 +179,7 @@ def test_version_1_is_not_held_against_it(path: Path) -> None:
     assert check.ok and check.deviations == ()
     with h5py.File(path, "r+") as file:
         file["depths"][:] = 1.0  # a fault that only opening sees
-    with pytest.raises(FileFormatError, match="a depth for each plane"):
+    with pytest.raises(FileFormatError, match="different depths for all planes"):
         verify(path)
 
 

@@ -109,7 +109,7 @@ def test_a_solver_that_takes_no_weights_has_no_margin(monkeypatch: pytest.Monkey
     plain = Solver("plain", "of another distribution", lambda *_: iter(()), frozenset({"background"}))
     monkeypatch.setattr(type(SOLVERS), "get", lambda *_: plain)
     assert SolverChoice("plain").margin == 0
-    with pytest.raises(InputError, match=r"cannot ignore pixels outside the frame, got 5; give 0"):
+    with pytest.raises(InputError, match=r"cannot ignore pixels outside the frame, got 5; set it to 0"):
         SolverChoice("plain", margin=5)
 
 

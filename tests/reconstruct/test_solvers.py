@@ -228,7 +228,7 @@ def test_an_image_that_tells_nothing_is_refused(name):
     P, _, image, _ = tiny()
     with pytest.raises(NothingMeasured, match="expected light, got no pixel above 0"):
         reconstruct(P, 0 * image, SolverChoice(name))
-    with pytest.raises(NothingMeasured, match="pixels to fit, got none; 72 pixels are not finite"):
+    with pytest.raises(NothingMeasured, match="pixels to fit, got none; 72 non-finite pixels were left out"):
         reconstruct(P, np.nan * image, SolverChoice(name))
     with pytest.raises(NothingMeasured, match="got none; 72 saturated pixels are left out"):
         reconstruct(P, image, SolverChoice(name, saturation=0.5))

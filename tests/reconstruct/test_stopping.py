@@ -89,7 +89,7 @@ def test_a_frame_is_measured_once(monkeypatch, noisy, stop, most):
     image = image.copy()
     image[3, 4] = np.nan
     found = reconstruct(P, image, SolverChoice("rl", 3, 2.0, auto=True, stop=stop))
-    assert len(made) == most and any("not finite" in note for note in found.notes)
+    assert len(made) == most and any("non-finite" in note for note in found.notes)
 
 
 def test_a_method_that_follows_the_noise_is_stopped(noisy):

@@ -218,7 +218,7 @@ def test_aberrations_of_lens_types_are_one_a_type() -> None:
     plan, camera = small_plan(cutout=31), small_camera()
     alike = replace(camera, lattice=replace(camera.lattice, types=camera.lattice.types[:1]))
     one = small_plan(camera=alike, cutout=31)
-    with pytest.raises(InputError, match="lens type: expected below 1, got 2"):
+    with pytest.raises(InputError, match="lens type: expected a number below 1, got 2"):
         PlaneResponse(one, 0, (*BASE, LensletSpherical(0.0, type_2=0.1)))
     with pytest.raises(InputError, match="expected 3 values, one for each lens type"):
         camera_scene(type_waves=(0.1,))

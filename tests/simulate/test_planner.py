@@ -335,7 +335,7 @@ def test_every_reason_has_a_brief_that_repeats_no_number() -> None:
     choices = {"coma": "on", "crosstalk": "off", "shot_noise": "on", "zernike": "on"}
     found = plan_effects(plan, 0.05, choices)
     briefs = {row.name: row.brief for row in found.rows}
-    assert (briefs["coma"], briefs["crosstalk"], briefs["shot_noise"]) == ("switched on", "switched off", "not on H")
+    assert (briefs["coma"], briefs["crosstalk"], briefs["shot_noise"]) == ("switched on", "switched off", "not in H")
     assert briefs["zernike"] == "needs a size" and briefs["spherical"] == "unknown"
     assert all(row.brief == "needed" for row in found.rows if row.setting == "auto" and "above the" in row.reason)
     assert all(len(brief) <= 14 for brief in briefs.values())

@@ -132,7 +132,7 @@ def _whole(summary: Mapping[str, Any], name: str, source: Path) -> int | None:
     if value is None:
         return None
     if type(value) is not int or not 0 < value <= 200_000:
-        raise FileFormatError.expected(f"{source}: {name}", "an integer", repr(value)[:40], "check the file")
+        raise FileFormatError.expected(f"{source}: {name}", "a whole number", repr(value)[:40], "check the file")
     return value
 
 

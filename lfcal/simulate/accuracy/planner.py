@@ -381,7 +381,7 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decisio
     if effect.deviation and not draft.known:
         return _Decision(False, "unknown", f"unknown for this camera; a typical {size} would be {share}")
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
-        return _Decision(True, "always", f"frames consist of integers: {size}, {share}")
+        return _Decision(True, "always", f"frames consist of whole numbers: {size}, {share}")
     if e.error < NEGLIGIBLE:
         return _Decision(False, "no effect", f"negligible here: {size}")
     within = f"the {100 * allowed:.3g} % that may be left out"

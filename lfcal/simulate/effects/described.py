@@ -212,7 +212,7 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
         try:
             return _whole(value)
         except (ValueError, OverflowError):
-            raise InputError.expected(what, "an integer", repr(value)[:60], "give an integer") from None
+            raise InputError.expected(what, "a whole number", repr(value)[:60], "give a whole number") from None
     if value is None and kind.endswith("None"):
         return value
     wanted = "a text" if kind.startswith("str") else triples or "a number"

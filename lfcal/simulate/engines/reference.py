@@ -67,7 +67,9 @@ class ReferencePlane:
         wanted = self.sampling.samples_per_px
         self.per_px = 8 if wanted is None else round(wanted)
         if self.per_px < 1 or (wanted is not None and self.per_px != wanted):
-            raise InputError.expected("samples per pixel of the reference", "an integer", wanted, "round the number")
+            raise InputError.expected(
+                "samples per pixel of the reference", "a whole number", wanted, "round the number"
+            )
         self._dx = scene.reduced_pixel_um / self.per_px
         self._reach = self._lit_radius()
         seen = max(scene.cutout) / 2 * scene.reduced_pixel_um + scene.farthest_um / scene.scale

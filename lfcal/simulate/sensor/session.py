@@ -112,7 +112,7 @@ def iter_write_session(
     ['0 of 4', '1 of 4', '2 of 4', '3 of 4', '4 of 4']
     """
     if source.dtype != np.uint16:
-        raise InputError.expected("frames", "integers", "float32", "add the effect quantisation")
+        raise InputError.expected("frames", "whole numbers", "float32", "add the effect quantisation")
     out = Path(folder)
     rows, columns = source.shape
     require_space(out, 2 * rows * columns * (len(source) + darks + whites), what="the session")

@@ -167,7 +167,7 @@ def test_a_refused_second_h_is_called_by_its_name_with_a_remedy(page: Page, qtbo
     ):
         compared(page, qtbot, written(tmp_path / name, values, depths))
         words = page.comparing.view.message.text()
-        assert f"{name} (second H)" in words and words.endswith(remedy)
+        assert f"{name} (the second H)" in words and words.endswith(remedy)
 
 
 def test_where_nothing_was_compared_no_number_stands(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
