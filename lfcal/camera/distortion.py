@@ -254,7 +254,7 @@ class LatticeDistortion:
             if np.abs(step).max() <= INVERSE_TOLERANCE * (self.scale + float(np.abs(points).max())):
                 return points
         raise InputError(
-            "distortion of the lattice: cannot be inverted at points so far from the axis; use points near the sensor"
+            "distortion of the lattice: cannot be inverted at points beyond the sensor; use points near the sensor"
         )
 
     def jacobian(self, points: ArrayLike) -> Array:

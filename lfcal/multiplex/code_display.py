@@ -100,8 +100,8 @@ def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
     >>> from lfcal.multiplex import display_fit
     >>> step = preset("r29").step_um(0.0)  # moves the image by one pixel
     >>> print(display_fit(step, step / 8).words)
-    fine enough: a display pixel of 2.74 µm is 0.125 px wide in the image; positions are 21.92 µm apart and reached within
-    0 px
+    fine enough: a display pixel of 2.74 µm is 0.125 px wide in the image; positions are 21.92 µm apart and reached
+    within 0 px
     >>> print(display_fit(step, 3 * step).words)
     too coarse: a display pixel of 65.77 µm is 3 px wide in the image; choose display pixels of at most 21.92 µm, or
     optics that demagnify them 3 times
