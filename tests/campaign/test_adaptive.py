@@ -218,7 +218,7 @@ def test_what_is_refused_before_anything_moves(tmp_path: Path) -> None:
     assert not (tmp_path / "s").exists()
     small = replace(PLAN, period=(2, 2))
     record(tmp_path / "s", small, rig_for(small), OPTIONS)
-    refused("a new folder, got one with a session", small, OPTIONS)
+    refused("a new folder, got a session", small, OPTIONS)
     refused("a session of chosen positions, got a scan of all", small, OPTIONS, resume=True)
 
 

@@ -302,11 +302,11 @@ def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (("--unknowns", "gap"), "--unknowns: expected auto or groups of unknowns, got gap; groups are geometry"),
+        (("--unknowns", "gap"), "--unknowns: expected auto or groups of unknowns, got gap; the groups are geometry"),
         (("--unknowns", ","), "--unknowns: expected auto or groups"),
         (("--unknowns", "geometry,specimen"), "got specimen, which needs the effect index_mismatch"),
         (("--noise", "64"), "--noise: expected CONSTANT,SLOPE of the variance of a sample, got '64'"),
-        (("--noise", "0,0"), "--noise: expected a variance above 0, got '0,0'; give constant and slope"),
+        (("--noise", "0,0"), "--noise: expected a variance above 0, got '0,0'; give a constant and a slope"),
         (("--noise=-1,1",), "--noise: expected a number ≥ 0, got -1"),
         (("--positions", 2), "recorded patterns: expected at least 3, got 2"),
         (("--camera", "nowhere.json"), "camera: expected"),

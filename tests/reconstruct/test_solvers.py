@@ -230,7 +230,7 @@ def test_an_image_that_tells_nothing_is_refused(name):
         reconstruct(P, 0 * image, SolverChoice(name))
     with pytest.raises(NothingMeasured, match="pixels to fit, got none; 72 non-finite pixels were left out"):
         reconstruct(P, np.nan * image, SolverChoice(name))
-    with pytest.raises(NothingMeasured, match="got none; 72 saturated pixels are left out"):
+    with pytest.raises(NothingMeasured, match="got none; 72 saturated pixels were left out"):
         reconstruct(P, image, SolverChoice(name, saturation=0.5))
     with pytest.raises(NothingMeasured, match="pixels to fit, got none"):
         reconstruct(P, image, SolverChoice(name), weights=np.zeros(image.shape))

@@ -162,7 +162,7 @@ def test_what_cannot_be_compared_is_said_in_a_line(page: Page, qtbot: QtBot, tmp
 
 def test_a_refused_second_h_is_called_by_its_name_with_a_remedy(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     for name, values, depths, remedy in (
-        ("far.h5", moved(), (-9000.0, -5000.0), "; compare the planes by their number"),
+        ("far.h5", moved(), (-9000.0, -5000.0), "; compare the planes by their numbers"),
         ("other.h5", moved()[:, :2], DEPTHS, "; compare H with the same array and sampling"),
     ):
         compared(page, qtbot, written(tmp_path / name, values, depths))
