@@ -1,10 +1,10 @@
 """Record a session without ever losing an acknowledged frame.
 
-- ``options``, ``schedule``, ``_forecast``: all steps of a session in order, and their cost
-- ``session``, ``session_file``: start, resume or partly repeat a session
-- ``runner``: the strict loop, on ``_motion``, ``lighting`` and ``_exposing``
+- ``options``, ``schedule``, ``_forecast``: settings, all steps of a session in order, and their cost
+- ``session``, ``session_file``: start, continuation and partial repetition of a session
+- ``runner``: the loop over all steps, with ``_motion``, ``lighting`` and ``_exposing``
 - ``guard``: check of each frame's content before it counts
-- ``suspending``: hold a session while temperature or lamp are out of bounds, and continue automatically
+- ``suspending``: automatic pauses of a session while temperature or lamp are out of bounds
 - ``control``, ``preview``, ``live_quality``, ``errors``: requests to a running session, and what it reports
 - ``frame_plan``, ``live_coverage``: whole frames of a target instead of cutouts of a point, and the positions that
   they show so far

@@ -1,6 +1,6 @@
 """Pause, stop or abort a running session, from any thread.
 
-- **pause**: finish the current position, then hold; ``resume`` continues.
+- **pause**: finish the current position, then wait; ``resume`` continues.
 - **stop**: finish the current position, then end normally; the session can be resumed.
 - **abort**: stop the stage immediately and discard the current frame; the session can be resumed.
 """
@@ -22,7 +22,7 @@ class Aborted(Cancelled):
 
 
 class Control:
-    """Pass requests from any thread to the recording thread.
+    """Requests from any thread to the recording thread.
 
     Examples
     --------
@@ -88,7 +88,7 @@ class Control:
         return Aborted("aborted: the stage was stopped; acknowledged frames are safe")
 
     def wait(self, seconds: float) -> None:
-        """Wait for a real time, or until a request arrives."""
+        """Wait for a real time (s), or until a request arrives."""
         self._wake.wait(seconds)
 
     def sleep(self, seconds: float, time: TimeSource) -> None:

@@ -37,7 +37,7 @@ class EarlierRuns:
     Attributes
     ----------
     flat
-        ``(n,)`` positions, or numbers of a target's frames, as the session's records count them on ``grid``.
+        ``(n,)`` positions, or frames of a target, as flat indices into ``grid``.
     grid
         ``(nz, ny, nx)``, or number of planes, 1, and largest number of frames of a plane.
     recordings
@@ -56,7 +56,7 @@ class PlaneSum:
     Attributes
     ----------
     light
-        ``(rows, columns)`` (counts).
+        Sum of the cutouts, ``(rows, columns)`` (counts).
     read, total, damaged
         Number of frames read, of frames that exist, and of unreadable frames.
     ended
@@ -112,7 +112,7 @@ class _Frames:
 
 
 class EarlierFrames:
-    """Passes records of earlier runs to ``quality``, and sums the frames of the displayed plane.
+    """Reader of earlier runs, which passes their records to ``quality`` and sums the frames of the displayed plane.
 
     Records are read first, then frames of a plane for at most `SECONDS`, in an order spread over the period. Sums
     are kept in memory up to `MEMORY`. `want` and `read` may be called in two threads.

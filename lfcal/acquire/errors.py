@@ -14,7 +14,7 @@ class AcquisitionStopped(LfcalError):
     Attributes
     ----------
     acknowledged
-        Number of positions that are safe on disk.
+        Number of positions whose frames are safe on disk.
     cause
         The error that ended the session, or None if the user ended it.
     """
@@ -26,7 +26,7 @@ class AcquisitionStopped(LfcalError):
 
 
 class SuspectFrame(LfcalError):
-    """The content of a frame is suspicious, also after it was taken again.
+    """The content of a frame is suspicious, even after the frame was taken again.
 
     Attributes
     ----------

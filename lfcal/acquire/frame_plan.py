@@ -16,7 +16,7 @@ __all__ = ["FramePlan", "frame_grid", "frame_positions", "read_frame_plan"]
 class FramePlan(Protocol):
     """Plan of a session of whole frames, such as `lfcal.targets.TargetPlan`.
 
-    A session counts whole frames like positions: frame ``k`` of plane ``z`` is position ``(z, 0, k)``.
+    A session numbers whole frames like positions: frame ``k`` of plane ``z`` is position ``(z, 0, k)``.
     """
 
     @property

@@ -1,4 +1,4 @@
-"""Track the positions shown by the frames of a target so far, and find faults of the frames."""
+"""Tracking of the positions that the frames of a target have shown so far, and of faults of the frames."""
 
 from __future__ import annotations
 

@@ -73,12 +73,12 @@ class QualityState:
     depth_sums
         ``(nz, nt, ns)`` running sums of the cutouts above the background (counts); ``(1, nt, ns)`` for one plane.
     lamp
-        ``(n, 2)`` time of recording (s), over all recordings followed, and light (counts) of each reference frame.
+        ``(n, 2)`` time of recording (s), summed over all recordings, and light (counts) of each reference frame.
     places_px
         ``(n, 2)`` row and column of the light in the cutout of each reference frame (pixels), NaN if it is too faint.
     follow_px
-        Movement of the image within the cutout per step: ``((row per y, row per x), (column per y, column per x))``;
-        ideally 0. -2 on the diagonal means that an axis is reversed.
+        Movement of the image within the cutout per step (pixels): ``((row per y, row per x), (column per y, column per
+        x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
     alarms
         Findings on recorded frames that may require a stop, by the kinds of `LIMITS`.
     """
@@ -104,7 +104,7 @@ class LiveQuality:
     window
         Rows and columns of the recorded frames.
     stride
-        Number of frames between measurements of the image's place in the cutout, after the first 200 frames.
+        Number of frames between measurements of the image's position in the cutout, after the first 200 frames.
 
     Examples
     --------

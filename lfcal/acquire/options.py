@@ -37,8 +37,8 @@ class Options:
         positions (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts them;
         without them, H contains the sensor's pedestal. They need a light that can be switched off.
     reference_every
-        Number of positions after which a frame of the same place is taken, also at the start and at the end; it shows
-        the lamp's drift (0: none). The default costs 1 % of the frames.
+        Number of positions after which a reference frame at a fixed position is taken, also at the start and at the
+        end; it shows the lamp's drift (0: none). The default costs 1 % of the frames.
     controls
         Number of control frames per plane and direction, from one period away to the edge of the field, for the check
         of periodicity (0: none).
@@ -50,8 +50,8 @@ class Options:
         Longest waits for arrival and for a frame (beyond its exposure), and the waiting time after switching the light
         (s).
     keep_free_bytes
-        The session does not start, or holds, while the disk has less than this free besides the recording; None: a
-        tenth of the recording, at least 16 MiB.
+        The session does not start, or is paused, while the disk has less than this free in addition to the recording
+        (bytes); None: a tenth of the recording, at least 16 MiB.
     origin_tolerance_px
         When resuming, the last position is taken again; a larger shift of the image means that the stage's origin is
         lost (pixels). None skips the check.
@@ -59,10 +59,11 @@ class Options:
         Treatment of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
     allow_automatic
-        Record although the camera changes samples automatically: automatic exposure, gain or black level, or a gamma.
+        Whether to record although the camera changes samples automatically, by automatic exposure, gain or black
+        level, or a gamma.
     suspend, steady_s
-        Bounds of gauges in the form of `Bound.parse`, such as ``"temperature=20:22"``: the session holds while one is
-        outside, and continues when all have been within for this time (s).
+        Bounds of gauges in the form of `Bound.parse`, such as ``"temperature=20:22"``. The session is paused while a
+        gauge is outside its bounds, and continues when all have been within them for this time (s).
     check_stage
         Whether to measure sign, scale, repeatability and depth of the stage before the first frame of each run, with
         about 16 frames that are not recorded; see `lfcal.acquire.setup.iter_stage_check`.
@@ -129,7 +130,7 @@ class Options:
 
     @property
     def plain(self) -> bool:
-        """Whether each frame is a single exposure (unless the plan averages)."""
+        """Whether each frame is a single exposure, unless the plan averages several."""
         return len(self.bracket) == 1
 
     def reserve(self, recording_bytes: int) -> int:

@@ -1,4 +1,4 @@
-"""Pass frames to a window through a bounded queue; only here may frames be dropped, oldest first."""
+"""A bounded queue of frames for a window; only here may frames be dropped, oldest first."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class LiveFrame:
 
 
 class Preview:
-    """A queue from the recording thread to one reader, never longer than ``size``; neither side ever waits.
+    """A queue of at most ``size`` frames from the recording thread to one reader; neither side ever waits.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Preview:
             self._items.append(frame)
 
     def latest(self) -> LiveFrame | None:
-        """Return the newest frame and drop the others, or None if there is none."""
+        """Return the newest frame and drop the others; None if there is none."""
         with self._lock:
             if not self._items:
                 return None

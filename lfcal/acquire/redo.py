@@ -23,7 +23,7 @@ LARGEST = 1 << 28
 class RedoList:
     """Positions (z, y, x) to record, each with a reason.
 
-    ``kept_aside`` are those held out from a fit to measure its quality.
+    ``kept_aside`` are the positions held out from a fit to measure its quality.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def read_suspects(folder: Path) -> RedoList:
     Raises
     ------
     StorageError, FileFormatError
-        If there is no session, or it is damaged.
+        If there is no session in the folder, or it is damaged.
     InputError
         If no frame was recorded.
 

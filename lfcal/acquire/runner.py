@@ -59,7 +59,7 @@ class RecordedNeighbour(NamedTuple):
 def recorded_neighbours(folder: Path, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
     """Return trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, at most a few hundred.
 
-    Unreadable frames are skipped; new frames are then compared with fewer ones.
+    Unreadable frames are skipped, so that new frames are compared with fewer ones.
     """
     near = todo.copy()
     for axis in (1, 2):
@@ -91,7 +91,7 @@ class TakenFrame(NamedTuple):
 
 
 class Taker:
-    """Take steps of a schedule with the devices of a rig.
+    """Device control that takes the steps of a schedule with a rig.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class _Judged(NamedTuple):
 
 
 class Attempts:
-    """Take steps and check the frames, with repeated attempts.
+    """Repeated attempts at a step, each with a check of the frame.
 
     A doubtful frame is taken again, because most faults are transient. If it still differs from its neighbours, the
     latest trusted position is taken again: if it equals its recorded frame, the rig is unchanged and the pattern
@@ -342,7 +342,7 @@ class Outcome:
 
 
 class Runner:
-    """Record the remaining steps of a schedule.
+    """Loop that records the remaining steps of a schedule.
 
     Parameters
     ----------
@@ -351,14 +351,14 @@ class Runner:
     sink
         Receiver of the frames.
     todo
-        ``(len(schedule),)`` steps without an acknowledged frame.
+        Mask ``(len(schedule),)`` of the steps without an acknowledged frame.
     control
         Requests to pause, resume, stop or abort, from any thread.
     preview, observers
         Receivers of frames for display and live quality.
     trouble
-        Function that returns why the session should hold, such as a full disk or a gauge out of bounds, or an empty
-        string.
+        Function that returns the reason why the session should pause, such as a full disk or a gauge out of bounds, or
+        an empty string.
     elapsed_s
         Seconds recorded by earlier runs of the session.
     recorded
@@ -371,8 +371,8 @@ class Runner:
     Raises
     ------
     LimitError, InputError
-        Before anything moves: if the plan leaves the stage's travel, or dark frames are requested and the light cannot
-        be switched.
+        If the plan exceeds the stage's travel, or dark frames are requested and the light cannot be switched; nothing
+        has moved.
     """
 
     def __init__(
@@ -423,12 +423,12 @@ class Runner:
         self._earlier = elapsed_s if self._done else 0.0
 
     def run(self) -> Work[Outcome]:
-        """Record the remaining steps; yields after acknowledged frames and while on hold.
+        """Record the remaining steps; yields after acknowledged frames and while paused.
 
         Raises
         ------
         AcquisitionStopped
-            After a fault that retries did not remove; the stage is stopped, and acknowledged frames are safe.
+            If a fault remains after all retries; the stage is stopped, and acknowledged frames are safe.
         """
         self._began = time.perf_counter()
         self._since = self._rig.time.monotonic()

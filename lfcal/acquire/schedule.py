@@ -1,4 +1,4 @@
-"""Order all steps of a session; the order stays the same after every interruption.
+"""Order of all steps of a session, which stays the same after every interruption.
 
 Positions and the additional frames are blocks of one kind each; the schedule stores the steps as arrays.
 """
@@ -36,13 +36,13 @@ class Block:
     kind
         Kind of the steps.
     slots
-        ``(N,)`` place of each in the file of its kind.
+        ``(N,)`` index of each step in the file of its kind.
     positions
         ``(N, 3)`` position of the plan (z, y, x) that each step belongs to.
     periods
         ``(N, 2)`` number of periods (y, x) away from that position.
     before
-        ``(N,)`` for each step, number of the next position in the order of recording.
+        ``(N,)`` number of the position before which each step is made, in the order of recording.
     """
 
     kind: Kind
@@ -244,7 +244,7 @@ def _redo_positions(shape: tuple[int, ...], redo: Sequence[Position]) -> NDArray
 class ScheduledFrame(NamedTuple):
     """One frame to record.
 
-    ``slot`` is its place in the file of its kind, ``flat`` the plan's position as ``(z * ny + y) * nx + x``,
+    ``slot`` is its index in the file of its kind, ``flat`` the plan's position as ``(z * ny + y) * nx + x``,
     ``target`` the stage coordinates (µm), ``row, column`` the first sensor pixel kept, and ``period_y, period_x`` the
     number of periods away from the plan's position.
     """
@@ -269,11 +269,11 @@ class Schedule:
     kinds, slots, flat, planes, targets, origins, periods
         As in `ScheduledFrame`; ``targets`` ``(N, 3)``, ``origins`` and ``periods`` ``(N, 2)``.
     window
-        Rows and columns of every frame kept.
+        Numbers of rows and columns that are stored of every frame.
     roi
         Region read for all frames except control frames, which use ``control_roi``.
     grid
-        ``(nz, ny, nx)`` on which positions are counted: the plan's, or that of `frame_grid`.
+        Shape ``(nz, ny, nx)`` of the grid to which position numbers refer: that of the plan, or that of `frame_grid`.
 
     Examples
     --------
@@ -303,7 +303,7 @@ class Schedule:
         return len(self.kinds)
 
     def count(self, *kinds: Kind) -> int:
-        """Count the steps of these kinds."""
+        """Return the number of steps of these kinds."""
         return int(np.isin(self.kinds, kinds).sum())
 
     def roi_of(self, kind: Kind) -> Roi:

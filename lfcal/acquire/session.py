@@ -55,7 +55,7 @@ def check_origin(
     latest: tuple[int, NDArray[Any], NDArray[Any]],
     control: Control,
 ) -> None:
-    """Raise `InputError` unless the latest recorded position still looks the same.
+    """Raise `InputError` unless a new frame at the latest recorded position is equal to the recorded one.
 
     Parameters
     ----------
@@ -108,15 +108,15 @@ def iter_record(
     observers: tuple[Observer, ...] = (),
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
-    """Record ``plan`` into the session ``folder``; return how it ended.
+    """Record ``plan`` into the session ``folder``; return the outcome.
 
     Parameters
     ----------
     folder
         A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
     plan, rig, options
-        What to record (a scan, or a `lfcal.targets.TargetPlan`: whole frames), the devices, and the settings; by
-        default the options of the session that is continued, or `Options()`.
+        Plan to record (a scan, or a `lfcal.targets.TargetPlan` of whole frames), devices, and settings; by default the
+        options of the session that is continued, or `Options()`.
     resume
         Continue an interrupted run, after checking that plan, options, devices and the stage's origin and scale are
         unchanged. Every frame is checked first, and damaged ones are taken again: in place, or in a separate file if
@@ -137,9 +137,9 @@ def iter_record(
     Raises
     ------
     InputError, StorageError
-        Before anything moves, without leaving any files.
+        If the session cannot start; nothing has moved, and no files are left.
     InputError, DeviceError, Cancelled
-        From the check of the stage, `lfcal.acquire.setup.iter_stage_check`, also without leaving any files.
+        If the check of the stage fails (`lfcal.acquire.setup.iter_stage_check`); no files are left.
     AcquisitionStopped
         If the session had to end early; it can be resumed.
 
@@ -223,7 +223,7 @@ record = drained(
 
 
 def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
-    """Return what the devices say of themselves; raise `InputError` if the camera is not the plan's.
+    """Return the facts that the devices state; raise `InputError` if the camera is not that of the plan.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""``session.json``: what a session is, written whole at its start and after every run."""
+"""``session.json``: the description of a session, written completely at its start and after every run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NAME = "session.json"
 def keep_task(folder: Path, task: Mapping[str, Any], run: int = 0) -> None:
     """Write the task of recording ``run`` into the session's folder, as a job that `lfcal run` can continue.
 
-    It has its own file, because versions of lfcal that keep no task refuse a ``session.json`` with further entries.
+    It is a separate file, because versions of lfcal that store no task refuse a ``session.json`` with further entries.
     """
     write_text(folder / _job_name(run), json.dumps({**task, "out": task.get("out", ".")}, indent=2))
 
@@ -63,7 +63,7 @@ def optics_of(rig: Rig) -> str:
 class Devices:
     """The devices of a session by their names, and the settings that the camera reports.
 
-    ``optics`` says how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is
+    ``optics`` states how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is
     empty for real frames, and for sessions of older versions.
 
     ``settings`` are those by which the camera may change samples, with their names and values at the start.
@@ -88,12 +88,12 @@ class Devices:
 
     @property
     def automatic_words(self) -> str:
-        """Name and value of each setting by which the camera changes samples; empty: of none."""
+        """Text with name and value of each setting by which the camera changes samples; empty if there is none."""
         return ", ".join(f"{name} = {self.settings[name]}" for name in self.automatic)
 
     @classmethod
     def of(cls, rig: Rig) -> Devices:
-        """Return what the devices of ``rig`` say."""
+        """Return the facts that the devices of ``rig`` state."""
         camera = CheckedCamera.of(rig.camera)
         found = camera.fixed_settings()
         return cls(
@@ -133,15 +133,15 @@ class SessionFile:
     Attributes
     ----------
     identity
-        A random name that every recording of the session contains.
+        Random name of the session, which each of its recordings contains.
     plan, options, devices
         The plan, the settings, and the devices.
     recordings
-        Files with positions, oldest first; if several have a position, the latest counts.
+        Files with positions, oldest first; if several contain a position, the latest counts.
     redo
         Positions (z, y, x) of each recording; empty: all, or for the first one only those of ``only``.
     runs
-        Every stretch of recording.
+        All runs of the session.
     kept_aside
         Positions (z, y, x) held out from a fit, to measure its quality.
     target
@@ -169,24 +169,24 @@ class SessionFile:
 
     @property
     def grid(self) -> tuple[int, int, int]:
-        """``(nz, ny, nx)`` that positions are counted on; of whole frames see `frame_grid`."""
+        """Shape ``(nz, ny, nx)`` of the grid of positions; for whole frames, see `frame_grid`."""
         return self.plan.shape[:3] if self.target is None else frame_grid(self.target)
 
     @property
     def positions(self) -> int:
-        """Positions in all."""
+        """Total number of positions."""
         return self.plan.n_positions if self.target is None else len(self.target.frames)
 
     @property
     def chosen(self) -> NDArray[np.bool_]:
-        """``(nz, ny, nx)`` the positions that it records: all of its grid unless others were chosen."""
+        """Mask ``(nz, ny, nx)`` of the positions to record: all of the grid unless some were chosen."""
         chosen = np.full(self.grid, not self.redo[0])
         if self.redo[0]:
             chosen[tuple(np.array([at for part in self.redo for at in part]).T)] = True
         return chosen
 
     def acknowledged(self, folder: Path) -> NDArray[np.bool_]:
-        """Return which positions ``(nz, ny, nx)`` are safe on the disk, by the recordings in the session's folder."""
+        """Return a mask ``(nz, ny, nx)`` of the positions that are safe on disk, from the files in ``folder``."""
         there = np.zeros(math.prod(self.grid), np.bool_)
         for name in self.recordings:
             with RecordingFile(folder / name) as file:
@@ -222,7 +222,7 @@ class SessionFile:
         return any(past.how == "complete" and past.acknowledged == count for past in own)
 
     def write(self, folder: Path) -> None:
-        """Write ``session.json`` into ``folder``, whole or not at all."""
+        """Write ``session.json`` into ``folder``, completely or not at all."""
         data: dict[str, Any] = {
             "format": FORMAT,
             "version": VERSION,
@@ -299,7 +299,7 @@ class SessionFile:
         return devices
 
     def check_same(self, plan: ScanPlan | FramePlan, options: Options, devices: Devices) -> None:
-        """Raise `InputError` unless a resumed run records the same thing with the same devices."""
+        """Raise `InputError` unless a resumed run has the same plan, options and devices."""
         found = _difference((self.target or self.plan).to_dict(), plan.to_dict(), "plan")
         if found is None:
             names = self.options.differences(options)
@@ -333,7 +333,7 @@ def _runs(runs: Any, recordings: Any) -> Any:
 
 
 def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[Any]:
-    """Return the sample type of recorded frames: the camera's, or float32 where several exposures make one."""
+    """Return the sample type of recorded frames: that of the camera, or float32 if several exposures are combined."""
     if not options.plain or plan.frames_averaged > 1:
         return np.dtype(np.float32)
     return np.dtype(np.uint8 if devices.bit_depth <= 8 else np.uint16)

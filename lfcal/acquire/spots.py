@@ -1,4 +1,4 @@
-"""Measure place and sharpness of the source's image, and its displacement between two frames."""
+"""Measurement of position and sharpness of the source's image, and of its displacement between two frames."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Spot:
 
 
 def find_spot(frame: NDArray[Any]) -> Spot:
-    """Find the light of the source in ``frame`` ``(rows, columns)``.
+    """Return the light of the source in ``frame`` ``(rows, columns)``.
 
     Background and noise are the median and the scaled median deviation. Light must exceed five times the noise and a
     twentieth of the peak, and must not be a single pixel, which excludes hot pixels.

@@ -77,7 +77,7 @@ def iter_stills(
     InputError
         If white frames are dim, saturated or not lit everywhere, or dark frames are not dark.
     StorageError
-        If they cannot be written there; no frame was taken.
+        If the files cannot be written; no frame was taken.
     """
     files = still_files(folder, kind)
     for path in files:

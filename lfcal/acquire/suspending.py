@@ -1,7 +1,7 @@
-"""Suspenders: hold a session while conditions in the lab are out of bounds, and continue automatically.
+"""Suspenders: automatic pauses of a session while conditions in the lab are out of bounds.
 
-A gauge (temperature, the lamp's power) has bounds. Outside them, the session holds after the current position; when
-the gauge has been within them for some time, it continues. The idea comes from suspenders in beamline control (Allan
+A gauge (temperature, the lamp's power) has bounds. Outside them, the session pauses after the current position; it
+continues when the gauge has been within them for some time. The idea comes from suspenders in beamline control (Allan
 et al., "Bluesky's Ahead", Synchrotron Radiation News 32, 2019).
 """
 
@@ -61,11 +61,11 @@ class Bound:
         return bound
 
     def holds(self, value: float) -> bool:
-        """Return whether a reading is within the bounds; NaN is not."""
+        """Return whether a reading is within the bounds; False for NaN."""
         return self.low <= value <= self.high
 
     def words(self, value: float, unit: str) -> str:
-        """Return one line that says why ``value`` suspends a session."""
+        """Return one line on why ``value`` suspends a session."""
         after = f" {unit}" if unit else ""
         return f"{self.gauge} {value:.4g}{after}, outside {self.low:g} to {self.high:g}{after}"
 
@@ -84,7 +84,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 
 
 class Suspender:
-    r"""Report why a session should hold, from gauges read every second.
+    r"""Suspender of a session, from gauges that are read every second.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Suspender:
     Raises
     ------
     InputError
-        Immediately, if a gauge does not exist.
+        If a gauge does not exist; the error is raised on construction.
 
     Examples
     --------

@@ -6,7 +6,7 @@
 - ``h5``, ``npy``: safe reading of HDF5 and NPY files of unknown origin, and writing of new ones
 - ``progress``, ``threads``, ``registry``, ``compiled``: long work, processors, plug-ins, kernels
 - ``notes``: messages that long work reports while it runs
-- ``units``, ``_plain``, ``figures``, ``version``: numbers as text, plain values, pictures, the version of lfcal
+- ``units``, ``_plain``, ``figures``, ``version``: numbers as text, plain values, plots, the version of lfcal
 """
 
 from typing import TYPE_CHECKING

@@ -120,7 +120,7 @@ def whole(shape: tuple[int, int]) -> Region:
 
 
 def region_shape(region: Region) -> tuple[int, int]:
-    """Return rows and columns of a checked ``region``."""
+    """Return the numbers of rows and columns of a checked ``region``."""
     return region[0].stop - region[0].start, region[1].stop - region[1].start
 
 

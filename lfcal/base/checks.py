@@ -73,8 +73,8 @@ def check_number(
 def check_commas(what: str, text: str, *, whole: bool = False, several: bool = False) -> None:
     """Raise `InputError` if a comma is directly between digits of ``text``.
 
-    "2,5" may mean 2.5 or two numbers, "1,000" one or a thousand: no reading is right for all users. The message names
-    the possible readings: ``whole`` numbers have no decimals, ``several`` allows a list.
+    "2,5" may mean 2.5 or two numbers, and "1,000" may mean one or a thousand, depending on the user's conventions. The
+    message states the possible meanings: ``whole`` numbers have no decimals, and ``several`` allows a list.
     """
     found = re.search(r"\d+(?:,\d+)+", text)
     if found is None:
@@ -100,7 +100,7 @@ def check_length(what: str, value_um: object, **bounds: Any) -> None:
 
 
 def check_exposure(what: str, value_s: object) -> None:
-    """Raise `InputError` unless ``value_s`` is a possible exposure of a camera (s); ratios of others overflow."""
+    """Raise `InputError` unless ``value_s`` is a possible exposure of a camera (s); ratios of other values overflow."""
     check_number(what, value_s, at_least=1e-12, at_most=1e9)
 
 

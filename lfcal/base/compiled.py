@@ -200,6 +200,6 @@ def _clock(dispatcher: Any) -> None:
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
-    """Compile the decorated function at its first call: cached on disk, without the GIL, typed for mypy."""
+    """Return a decorator that compiles a function at its first call, caches it on disk, and releases the GIL."""
     settings = {"cache": True, "nogil": True, **options}
     return lambda function: Kernel(function, settings)

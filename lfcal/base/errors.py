@@ -1,4 +1,4 @@
-"""Exceptions of the library; every message is one line that says what to do."""
+"""Exceptions of the library; every message is one line that states the remedy."""
 
 from __future__ import annotations
 

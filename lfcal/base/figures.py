@@ -1,4 +1,4 @@
-"""Pictures as files: one style for all plots of the library (matplotlib is loaded only when needed)."""
+"""Plots as files, in one style for the whole library (matplotlib is loaded only when needed)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _STYLE: dict[str, Any] = {
 
 @contextmanager
 def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[Figure]:
-    """Yield an empty figure of ``width`` x ``height`` inches in the common style (no global state)."""
+    """Yield an empty figure of ``width`` x ``height`` inches in the common style; no global state is changed."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -101,7 +101,7 @@ def system_error(error: OSError | RuntimeError) -> int | None:
 
 
 def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
-    """Raise `StorageError` unless the disk that holds ``folder`` has ``nbytes`` free, plus 1 %.
+    """Raise `StorageError` unless the disk of ``folder`` has ``nbytes`` free, plus 1 %.
 
     A chunked HDF5 write to a full disk can crash the process, so the space is checked first.
     """
@@ -125,8 +125,8 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
 def check_writable(path: str | os.PathLike[str]) -> Path:
     """Return the file that a name or link leads to; raise `StorageError` unless it can be written or replaced.
 
-    Folders, pipes, devices, read-only files, and names in folders without write permission are refused. A name of a
-    store (`STORES`) may be an existing folder that holds one.
+    Folders, pipes, devices, read-only files, and names in folders without write permission are refused. The name of a
+    store (`STORES`) may be that of an existing folder that contains one.
     """
     # before links are followed: Windows turns such a name into a device path
     if why := name_refused(Path(path)):
@@ -197,13 +197,13 @@ def _check_store(target: Path) -> None:
 def replace_store(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty scratch folder next to ``path``; move it into place when the block succeeds, else remove it.
 
-    Works like `replace_whole`, for outputs that are folders (`STORES`). An existing folder is moved aside between two
-    renames. If the program is killed at that moment, the next one restores the folder.
+    It works like `replace_whole`, for outputs that are folders (`STORES`). An existing folder is moved aside between
+    two renames. If the program is killed at that moment, the next one restores the folder.
 
     Raises
     ------
     StorageError
-        If it cannot be written, another program is writing it, or the disk fails in the block.
+        If the folder cannot be written, another program is writing it, or the disk fails in the block.
     """
     target = check_writable(path)
     with storage_errors(target):
@@ -248,7 +248,7 @@ def _remove(path: Path) -> bool:
 
 @contextmanager
 def only_writer(target: Path) -> Iterator[bool]:
-    """Lock out other writers of ``target`` by a lock file next to it; yield whether the file system supports locks."""
+    """Context that excludes other writers of ``target`` by a lock file; yields whether locks are supported."""
     path = target.with_name(f".{target.name}.lock")
     descriptor = _locked(path, target)
     try:
@@ -331,14 +331,15 @@ def check_regular(path: Path) -> None:
 def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:
     """Return a text file in UTF-8 of at most ``limit`` bytes (64 MB).
 
-    A ``foreign`` one may have the encoding of a spreadsheet: UTF-16 with its mark, or Windows code page 1252.
+    If ``foreign`` is set, it may have the encoding of a spreadsheet: UTF-16 with a byte-order mark, or Windows code
+    page 1252.
 
     Raises
     ------
     StorageError
-        If it cannot be read, or is not a file on a disk.
+        If the file cannot be read, or is not a file on a disk.
     FileFormatError
-        If it is larger, or not text.
+        If the file is larger, or is not text.
     """
     source = Path(path)
     check_regular(source)
@@ -419,9 +420,9 @@ def read_tiff(path: str | os.PathLike[str]) -> NDArray[Any]:
     Raises
     ------
     FileFormatError
-        If the file is damaged or not TIFF.
+        If the file is damaged or is not a TIFF file.
     StorageError
-        If it cannot be read.
+        If the file cannot be read.
     """
     import tifffile
 

@@ -1,4 +1,4 @@
-"""Findings: everything wrong with data, with place, size, cost and remedy in one form."""
+"""Findings: problems of data, each with position, size, cost and remedy in a common form."""
 
 from __future__ import annotations
 
@@ -53,19 +53,19 @@ class Finding:
     detail
         Details, with numbers and units.
     where
-        Affected positions or pixels, in words; empty if unknown.
+        Text on the affected positions or pixels; empty if unknown.
     positions
         Affected positions as indices: (z, y, x) of a scan, or holes (row, column) of a target.
     size, limit
         The value, and the limit that it exceeds, in the same unit; NaN if there is none.
     sigma
-        Significance against noise, in standard deviations; NaN if unknown.
+        Significance relative to noise, in standard deviations; NaN if unknown.
     cost
         Increase of the reconstruction error (NRMSE); None if unknown.
     cost_words
-        The cost in words; empty if unknown.
+        The cost as text; empty if unknown.
     remedy
-        What to do about it.
+        Remedy for the problem.
     merit
         Merit of data with this problem.
     repeat
@@ -96,7 +96,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """Description, place and cost."""
+        """Sentence with description, position and cost."""
         parts = [self.detail, self.where, f"it costs {self.cost_words}" if self.cost_words else ""]
         found = "; ".join(part for part in parts if part)
         return f"{self.what[:1].upper()}{self.what[1:]}{': ' if found else ''}{found}."
@@ -152,7 +152,7 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """The first finding with place, cost and remedy, and the verdict without it."""
+        """Text with the first finding (position, cost and remedy), and the verdict on the remaining findings."""
         if not self.findings:
             nothing = f"Nothing could be measured: it is not known whether this {self.data} is good."
             return f"This {self.data} is {self.known}." if self.known else nothing
@@ -178,7 +178,7 @@ class Judgement:
         return " ".join((f"What remains {', and '.join(parts)}.", *doubts)) if parts else ""
 
     def by_subject(self) -> dict[str, tuple[Finding, ...]]:
-        """Return findings by subject, in the order of `SUBJECTS`, the worst of each first."""
+        """Return the findings by subject, in the order of `SUBJECTS`; in each, the worst is first."""
         found: dict[str, tuple[Finding, ...]] = {}
         for one in sorted(self.findings, key=lambda one: SUBJECTS.index(one.subject)):
             found[one.subject] = (*found.get(one.subject, ()), one)
@@ -195,6 +195,6 @@ class Judgement:
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return the first of the names, and the number of further ones."""
+    """Return a text with the first of the names, and the number of further ones."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more

@@ -23,7 +23,7 @@ def warn(text: str) -> None:
 
 
 def tell(text: str) -> None:
-    """Report an event, such as a hold and its end, without a leading word."""
+    """Report an event, such as a hold and its end, without a leading "note:" or "warning:"."""
     LOG.info("%s", text, extra={"plain": True})
 
 

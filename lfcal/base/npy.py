@@ -43,7 +43,7 @@ def map_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
     FileFormatError
         If its header is damaged, or the file is shorter than declared.
     UnsafeFileError
-        If it contains anything but numbers.
+        If the file contains anything but numbers.
     """
     source = Path(path)
     check_regular(source)

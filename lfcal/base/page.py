@@ -1,4 +1,4 @@
-"""Self-contained HTML pages: text, tables, pictures and sections."""
+"""Self-contained HTML pages with text, tables, images and sections."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def html_table(
 
 
 def html_figure(png: bytes, caption: str) -> str:
-    """Return a picture (PNG), embedded in the page, with its caption."""
+    """Return a PNG image, embedded in the page, with its caption."""
     data, words = base64.b64encode(png).decode("ascii"), html_text(caption)
     return f'<figure><img alt="{words}" src="data:image/png;base64,{data}"><figcaption>{words}</figcaption></figure>\n'
 

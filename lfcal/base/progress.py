@@ -50,7 +50,7 @@ class Progress:
     note
         Remark to display, or empty.
     per
-        Units of ``done`` per displayed unit: a run of a few long units counts thousandths of them.
+        Units of ``done`` per displayed unit, because a run of a few long units counts thousandths of them.
     """
 
     done: int
@@ -62,7 +62,7 @@ class Progress:
 
     @property
     def fraction(self) -> float:
-        """Finished share in [0, 1]."""
+        """Finished fraction, in [0, 1]."""
         return min(1.0, self.done / self.total) if self.total > 0 else 0.0
 
     @property
@@ -83,7 +83,7 @@ Work = Generator[Progress, None, R]
 
 
 class Clock:
-    """Makes `Progress` records of one stage with a common start time."""
+    """Clock that makes the `Progress` records of one stage, with a common start time."""
 
     def __init__(self, stage: str, total: int) -> None:
         self.stage = stage
@@ -97,7 +97,7 @@ class Clock:
 
 
 def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) -> R:
-    """Run ``work`` to its end, pass each record to ``on_progress``, return its result.
+    """Run ``work`` to its end, pass each record to ``on_progress``, and return the result.
 
     Examples
     --------
@@ -128,9 +128,9 @@ _HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
 
 
 def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> Callable[P, R]:
-    """Return the function that runs ``work`` to its end: from ``iter_assemble``, it makes ``assemble``.
+    """Return the function that runs ``work`` to its end, such as ``assemble`` for ``iter_assemble``.
 
-    It has the parameters of ``work``, returns its result, and belongs to the same module or class.
+    The function has the parameters of ``work``, returns its result, and belongs to the same module or class.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ _NEEDED: ContextVar[Callable[[], bool] | None] = ContextVar("needed", default=No
 def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
     """End this thread's computation early with `WorkAbandoned`, as soon as ``needed`` returns False.
 
-    For functions that are not generators and whose request may be replaced before they return.
+    It is for functions that are not generators, and whose request may be replaced before they return.
     """
     token = _NEEDED.set(needed)
     try:

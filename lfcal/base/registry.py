@@ -18,7 +18,7 @@ __all__ = ["Named", "Registry"]
 
 
 class Named(Protocol):
-    """Anything with a name that is unique within a registry."""
+    """Protocol of an object with a name that is unique within a registry."""
 
     @property
     def name(self) -> str:
@@ -37,15 +37,15 @@ class Registry(Generic[T]):
     what
         Name of the kind in messages: ``"solver"``.
     package
-        Package whose public modules are searched; its own ``__init__`` is not.
+        Package whose public modules are searched, except its ``__init__``.
     attribute
-        Module attribute that holds a part or a tuple of parts.
+        Module attribute that contains a part or a tuple of parts.
     group
         Entry point group of other distributions; each point loads a part or a tuple of parts.
     order
-        Sort key of the parts; by name when None.
+        Sort key of the parts; None: by name.
     check
-        Function called with every part of another distribution; raises if the part cannot be used.
+        Function called with every part of another distribution; it raises an error if the part cannot be used.
     make
         Function that turns the loaded object of an entry point into the part; None: the object is the part.
     """

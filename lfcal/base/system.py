@@ -1,4 +1,4 @@
-"""Functions of the operating system on every platform: syncs, reservation, locks, names, processes, memory.
+"""Functions of the operating system for every platform: syncs, reservations, locks, names, processes, memory.
 
 No other module depends on the operating system, except for features that exist on only one (libraries of the window,
 menu entries, drivers).
@@ -100,7 +100,7 @@ def _read_some(descriptor: int, size: int, offset: int) -> bytes:
 
 
 def sync_data(descriptor: int) -> None:
-    """Return when the written data are on the disk."""
+    """Wait until the written data of an open file are on the disk."""
     if sys.platform == "darwin":
         import fcntl
 
@@ -158,7 +158,7 @@ _NOT_IN_NAMES = frozenset('<>:"|?*')
 
 
 def name_refused(path: Path) -> str:
-    """Return why Windows does not allow a file of this name, or would write to a device; empty on other systems."""
+    """Return the reason why Windows refuses a file name or treats it as a device; empty on other systems."""
     if sys.platform != "win32":
         return ""
     for part in path.parts[1:] if path.anchor else path.parts:
@@ -182,7 +182,7 @@ def on_network(path: str) -> bool:
 
 
 def too_long(path: object) -> bool:
-    """Return whether a path may be longer than Windows allows; it then reports that there is no such file."""
+    """Return whether a path may be longer than Windows allows, which then reports that the file does not exist."""
     # 259 characters, some of which are needed for the names of scratch files
     return sys.platform == "win32" and len(str(path)) > 235 and not str(path).startswith("\\\\?\\")
 
@@ -232,7 +232,7 @@ def _is_alive_on_windows(process: int) -> bool:
 
 
 def processors(root: Path = Path("/")) -> int:
-    """Return the number of processors that this process may use: by affinity and by a container's limit.
+    """Return the number of processors that this process may use, by its affinity and the limit of a container.
 
     ``root`` contains ``proc`` and ``sys``, from which the limit is read.
     """
@@ -288,7 +288,7 @@ def _read(path: Path) -> str:
 
 
 def free_memory(root: Path = Path("/")) -> int:
-    """Return the memory available to programs now (bytes), by the machine and by a container's limit.
+    """Return the memory that is available to programs now (bytes), on the machine and within a container's limit.
 
     ``root`` contains ``proc`` and ``sys`` on Linux; other systems are queried through psutil.
     """
@@ -321,7 +321,7 @@ def memory_in_use(root: Path = Path("/")) -> int:
 def peak_memory(*, children: bool = False) -> int:
     """Return the peak memory of this process, or the largest of its ended ``children`` (bytes).
 
-    On Windows, 0 for children.
+    On Windows, the value for children is 0.
     """
     if sys.platform == "win32":
         return 0 if children else int(_psutil().Process().memory_info().peak_wset)

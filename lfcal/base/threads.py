@@ -63,7 +63,7 @@ def worker_count(workers: int | None = None) -> int:
     Raises
     ------
     InputError
-        If the variable does not hold a whole number of at least 1.
+        If the variable is not a whole number of at least 1.
     """
     if workers is not None:
         return max(1, workers)
@@ -77,7 +77,7 @@ def worker_count(workers: int | None = None) -> int:
 
 @contextmanager
 def bounded_threads(workers: int | None = None) -> Iterator[int]:
-    """Limit everything inside this block to at most `worker_count` threads; yield the number.
+    """Context that limits everything inside it to at most `worker_count` threads; yields the number.
 
     The limit applies to this library's pools, to child processes, and to other libraries. Loaded libraries get the
     limit by a call, and libraries loaded later read it from the environment. A smaller limit that the user has set for
@@ -336,7 +336,7 @@ _GATE = _BlasGate()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Run matrix products inside this block on the calling thread only.
+    """Context in which matrix products run on the calling thread only.
 
     Small products in a thread pool are up to ten times slower if each starts further threads. The limit applies to the
     process; it is lifted when the last of several concurrent blocks ends.

@@ -47,7 +47,7 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_span(seconds: float) -> str:
-    """Return the difference between two times, in days from two days on: ``'5.3 days'``, ``'6 h 00 min'``."""
+    """Return a difference between two times, which from two days on is in days: ``'5.3 days'``, ``'6 h 00 min'``."""
     return f"{seconds / 86400:.1f} days" if seconds >= 2 * 86400 else format_seconds(seconds)
 
 
@@ -64,7 +64,7 @@ def format_slope(slope: float, span_s: float, error: float | None = None) -> str
     Returns
     -------
     str
-        ``'+0.12'``, ``'+0.12 ± 0.01'``, ``'within 6 h 00 min'``; empty if the values have no time between them.
+        ``'+0.12'``, ``'+0.12 ± 0.01'`` or ``'within 6 h 00 min'``; empty if there is no time between the values.
     """
     if math.isfinite(slope):
         return f"{slope:+.2g}" if error is None else f"{slope:+.2g} ± {error:.1g}"
@@ -72,7 +72,7 @@ def format_slope(slope: float, span_s: float, error: float | None = None) -> str
 
 
 def format_dates(first: datetime, last: datetime) -> str:
-    """Return a range of days, ``'2026-05-01 to 2026-06-01'``; a single day alone."""
+    """Return a range of days as text, ``'2026-05-01 to 2026-06-01'``, or a single day."""
     days = dict.fromkeys(f"{one:%Y-%m-%d}" for one in (first, last))
     return " to ".join(days)
 
@@ -97,7 +97,7 @@ def format_plane(depth_um: float, z: int, name: str = "") -> str:
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Return a number with ``digits`` digits, without powers of ten up to a million, e.g. ``'49,440'``, ``'0.35'``."""
+    """Return a number with ``digits`` digits, up to a million without powers of ten, e.g. ``'49,440'``, ``'0.35'``."""
     if not 1e3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{float(f'{value:.{digits}g}'):,.0f}"
@@ -109,6 +109,6 @@ def format_count(many: int, one: str, several: str) -> str:
 
 
 def format_share(share: float) -> str:
-    """Return a fraction of 1 in per cent, with two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
+    """Return a fraction in per cent, with two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
     percent = 100 * share
     return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{percent:.2g} %"

@@ -19,7 +19,7 @@ DIGITS = 10
 def full_version() -> str:
     """Return the version, with the commit if it is known: ``0.1.0+g1a053e7c4b``.
 
-    The commit is that of a git checkout, or the one that pip installed from a repository; a released package has none.
+    The commit is that of a git checkout, or the one that pip installed from a repository; released packages have none.
     """
     commit = _checked_out(Path(__file__).resolve().parents[2]) or _installed()
     return f"{__version__}+g{commit[:DIGITS]}" if commit else __version__

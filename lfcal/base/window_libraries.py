@@ -36,7 +36,7 @@ ON_X11 = {
 def missing_libraries(
     names: Mapping[str, str], load: Callable[[str], Any] = ctypes.CDLL, platform: str = sys.platform
 ) -> dict[str, str]:
-    """Return those of ``names`` (library: package) that cannot be loaded; none if the system includes them."""
+    """Return those of ``names`` (library: package) that cannot be loaded; empty if the system includes all of them."""
     if not platform.startswith("linux"):
         return {}
     missing = {}

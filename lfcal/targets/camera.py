@@ -51,7 +51,7 @@ class TargetCamera(Frames):
     plan
         The target and its offsets.
     effects
-        As in `SimulatedCamera`, without motion. The target's ``hole_um`` gives the size of sources, unless the effects
+        As in `SimulatedCamera`, without motion. The size of sources is the target's ``hole_um``, unless the effects
         include `FiniteSource`.
     really
         The actual target, if it differs from the plan in pose, pitch or missing holes.
@@ -154,7 +154,7 @@ class TargetCamera(Frames):
         return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it, in sample values; every frame is computed whole."""
+        """Return frame ``index``, or a part of it, in sample values; the complete frame is computed in both cases."""
         frame = self.exposed(self.light(index), index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
@@ -311,7 +311,7 @@ class TargetCamera(Frames):
 
 
 def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
-    """Return brightnesses ``(n,)`` of the holes of ``target`` that differ by a relative standard deviation.
+    """Return random brightnesses ``(n,)`` of the holes of ``target`` with a given relative standard deviation.
 
     Examples
     --------

@@ -68,11 +68,11 @@ class DecodedFrames(SourceView):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """float32: sums of frames."""
+        """float32, because frames are weighted sums."""
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames; their range is no longer that of the sensor."""
+        """Return the metadata of the frames, without the range of the sensor, which no longer applies."""
         return replace(known, saturation=None, bit_depth=None, decoded=True)
 
     def info(self, index: int) -> FrameInfo:
@@ -123,7 +123,7 @@ def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise |
 
 
 def decoded(source: FrameSource, plan: TargetPlan) -> FrameSource:
-    """Return frames that show a single offset each: decoded for a coded plan, otherwise unchanged.
+    """Return frames that each show a single offset: decoded for a coded plan, otherwise unchanged.
 
     Examples
     --------

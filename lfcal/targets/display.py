@@ -1,4 +1,4 @@
-"""Use a display as a target: pixels are switched instead of moved, and may show several offsets together."""
+"""A display as a target: pixels are switched instead of moved, and frames may show several offsets together."""
 
 from __future__ import annotations
 
@@ -90,15 +90,15 @@ def parse_display(text: str) -> Display | None:
 
 
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Plan which pixels of a display to light in each frame, so that few frames show all phases of a scan.
+    """Return a plan of the display's pixels to light in each frame, so that few frames show all phases of a scan.
 
     Points and offsets are whole pixels of the display. If these are wide in the image, phases are reached as well as
-    possible, and `TargetPlan.coverage` states the share.
+    possible, and `TargetPlan.coverage` returns the fraction reached.
 
     Raises
     ------
     InputError
-        If the display, or the sensor, has no room for two points.
+        If the display or the sensor is too small for two points.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
 
 
 def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray[np.uint8]:
-    """Return the picture on the display in frame ``k`` of plane ``z`` ``(rows, columns)``, as seen by the camera.
+    """Return the image ``(rows, columns)`` on the display in frame ``k`` of plane ``z``, as seen by the camera.
 
     Lit pixels are 255.
 
@@ -219,14 +219,14 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """Return the pictures of an earlier plan in a folder."""
+    """Return the paths of the images of an earlier plan in a folder."""
     return sorted(folder.glob("frame_[0-9][0-9][0-9][0-9].png"))
 
 
 def write_pictures(plan: TargetPlan, display: Display, folder: Path) -> list[Path]:
-    """Write the picture for each frame as PNG, in the order of the plan; return the files.
+    """Write the image for each frame as PNG, in the order of the plan; return the paths.
 
-    Pictures of an earlier plan are removed, because a program that shows all files would show those too.
+    Images of an earlier plan are removed, because a program that shows all files would also show them.
     """
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)

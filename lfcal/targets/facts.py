@@ -19,7 +19,7 @@ def facts_of_plan(
 ) -> dict[str, Any]:
     """Return the positions and light that the frames of a plan show, and their ``cost``.
 
-    ``single`` in ``cost`` is the cost of a single point. ``verdict`` says whether showing several frames together is
+    ``single`` in ``cost`` is the cost of a single point. ``verdict`` states whether showing several frames together is
     better. ``field`` contains the regions covered by the frames; None: one region.
     """
     planes, errors = [], []

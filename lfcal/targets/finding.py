@@ -66,10 +66,10 @@ def refined_basis(pixels: Array, basis: Array) -> Array:
 
 
 def lattice_labels(pixels: Array, basis: Array) -> tuple[Index, NDArray[np.bool_]]:
-    """Return the lattice places ``(n, 2)`` of spots, and a mask of the spots that have one.
+    """Return the lattice positions ``(n, 2)`` of spots, and a mask of the spots that have one.
 
-    Labels grow from spot to spot, the most certain step first, each from its neighbour's place, so that tilt and
-    distortion are followed. Spots between places, or at an occupied place, have none.
+    Labels are assigned from spot to spot, the most certain step first, each relative to its neighbour, so that tilt
+    and distortion are followed. Spots between lattice positions, or at an occupied one, have no label.
     """
     n = len(pixels)
     label, has = np.zeros((n, 2), np.intp), np.zeros(n, np.bool_)
@@ -135,7 +135,7 @@ class Match:
     Attributes
     ----------
     shift
-        Shift of the places of the lattice.
+        Shift of the lattice positions.
     turn
         Orientation of the target, one of `TURNS`.
     hits, misses, extra
@@ -156,7 +156,7 @@ class Match:
 
 
 def places_of(holes: Index, target: Target) -> Index:
-    """Convert holes ``(n, 2)`` (row, column) to places in the lattice; rows of a hexagonal array are sheared."""
+    """Return the lattice positions of holes ``(n, 2)`` (row, column); rows of a hexagonal array are sheared."""
     out = np.array(holes, np.intp)
     if target.kind == "hexagonal":
         out[:, 1] -= out[:, 0] // 2
@@ -164,7 +164,7 @@ def places_of(holes: Index, target: Target) -> Index:
 
 
 def holes_of(places: Index, target: Target) -> Index:
-    """Convert places ``(n, 2)`` of the lattice to holes (row, column)."""
+    """Return the holes (row, column) at lattice positions ``(n, 2)``."""
     out = np.array(places, np.intp)
     if target.kind == "hexagonal":
         out[:, 1] += out[:, 0] // 2
@@ -174,7 +174,8 @@ def holes_of(places: Index, target: Target) -> Index:
 def turned_absent(target: Target, turn: str) -> Target | None:
     """Return the target with the marks as seen in another orientation; None if that is impossible.
 
-    A quarter turn of a rectangle gives a different array, and so does any but a half turn of a hexagonal one.
+    A quarter turn of a rectangular array results in a different array, as does any turn but a half turn of a hexagonal
+    one.
     """
     mirror, quarters = TURNS[turn]
     if quarters % 2 and (target.shape[0] != target.shape[1] or target.pitch_um[0] != target.pitch_um[1]):
@@ -200,14 +201,14 @@ def matches(
     Parameters
     ----------
     places
-        Places of the spots ``(n, 2)``.
+        Lattice positions of the spots ``(n, 2)``.
     target
         The target as described.
     on_frame
-        Places of the lattice ``(rows, columns)`` that the frame shows completely, for counting misses; the first is
-        ``around`` before place (0, 0) of the lattice.
+        Mask ``(rows, columns)`` of the lattice positions that the frame shows completely, for counting misses; the
+        first is ``around`` before position (0, 0) of the lattice.
     around
-        Number of lattice places before (0, 0).
+        Number of lattice positions before (0, 0) (rows, columns).
     reach
         Smallest number of spots on holes.
     """
@@ -330,7 +331,7 @@ def find_points(
     offset_px: tuple[float, float] = (0.0, 0.0),
     valid: NDArray[np.bool_] | None = None,
 ) -> FoundPoints:
-    """Find the holes of ``target`` in a frame, each with its label and its place.
+    """Return the holes of ``target`` that a frame shows, each with its label and its position.
 
     Parameters
     ----------
@@ -349,7 +350,7 @@ def find_points(
     ------
     InputError
         If there are no points, they do not form a lattice like that of the target, the target is mirrored or rotated,
-        or the labelling is ambiguous; the message says which.
+        or the labelling is ambiguous; the message states which.
 
     Examples
     --------

@@ -64,7 +64,7 @@ class TargetFrames(SourceView):
 
 
 def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
-    """Read the target plan from a file, or from ``plan.json`` in or above the folder of the frames; None: no plan.
+    """Return the target plan in a file, or in ``plan.json`` in or above the folder of the frames; None: no plan.
 
     A scan plan for a single point is not a target plan.
     """
@@ -86,7 +86,7 @@ def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = F
     Raises
     ------
     InputError
-        If their number or shape differs from the plan.
+        If the number or the shape of the frames differs from the plan.
     """
     count = len(plan.frames)
     listed = frames.is_dir() and any((frames / name).is_file() for name in ("manifest.json", "manifest.csv"))
@@ -114,7 +114,7 @@ def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], .
     Raises
     ------
     InputError
-        If it does not state them, and the number of frames differs from the plan.
+        If the source does not state them, and the number of frames differs from the plan.
     """
     if plan.lit is not None and not source.metadata.decoded:
         wanted = "frames that show one offset each"

@@ -46,7 +46,7 @@ class HoleImages:
     def whole(
         self, sensor: tuple[int, int], cutout: tuple[int, int], offset_px: tuple[float, float] = (0.0, 0.0)
     ) -> NDArray[np.bool_]:
-        """Return which holes have complete cutouts on the sensor ``(n,)``; cutouts are centred on the nearest pixel."""
+        """Return a mask ``(n,)`` of the holes whose cutouts about the nearest pixel are completely on the sensor."""
         return whole_at(self.moved(np.array(offset_px)), sensor, cutout)
 
     def only(self, which: NDArray[np.bool_]) -> HoleImages:
@@ -62,7 +62,7 @@ def hole_images(target: Target, camera: Camera, z_um: float) -> HoleImages:
     Raises
     ------
     InputError
-        If a hole is at a place that the camera does not image.
+        If a hole is at a position that the camera does not image.
     """
     placed = target.pose.points(target.flat_um(target.holes))
     away = z_um + placed[:, 2]

@@ -46,9 +46,9 @@ def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_p
 
 @dataclass(eq=False)
 class OffsetSearch:
-    """A grid of offsets over one period, and the number of pairs of hole and missing phase that each one serves.
+    """A grid of offsets over one period, and for each the number of pairs of a hole and a missing phase that it shows.
 
-    Several holes on one phase are counted separately, so a count is an upper limit; the best ones are evaluated
+    Several holes at one phase are counted separately, so a count is an upper limit; the best offsets are evaluated
     exactly.
 
     Attributes
@@ -58,9 +58,9 @@ class OffsetSearch:
     step, first
         Step of the grid, and its first offset (rows, columns) (pixels).
     corner
-        First cells ``(phases, holes, 2)`` of the grid that serve a pair; -1 if none does.
+        First cells ``(phases, holes, 2)`` of the grid that show a pair; -1 if none does.
     counts
-        Number of pairs that each offset of the grid serves.
+        Number of pairs that each offset of the grid shows.
     """
 
     phases: Phases
@@ -118,7 +118,7 @@ class OffsetSearch:
 
 
 def asked_offsets(phases: Phases, images: HoleImages) -> Array:
-    """Return the offset ``(phases, holes, 2)`` that puts each hole on each phase, within half a period either way."""
+    """Return the offsets ``(phases, holes, 2)`` that move each hole to each phase, by at most half a period."""
     rates = phases.rates(images.pixels) * images.shift[:, None, None]
     away = phases.wanted()[:, None, :] - phases.at(images.pixels)[None]
     away -= phases.period * np.round(away / phases.period)
@@ -127,7 +127,7 @@ def asked_offsets(phases: Phases, images: HoleImages) -> Array:
 
 
 def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> tuple[Array, bool]:
-    """Choose offsets along one axis greedily; return them, the images that show each phase, and whether all are shown.
+    """Return offsets along one axis, chosen greedily, the images that show each phase, and whether all are shown.
 
     Parameters
     ----------

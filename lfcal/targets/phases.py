@@ -1,4 +1,4 @@
-"""Phases: places of images in the period of the lenslet array, and the positions of a scan that they show."""
+"""Phases: positions of images in the period of the lenslet array, and the positions of a scan that they show."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 class Phases:
     """The phases of a scan: its positions relative to the cell of the lenslet array.
 
-    The array's period is not a whole number of pixels, and it may be rotated and distorted. Modulo the plan's whole
-    period, a pattern six cells away is therefore a different one. A phase is counted in lenslets, from the lenslet
-    nearest to the image, and only then expressed in pixels.
+    The array's period is not a whole number of pixels, and it may be rotated and distorted. A pattern six cells away
+    is therefore different, although its position modulo the plan's period of whole pixels is the same. A phase is
+    measured in lenslets, from the lenslet nearest to the image, and then converted to pixels.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Phases:
         return self.plan.period[0] * self.plan.period[1]
 
     def cells(self, pixels: ArrayLike) -> Array:
-        """Convert sensor pixels ``(..., 2)`` to cells (y, x) from the anchor."""
+        """Return sensor pixels ``(..., 2)`` as cells (y, x) from the anchor."""
         camera = self.plan.camera
         index = self.lattice.lenslet_at(camera.sensor_um(pixels))
         start = self.lattice.lenslet_at(camera.sensor_um(self.plan.anchor))
@@ -74,7 +74,7 @@ class Phases:
         return cells
 
     def at(self, pixels: ArrayLike) -> Array:
-        """Return the phases ``(..., 2)`` (y, x) of sensor pixels, 0 to the period (pixels)."""
+        """Return the phases ``(..., 2)`` (y, x) of sensor pixels, from 0 to the period (pixels)."""
         cells = self.cells(pixels)
         phases: Array = (cells - np.floor(cells)) * self.period
         # just below a whole cell, the fraction rounds to 1

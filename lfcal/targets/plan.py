@@ -122,7 +122,7 @@ class TargetForecast:
     exposure_hours, settle_hours, move_hours
         Time for exposing, settling and moving (h).
     readout_hours
-        Time for readout (h); None if the camera's rate is unknown. It is then not included.
+        Time for readout (h); None, and not included, if the camera's rate is unknown.
 
     Examples
     --------
@@ -253,7 +253,7 @@ class TargetPlan:
         return self.scan.stage.to_stage(np.concatenate(places))
 
     def forecast(self, stage_um_per_s: float = 1000.0, frames_per_s: float | None = None) -> TargetForecast:
-        """Predict the time for all frames, with a stage that moves all axes simultaneously at this speed (µm/s).
+        """Return the time for all frames, with a stage that moves all axes simultaneously at this speed (µm/s).
 
         ``frames_per_s`` is the largest rate of the camera; without it, readout is not counted.
         """
@@ -351,7 +351,7 @@ class TargetPlan:
 
 
 def region_points(plan: TargetPlan, regions: RegionPlan, z: int) -> NDArray[np.intp]:
-    """Count the points of each frame of plane ``z`` in each region, ``(frames, regions)``.
+    """Return the number of points of each frame of plane ``z`` in each region, ``(frames, regions)``.
 
     A point belongs to the region with the nearest middle.
     """

@@ -1,4 +1,4 @@
-"""Plan the frames of a target for a scan: pitch, smallest spacing of holes, offsets, and coverage with other poses."""
+"""Planning of a target's frames: pitch, smallest spacing of holes, offsets, and coverage with other poses."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Proposal:
     step
         Difference of phase between neighbouring holes.
     holes
-        Number of holes that fit on the sensor with whole cutouts, anywhere in a period.
+        Number of holes that fit on the sensor with complete cutouts, wherever they are in a period.
     frames
         Number of offsets along this axis that show all its phases.
     """
@@ -117,7 +117,7 @@ def proposed_target(
     Raises
     ------
     InputError
-        If the sensor has no room for two cutouts.
+        If the sensor is too small for two cutouts.
     """
     phases = Phases.of(plan)
     rows, columns = (proposed_axis(phases, axis, least_px, tolerance_px) for axis in (0, 1))
@@ -165,7 +165,7 @@ class Tails:
     level: str
 
     def share(self, away_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the light in a cutout from points at distances ``(n, 2)``, relative to that of its point."""
+        """Return the light in a cutout from points at distances ``(n, 2)`` (pixels), relative to that of its point."""
         sums = np.pad(self.light.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
         shape = np.array(self.light.shape)
         half = (np.array(self.cutout) - 1) // 2
@@ -315,7 +315,7 @@ class Wishes:
 
 
 def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:
-    """Design the array of holes that shows all phases of the middle plane with the fewest frames.
+    """Return the array of holes that shows all phases of the middle plane with the fewest frames.
 
     Holes are as close to each other as crosstalk allows, in all planes.
 
@@ -341,7 +341,7 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
 
 
 def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Plan the positions of ``target`` at which its holes show all phases of ``scan`` with few frames.
+    """Return a plan of positions of ``target`` at which its holes show all phases of ``scan`` with few frames.
 
     Each plane is planned separately, because its magnification differs. The pose is used as stated; for an uncertain
     pose, see `shown_within`.

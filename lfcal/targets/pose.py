@@ -62,7 +62,7 @@ class Pose:
 
     @classmethod
     def parse(cls, text: str) -> Pose:
-        """Parse a pose such as ``"rotation=1,tilt_right=2,right=0.3mm"``: angles in degrees, lengths in µm or mm.
+        """Return the pose in a text such as ``"rotation=1,tilt_right=2,right=0.3mm"``: degrees, and µm or mm.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class Pose:
         return ",".join(one for one in (*turns, *places) if not one.endswith("=0"))
 
     def points(self, flat_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Convert points ``(..., 2)`` (right, down) on the target to object points ``(..., 3)`` (right, down, away)."""
+        """Return points ``(..., 2)`` (right, down) of the target as object points (right, down, away) (µm)."""
         middle = np.array([self.right_um, self.down_um, self.away_um])
         placed: NDArray[np.float64] = flat_um @ self.turn()[:, :2].T + middle
         return placed
@@ -119,7 +119,7 @@ class Pose:
 
 
 def length_um(text: str) -> float:
-    """Parse a length such as ``"1.2mm"``, ``"20um"`` or a plain number of µm; return it in µm."""
+    """Return a length in µm from a text such as ``"1.2mm"``, ``"20um"`` or a plain number of µm."""
     for unit, factor in UNITS.items():
         if text.endswith(unit):
             return factor * _number(text.removesuffix(unit))

@@ -1,4 +1,4 @@
-"""Show several frames of a target together: number of frames, whether it is better, and the display's plan."""
+"""Several frames of a target shown together: their number, whether this is better, and the display's plan."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _filled(frames: int, order: int) -> int:
 
 
 def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64]:
-    """Return the patterns of one hole in the first frames of a plane at their places, ``(frames, rows, columns)``.
+    """Return the patterns of one hole in the first frames of a plane at their positions, ``(frames, rows, columns)``.
 
     Neighbouring holes have the same pattern, so the window is as large as the distance of their images, and wraps
     around. Values are NaN outside each pattern's cutout.

@@ -163,7 +163,7 @@ EXAMPLE = "for example array:12x12@1.2mm,hole=20um or array:12x12@1.2mm,hex"
 
 
 def parse_target(text: str) -> Target:
-    """Parse a target: ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
+    """Return the target in a text: ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
 
     An array's pitch is one length, or ``ROWxCOLUMN`` for rows and columns; lengths are in µm unless they end in mm.
     Options may follow after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1`` (row:column of absent holes). A
@@ -197,7 +197,7 @@ def parse_target(text: str) -> Target:
 
 
 def proposed_hole(text: str) -> float | None:
-    """Return the holes' diameter (µm) of ``"array"`` or ``"array,hole=20um"``, without a pitch; else None."""
+    """Return the holes' diameter (µm) in ``"array"`` or ``"array,hole=20um"`` (arrays without a pitch); else None."""
     head, *more = (part.strip() for part in text.strip().split(","))
     if head != "array":
         return None

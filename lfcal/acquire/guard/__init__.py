@@ -1,8 +1,8 @@
 """The content guard: each frame is checked before it counts.
 
 - ``doubts``: possible faults of a frame, with their messages
-- ``content``: detection of content from an earlier exposure, and of light, place, dark level and clipping that differ
-  from the frames around it
+- ``content``: detection of content from an earlier exposure, and of light, position of the light, dark level and
+  clipping that differ from neighbouring frames
 
 A frame is compared with earlier frames, never with a model, so that the check works for any camera and pattern. An
 unusual frame is not a fault yet: `lfcal.acquire.runner` takes the frame again, and then a known one, to see whether

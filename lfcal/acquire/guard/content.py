@@ -1,7 +1,7 @@
 """Check the content of a frame before it is accepted.
 
-A frame may hold content of an earlier exposure, whole or in part (`Repeats`), and its light, place, dark level and
-clipping may differ from the frames around it (`Neighbours`). `ContentGuard` makes all checks.
+A frame may contain an earlier exposure, completely or in part (`Repeats`), and its light, the position of the light,
+dark level and clipping may differ from those of neighbouring frames (`Neighbours`). `ContentGuard` makes all checks.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class FramePlace(NamedTuple):
 
 
 class RowSample(NamedTuple):
-    """Rows of one exposure, their CRC-32, the bytes of the first and the last row, and the place of the exposure."""
+    """Rows of one exposure, their CRC-32, the bytes of the first and the last row, and the position of the exposure."""
 
     place: FramePlace
     rows: NDArray[Any]
@@ -55,10 +55,10 @@ class RowSample(NamedTuple):
 
 
 class Repeats:
-    """Detect repeated content: keeps checksums of all exposures, and samples of the latest ones.
+    """Detection of repeated content by checksums of all exposures, and samples of the latest ones.
 
-    Content is compared in sensor coordinates, and only between different positions: a displaced source gives a
-    different image even without noise, while at the same position images may be equal.
+    Content is compared in sensor coordinates, and only between different positions: images of a displaced source
+    differ even without noise, while images at the same position may be equal.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Repeats:
         Parameters
         ----------
         place
-            Place of the exposures.
+            Position of the exposures.
         raws
             Exposures ``(rows, columns)``, the same region of the sensor for every frame.
         floor
@@ -99,7 +99,7 @@ class Repeats:
         return doubt, tuple(samples)
 
     def remember(self, samples: Iterable[RowSample]) -> None:
-        """Keep samples for comparison with later exposures; do not pass exposures from a wrong place."""
+        """Keep samples for comparison with later exposures; do not pass exposures from a wrong position."""
         for sample in samples:
             self._seen.setdefault(sample.crc, sample.place)
             self._latest.append(sample)
@@ -107,8 +107,8 @@ class Repeats:
     def kept(self, position: Position, frame: NDArray[Any], noise: float, floor: float) -> Doubt:
         """Compare a frame with those stored by earlier runs of the session, and return the doubt about it.
 
-        Of those only checksums of the cutouts are left, which move along with the source: without noise frames of
-        different places may be equal.
+        Only checksums of their cutouts are stored, and cutouts move with the source: without noise, frames of
+        different positions may be equal.
         """
         if not self._recorded or noise <= 0:
             return NO_DOUBT
@@ -207,7 +207,7 @@ class MeasuredFrame(NamedTuple):
 
 
 def measured(frame: NDArray[Any], saturated: int, sensor: SensorLimits) -> MeasuredFrame:
-    """Measure ``frame`` ``(rows, columns)``."""
+    """Return the measurements of ``frame`` ``(rows, columns)``."""
     values = np.empty(len(COLUMNS))
     measure(frame, values)
     rows, columns = frame.shape
@@ -222,7 +222,7 @@ def measured(frame: NDArray[Any], saturated: int, sensor: SensorLimits) -> Measu
 
 
 class Neighbours:
-    """Measurements of accepted frames by position, and the typical deviations from their predictions.
+    """Measurements of accepted frames by position, and their typical deviations from predictions.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ class Neighbours:
     sensor
         Limits of the sensor.
     whole
-        Whether frames are whole ones of many points; each is then compared only with the latest.
+        Whether frames are whole frames with many points; each is then compared only with the latest.
     """
 
     def __init__(self, shape: tuple[int, int, int], sensor: SensorLimits, *, whole: bool = False) -> None:
@@ -284,7 +284,7 @@ class Neighbours:
 
 
 def same_place(now: MeasuredFrame, before: MeasuredFrame, sensor: SensorLimits, *, references: bool = False) -> Doubt:
-    """Compare a frame with an earlier one of the same place and exposure, and return the doubt about it."""
+    """Compare a frame with an earlier one of the same position and exposure, and return the doubt about it."""
     return _compare(now, before.values, REFERENCES if references else AGAIN, 1.5, sensor)
 
 
@@ -346,7 +346,7 @@ class CheckedFrame(NamedTuple):
 
 
 class ContentGuard:
-    """Check frames in the order of recording.
+    """Guard that checks frames in the order of recording.
 
     Parameters
     ----------
@@ -355,11 +355,11 @@ class ContentGuard:
     sensor
         Sensor of the camera.
     coarse
-        Whether coarse grids come first, so that neighbours lie farther away.
+        Whether coarse grids are recorded first, so that neighbours are farther away.
     recorded
         See `Repeats`.
     whole
-        Whether frames are whole ones of many points, which differ in the places of light but have similar sums.
+        Whether frames are whole frames with many points, which differ in the positions of light but have similar sums.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Check every record and frame of a session: which are intact, damaged, or were never taken.
+"""Check of every record and frame of a session, which may be intact, damaged, or never taken.
 
 A damaged recording is repaired so that its damaged frames can be taken again.
 """

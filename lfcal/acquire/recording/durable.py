@@ -1,4 +1,4 @@
-"""Protect a session on disk: a lock against other programs, and a check of the free space."""
+"""Protection of a session on disk: a lock that excludes other programs, and a check of the free space."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NOTE_BYTES, LONGEST = 2000, 400
 
 
 class FolderLock:
-    """Lock of a session folder against other programs; released whenever the process ends."""
+    """Lock of a session folder that excludes other programs; it is released when the process ends, however it ends."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / LOCK
@@ -41,9 +41,10 @@ class FolderLock:
         self.note("")
 
     def note(self, held: str) -> None:
-        """Store in the lock which program records, and why the session is on hold (empty: it is not).
+        """Store in the lock which program records, and why the session is paused (empty: it is not).
 
-        The note is only for display, so a full disk, the most frequent reason to hold, must not end the session here.
+        The note is only for display, so a full disk, the most frequent reason for a pause, must not end the session
+        here.
         """
         assert self._descriptor is not None
         text = json.dumps({"pid": os.getpid(), "held": held[:LONGEST]}, ensure_ascii=False)
@@ -63,7 +64,7 @@ class FolderLock:
 
 
 class Holder(NamedTuple):
-    """The program that records into a session folder: its process (0: unknown), and why it holds."""
+    """The program that records into a session folder: its process (0: unknown), and the reason for a pause."""
 
     process: int
     held: str
@@ -104,7 +105,7 @@ class DiskGuard:
     folder
         Folder of the session.
     keep_free
-        Bytes that must stay free.
+        Disk space that must stay free (bytes).
     every_s
         Time between two checks (s).
     """

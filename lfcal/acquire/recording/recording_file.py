@@ -105,7 +105,7 @@ def read_layout(path: Path) -> Layout:
 
 
 class RecordingJournal:
-    """A recording open for writing; one program at a time (the session holds the lock).
+    """A recording open for writing, by one program at a time, which has the lock of the session.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class RecordingJournal:
     ) -> RecordingJournal:
         """Lay out a recording of ``count`` frames of ``shape`` and ``dtype``, reserve it on disk and open it.
 
-        Raises `StorageError` when the disk cannot hold it; nothing is left behind then.
+        If the disk is too small, `StorageError` is raised and no file is left.
         """
         part = path.with_name(f".{path.name}.part")
         try:
@@ -270,7 +270,7 @@ class RecordingFile:
         self.taken: NDArray[np.bool_] = intact(self.records)
 
     def read(self, slot: int) -> NDArray[Any]:
-        """Return frame ``slot`` as a new array; raises `FileFormatError` if it is not what was recorded."""
+        """Return frame ``slot`` as a new array; raises `FileFormatError` if it differs from what was recorded."""
         frame = self._frame(slot)
         if (
             frame is None

@@ -121,7 +121,7 @@ def frame_crc(frame: bytes | memoryview) -> int:
 
 
 def pack(note: Note, sequence: int, crc: int) -> bytes:
-    """Return the 128 bytes of the record of ``note``, with the frame's place in the session and its CRC-32."""
+    """Return the 128 bytes of the record of ``note``, with the frame's sequence number and its CRC-32."""
     record = np.array((*_values(note), 0, _MARK), RECORD)
     record["sequence"], record["frame_crc"] = sequence, crc
     if note.suspicion or note.attempts > ATTEMPTS:
@@ -131,12 +131,12 @@ def pack(note: Note, sequence: int, crc: int) -> bytes:
 
 
 def suspicions(records: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return for each record the bits of `Suspicion` noted with it."""
+    """Return, for each record, the bits of `Suspicion` stored with it."""
     return (np.asarray(records["attempts"]) >> 8).astype(np.uint8)
 
 
 def intact(records: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return for each record whether it was written and is whole."""
+    """Return, for each record, whether it was written and is intact."""
     # a slot that was never written is all zeros; so compute the CRC-32 only of marked ones
     valid: NDArray[np.bool_] = records["valid"] == _MARK
     raw = np.ascontiguousarray(records).view(np.uint8).reshape(len(records), RECORD.itemsize)

@@ -63,7 +63,7 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
     folder, session, schedule
         The session and the steps of its first recording.
     skip_damaged
-        Average the intact frames, and list the damaged ones.
+        Whether to average the intact frames and list the damaged ones.
 
     Raises
     ------
@@ -126,16 +126,16 @@ class RecordingSource(Frames):
     folder
         Folder of the session, which may still be in progress.
     planes
-        Depth planes to use; their positions are counted from 0 in this order. None: all.
+        Depth planes to use, which are numbered from 0 in this order. None: all.
     skip_damaged
-        Open damaged files, and average the intact dark frames. Damaged frames remain in the source, and cannot be
-        read: `lfcal.frames.iter_undamaged` leaves them out. An older frame never replaces a damaged one that replaced
-        it.
+        Whether to open damaged files, and average only the intact dark frames. Damaged frames remain in the source,
+        and cannot be read: `lfcal.frames.iter_undamaged` leaves them out. An older frame never replaces a damaged one
+        that replaced it.
 
     Raises
     ------
     StorageError, FileFormatError
-        If there is no session, or one of its files is damaged.
+        If the folder contains no session, or one of its files is damaged.
     InputError
         If no frame was recorded, or the session has whole frames of a target (open it with `TargetRecording`).
     """
@@ -392,8 +392,8 @@ class TargetRecording(RecordingSource):
     """The acknowledged frames of a target's session, in the plan's order.
 
     In a complete session, frame ``k`` is frame ``k`` of its plan; otherwise `frames` states which it is. The
-    ``points`` of each frame are the positions nearest to its holes **as planned**, in the order of
-    ``target.points(plane, offset)``. The real pose of the target is found in the frames. ``metadata`` contains the
+    ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
+    ``target.points(plane, offset)``. The actual pose of the target is found in the frames. ``metadata`` contains the
     ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to those of every session.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Write the files of a recording together: positions, checks and dark frames."""
+"""Common writing of the files of a recording: positions, checks and dark frames."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Store:
     Parameters
     ----------
     journals
-        One per kind in the schedule whose file is not packed; a packed file was complete.
+        Journal of each kind in the schedule whose file is not packed; packed files are complete.
     schedule
         The steps.
     taken
@@ -127,7 +127,7 @@ class Store:
             journal.sync()
 
     def todo(self) -> NDArray[np.bool_]:
-        """Return for each step of the schedule whether it has no acknowledged frame."""
+        """Return, for each step of the schedule, whether it has no acknowledged frame."""
         todo = np.zeros(len(self._schedule), np.bool_)
         for kind, taken in self._taken.items():
             steps = self._schedule.kinds == kind

@@ -1,4 +1,4 @@
-"""Wait for the disk in a thread while the next frame is being taken.
+"""Writing in a separate thread, which waits for the disk while the next frame is taken.
 
 The disk then works in parallel with stage and camera, and a disk that is slower than the camera writes several frames
 in one sync. Nothing is acknowledged before it is on the disk. Frames in flight when the program dies are taken again.
@@ -41,7 +41,7 @@ class Acknowledged(NamedTuple):
 
 
 class Writer:
-    """Put frames into a `Sink`, and synchronize it in a thread, with at most ``depth`` frames in flight.
+    """Writer that puts frames into a `Sink` and synchronizes it in a thread, with at most ``depth`` frames in flight.
 
     Call all methods from one thread. An error of the disk is raised by one of the next ``depth`` calls; nothing is
     acknowledged after it.

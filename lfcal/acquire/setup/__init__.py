@@ -1,6 +1,6 @@
 """Live set-up: measurements needed before a session, independent of the window.
 
-- ``lfcal.acquire.spots``: place, sharpness and displacement of the spot
+- ``lfcal.acquire.spots``: position, sharpness and displacement of the spot
 - ``stage_fit``: stage-to-image scale, rotation and sign from a few moves, and the movement in depth
 - ``optical_axis``: the lateral position at which a movement in depth does not move the image
 - ``exposure``: exposure time for each plane

@@ -23,9 +23,9 @@ TRIES = 12
 def suggest_exposure(
     peak: float, exposure_s: float, *, black_level: float, max_value: float, target: float = 0.7
 ) -> float | None:
-    """Return the exposure (s) that brings a peak of ``peak`` counts to the share ``target`` of the range above black.
+    """Return the exposure (s) at which the peak ``peak`` (counts) is the fraction ``target`` of the range above black.
 
-    None if the frame is saturated, because its brightness is then unknown, or shows no light.
+    The result is None if the frame shows no light, or is saturated, because its brightness is then unknown.
 
     Examples
     --------
@@ -49,12 +49,11 @@ def iter_exposures(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[tuple[float, ...]]:
-    """Find an exposure for every plane at four positions of its cell.
+    """Return an exposure for every plane, from frames at four positions of its cell.
 
-    Nothing is recorded, and the stage returns to its previous position.
-
-    The brightest of the positions (corner, middle, and half-way along either side) has a peak of the share ``target``
-    of the range above black.
+    Nothing is recorded, and the stage returns to its previous position. At the returned exposure, the brightest of the
+    positions (corner, middle, and half-way along either side) has a peak of the fraction ``target`` of the range above
+    black.
 
     Raises
     ------

@@ -31,12 +31,12 @@ def _count(data: NDArray[Any], histogram: NDArray[np.int64]) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """The true histogram of a frame.
+    """The exact histogram of a frame.
 
     Attributes
     ----------
     histogram
-        ``(max_value + 1,)`` pixels with each sample value; the last entry holds all at or above.
+        ``(max_value + 1,)`` number of pixels with each sample value; the last entry includes all higher values.
     """
 
     histogram: NDArray[np.int64]
@@ -57,7 +57,7 @@ class Levels:
         return int(np.flatnonzero(self.histogram)[-1])
 
     def quantile(self, share: float) -> int:
-        """Return the sample value that a share ``share`` of the pixels does not exceed."""
+        """Return the sample value that the fraction ``share`` of the pixels does not exceed."""
         total = np.cumsum(self.histogram)  # exact for whole numbers, without a sorted copy of the frame
         return int(np.searchsorted(total, share * total[-1]))
 
@@ -97,7 +97,7 @@ class LiveState:
     expected_px
         Planned position of the image (row, column), None without a plan.
     trouble
-        Why the last grab gave no frame, or empty.
+        Reason why the last attempt returned no frame, or empty.
     """
 
     levels: Levels | None
@@ -108,7 +108,7 @@ class LiveState:
 
     @property
     def offset_px(self) -> tuple[float, float] | None:
-        """Seen minus expected image (rows, columns), in pixels."""
+        """Measured minus expected position of the image (rows, columns; pixels)."""
         if self.spot is None or self.expected_px is None:
             return None
         return self.spot.row - self.expected_px[0], self.spot.column - self.expected_px[1]
@@ -150,6 +150,7 @@ def iter_live(
     Raises
     ------
     DeviceLost
+        If the camera no longer answers.
     DeviceError
         If a driver raises any other error.
 

@@ -27,7 +27,7 @@ class OpticalAxis:
     object_um
         Lateral position (right, down) at which the image does not move while the depth changes (µm).
     image_px
-        Place of that image on the sensor (row, column).
+        Position of that image on the sensor (row, column; pixels).
     residual_px
         RMS distance of the centroids from the model (pixels).
     """
@@ -40,13 +40,13 @@ class OpticalAxis:
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     """Return the axis from images of the source at several depths and lateral positions.
 
-    In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral place p; the axis is the p at which
-    all planes agree, by least squares.
+    In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral position p; the axis is the p at
+    which all planes agree best (least squares).
 
     Parameters
     ----------
     object_um
-        ``(K, J, 2)`` lateral places (right, down) of J >= 3 images in K >= 2 planes (µm).
+        ``(K, J, 2)`` lateral positions (right, down) of J >= 3 sources in K >= 2 planes (µm).
     image_px
         ``(K, J, 2)`` centroids (row, column) (pixels).
 
@@ -106,7 +106,7 @@ def iter_optical_axis(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[OpticalAxis]:
-    """Find the axis from images at 45 lateral positions in each of ``planes`` (default: first and last).
+    """Return the optical axis from images at 45 lateral positions in each of ``planes`` (None: first and last).
 
     Nothing is recorded, and the stage returns to its previous position.
 

@@ -1,6 +1,7 @@
 """Check the stage before a session: sign, scale, angle, repeatability, and movement in depth.
 
-Such a fault affects every frame, and no frame shows it. Properties that cannot be measured are only noted.
+A fault of the stage affects every frame, and cannot be seen in a single one. Properties that cannot be measured are
+noted.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class StageCheck:
     fits
         Fit of the first plane, and of the last if there are more.
     repeat_px
-        RMS distance of the image of one place from its mean over several visits, along an axis (pixels).
+        RMS distance of the image from its mean over several visits of one position, along an axis (pixels).
     depth
         Movement in depth; None if it was not measured.
     notes
@@ -101,9 +102,9 @@ def _left_out(why: str) -> StageCheck:
 def iter_stage_check(
     rig: Rig, plan: ScanPlan | FramePlan, options: Options | None = None, control: Control | None = None
 ) -> Work[StageCheck]:
-    """Check the stage at five places in the first and last plane; the middle of the cell is visited several times.
+    """Check the stage at five positions in the first and last plane; the middle of the cell is visited several times.
 
-    Nothing is recorded, and the stage returns to its previous place.
+    Nothing is recorded, and the stage returns to its previous position.
 
     Parameters
     ----------
@@ -113,9 +114,9 @@ def iter_stage_check(
     Raises
     ------
     InputError
-        If no light is seen, or the stage does not move the image as planned: an axis is reversed or swapped, a scale
-        error moves the source by more than 0.25 px over a period, the repeatability of one place is worse than 0.25 px
-        (rms), or the movement in depth differs from the plan.
+        If there is no light, or the stage does not move the image as planned: axes are reversed or swapped, a scale
+        error moves the source by more than 0.25 px over a period, the repeatability at one position is worse than 0.25
+        px (rms), or the movement in depth differs from the plan.
     DeviceError
         If a device fails more often than `Options.retries` allows.
     Cancelled

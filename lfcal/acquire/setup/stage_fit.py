@@ -67,7 +67,7 @@ class StageFit:
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Measured over planned movement, for the axes that should move the image right and down."""
+        """Ratio of measured to planned movement, for the axes that should move the image right and down."""
         (a, b), (c, d) = self.matrix
         return math.hypot(a, c), math.hypot(b, d)
 
@@ -92,7 +92,7 @@ class StageFit:
 
 
 def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) -> StageFit:
-    """Fit image positions to stage positions in one depth plane.
+    """Return the motion of the image with the stage, fitted to positions in one depth plane.
 
     Parameters
     ----------
@@ -235,9 +235,9 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
 def iter_stage_fit(
     rig: Rig, plan: ScanPlan, *, z: int = 0, options: Options | None = None, control: Control | None = None
 ) -> Work[StageFit]:
-    """Measure the motion of the image with moves to the corners and the middle of a rectangle about the cell.
+    """Return the motion of the image, from moves to the corners and the middle of a rectangle about the cell.
 
-    `places_about` gives the rectangle. Nothing is recorded, and the stage returns to its previous position.
+    The rectangle is that of `places_about`. Nothing is recorded, and the stage returns to its previous position.
 
     Examples
     --------
@@ -273,7 +273,7 @@ def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
 
 
 def room(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return how many periods ``(y, x)`` the cutout of the cell's middle can move in either direction."""
+    """Return the number of periods ``(y, x)`` by which the cutout of the cell's middle can move in either direction."""
     image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
     half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
     periods = np.array(plan.period) / factors
@@ -332,7 +332,7 @@ ALIKE, APART_PX = 0.98, 2.0
 
 
 class DepthLook(NamedTuple):
-    """Measurements in a plane: fit, spread of the light at the places (pixels), cutout of the middle of the cell."""
+    """Measurements in a plane: fit, spread of the light at the positions (pixels), cutout of the middle of the cell."""
 
     fit: StageFit
     spread: NDArray[np.float64]
@@ -346,10 +346,10 @@ class DepthFit:
     Attributes
     ----------
     scale, error
-        Measured over planned movement and its standard deviation; ideally 1, NaN if it cannot be measured.
+        Ratio of measured to planned movement (ideally 1), and its standard deviation; NaN if it cannot be measured.
     by
-        ``"growth"`` of the image's movement with depth, ``"spread"`` of the pattern (for a telecentric camera), or why
-        neither is measurable.
+        Quantity that was measured: ``"growth"`` of the image's movement with depth, ``"spread"`` of the pattern (for a
+        telecentric camera), or the reason why neither is measurable.
     """
 
     scale: float

@@ -1,4 +1,4 @@
-"""Chunks of a dataset: located in the file, read and decoded without HDF5.
+"""Chunks of a dataset, which are located, read and decoded without HDF5.
 
 HDF5's own look-up and filters can crash the process on a damaged index. Here the index is walked once, and every entry
 must lie within the file. The chunks are read as plain bytes.
@@ -91,7 +91,7 @@ def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = P
     Parameters
     ----------
     array
-        Values of the whole chunk, of any shape, in the dataset's dtype.
+        Values of the complete chunk, of any shape, in the dataset's dtype.
     level
         Compression level of deflate, 0 to 9.
     filters
@@ -228,7 +228,7 @@ class ChunkTable:
     Raises
     ------
     FileFormatError
-        If the index names an invalid chunk, or the same one twice, or one outside the file.
+        If the index contains an invalid chunk, the same chunk twice, or a chunk outside the file.
     """
 
     def __init__(self, dataset: Any, path: Path, where: str) -> None:
@@ -300,7 +300,7 @@ class ChunkTable:
 
     @property
     def first_rows(self) -> int:
-        """Length along the first axis whose chunks were all written; 0 if later ones were written as well."""
+        """Length along the first axis up to which all chunks were written; 0 if later ones were written as well."""
         lost = (self._at < 0).reshape(self._grid[0], -1)
         first = int(lost.any(axis=1).argmax()) if lost.any() else self._grid[0]
         return min(first * self._chunk[0], self._shape[0]) if lost[first:].all() else 0
@@ -308,7 +308,7 @@ class ChunkTable:
     def stored(self, start: Start) -> tuple[int, bytes] | None:
         """Return the filters left out of a chunk (bits) and its stored bytes; None if it was never written.
 
-        ``start`` is its first sample. Thread-safe.
+        ``start`` are the indices of its first sample. The method is thread-safe.
         """
         place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
         at, size = int(self._at[place]), int(self._size[place])
@@ -321,7 +321,7 @@ class ChunkTable:
     def each_stored(self, starts: Iterable[Start]) -> Iterator[tuple[Start, int, memoryview]]:
         """Yield the written chunks at ``starts``, as `stored` does; consecutive chunks are read together.
 
-        Not thread-safe; a chunk is valid until the next one is requested.
+        The method is not thread-safe. A chunk is valid until the next one is requested.
         """
         asked = list(starts)
         # look up all together: for small chunks, the look-up takes as long as reading

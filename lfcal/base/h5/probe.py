@@ -1,7 +1,7 @@
 """Reading of a file by a child process first: some damaged HDF5 files crash or hang the process that opens them.
 
-One child serves a process for its whole life. The first file starts it, and a crash restarts it. It costs a quarter of
-a second once, and a millisecond per file.
+A process uses one child, which is started for the first file and restarted after a crash. The start takes a quarter of
+a second, and each file a millisecond.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Mark = tuple[int, int, int, int]
 def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
     """Raise `FileFormatError` if reading the HDF5 file ``path`` crashes or hangs a process.
 
-    With ``only``, data are read only from these datasets; for large ones only the middle chunk.
+    With ``only``, data are read only from these datasets, and of large ones only the middle chunk.
 
     A file that was checked before and has not changed since is not checked again. A file is accepted without a check
     if no child can be started (no memory, no permission, libraries that do not load), or if the child ends by a Python
@@ -66,7 +66,7 @@ def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
 
 
 def trust(path: Path) -> None:
-    """Accept a file that this process has just written, without a check."""
+    """Mark a file that this process has just written as checked."""
     with _CHILD.lock:
         _CHILD.known.add((_mark(path), None))
 
@@ -87,7 +87,7 @@ class _Child:
         self._ready = False
 
     def ask(self, path: Path, seconds: int, only: tuple[str, ...] | None = None) -> str:
-        """Return what is wrong with a file; an empty string for nothing."""
+        """Return a text on what is wrong with a file; empty if nothing is."""
         process = self._started()
         if process is None:
             return ""

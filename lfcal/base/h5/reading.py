@@ -46,8 +46,8 @@ def _opened(path: Path) -> Any:
 class H5File:
     """An HDF5 file opened for reading. All content is checked, and errors have one-line messages.
 
-    Names are paths within the file, such as ``H`` or ``regions/corner/H``; empty for the root. Soft links are followed
-    within the file, external links never. Used as a context manager, or closed with `close`.
+    Names are paths within the file, such as ``H`` or ``regions/corner/H``; empty for the root. Soft links within the
+    file are followed; external links are not. Use the object as a context manager, or close it with `close`.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class H5File:
     StorageError
         If the file does not exist or must not be read.
     FileFormatError
-        If it is not an HDF5 file, or is damaged.
+        If the file is not an HDF5 file, or is damaged.
     """
 
     def __init__(self, path: Path, *, only: tuple[str, ...] | None = None) -> None:
@@ -129,7 +129,7 @@ class H5File:
             return tuple(entry.shape or ()) if isinstance(entry, h5py.Dataset) else ()
 
     def datasets(self) -> dict[str, tuple[int, ...]]:
-        """Return name and shape of every dataset of plain numbers in the file, each once, by hard links alone."""
+        """Return name and shape of every dataset of plain numbers in the file, following only hard links."""
         import h5py
 
         found: dict[str, tuple[int, ...]] = {}
@@ -153,7 +153,7 @@ class H5File:
         return found
 
     def links_out(self) -> list[str]:
-        """Return what the links of the file to other files lead to, as ``file::/dataset``; none is opened."""
+        """Return the targets of links to other files as ``file::/dataset``, without opening them."""
         import h5py
 
         found: list[str] = []
@@ -203,11 +203,11 @@ class H5File:
         name
             Name of the dataset.
         shape
-            Required shape; None accepts any.
+            Required shape; None: any shape.
         kinds
             Accepted kinds of numbers, as in numpy's ``dtype.kind``.
         finite
-            Refuse NaN and infinity.
+            Whether to refuse NaN and infinity.
         at_most
             Largest accepted magnitude; NaN is refused as well.
         """
@@ -267,16 +267,16 @@ KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
 
 
 class H5Data:
-    """Numbers in an HDF5 file: their type and shape, and every way of reading them, with one-line errors.
+    """A dataset of numbers in an HDF5 file: its type and shape, and methods for reading it, with one-line errors.
 
     Attributes
     ----------
     path, name
         Path of the file, and name of the dataset.
     table
-        Locations of its chunks; None for contiguous or no data.
+        Locations of its chunks; None if data are contiguous or absent.
     shape, dtype, chunks
-        As declared; ``chunks`` is None for contiguous data.
+        Declared shape, type and shape of chunks; ``chunks`` is None for contiguous data.
     filters
         HDF5 numbers of its filters, in the order of writing.
 
@@ -289,15 +289,15 @@ class H5Data:
     dtype
         The only accepted type, that of the records of a recording; by default plain numbers.
     holes
-        Whether chunks may be missing; they have the fill value.
+        Whether chunks may be missing; their samples then have the fill value.
 
     Raises
     ------
     UnsafeFileError
-        For external storage, virtual datasets, unknown filters, other types, and sizes beyond ``max_bytes`` or far
-        beyond the file's.
+        If the dataset has external storage, unknown filters or another type, is virtual, or its size exceeds
+        ``max_bytes`` or far exceeds that of the file.
     FileFormatError
-        If it is damaged or unfinished.
+        If the file is damaged or unfinished.
     """
 
     def __init__(
@@ -404,12 +404,12 @@ class H5Data:
 
     @property
     def is_open(self) -> bool:
-        """Whether its file is open."""
+        """Whether the file is open."""
         return bool(self._data.id.valid)
 
     @property
     def offset(self) -> int | None:
-        """Byte of the file at which contiguous data begin; None for chunked data."""
+        """Offset in the file at which contiguous data begin (bytes); None for chunked data."""
         with damage(self.path, self.name):
             found = None if self.chunks is not None else self._data.id.get_offset()
         return None if found is None else int(found)
@@ -439,7 +439,7 @@ class H5Data:
             return np.asarray(self._data[box], self.dtype)
 
     def close_file(self) -> None:
-        """Close the file that contains it; may be called twice."""
+        """Close the file that contains the dataset; may be called twice."""
         self.release()
         with damage(self.path, self.name):
             if self.is_open:
@@ -481,7 +481,7 @@ D = TypeVar("D")
 
 
 class Attributes:
-    """Attributes of one object in a file. A missing one gives the default, one of another kind raises an error.
+    """Attributes of one object in a file; a missing one has the default, and one of another kind raises an error.
 
     Parameters
     ----------
@@ -490,7 +490,7 @@ class Attributes:
     owner
         Open h5py object.
     name
-        Its name in the file, for messages; empty for the file itself.
+        Name of the object in the file, for messages; empty for the file itself.
     """
 
     def __init__(self, path: Path, owner: Any, name: str = "") -> None:
