@@ -64,17 +64,17 @@ class FrameFile:
     time_s: float | None = None
 
     def read(self) -> NDArray[Any]:
-        """Read the samples ``(rows, columns)``."""
+        """Return the samples ``(rows, columns)`` of the frame."""
         return read_frame(self.file, self.page)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Files of the frame."""
+        """Paths of the files that contain the frame."""
         return tuple(os.path.abspath(path) for path in sorted(files_of(self.file)))
 
 
 def read_frame(file: Path, page: int) -> NDArray[Any]:
-    """Read the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
+    """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
     if not file.is_dir():
         return read_image(file, page)
     source, order = _session(file)
@@ -82,12 +82,12 @@ def read_frame(file: Path, page: int) -> NDArray[Any]:
 
 
 def frames_of(path: Path) -> list[FrameFile]:
-    """List the pages of an image file or of a folder of images in natural order, or the frames of a session in order.
+    """Return the pages of an image file, the images of a folder in natural order, or the frames of a session in order.
 
     Raises
     ------
     InputError
-        If there are no frames, two have the same name, or the frames of a session show different places of the sensor.
+        If there are no frames, two have the same name, or the frames of a session show different parts of the sensor.
     """
     if is_session(path):
         return _frames_of_session(path)
@@ -152,7 +152,7 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
 def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
     """Return the anchor of H in frames of a part of the sensor; None: the anchor stored in H.
 
-    ``resample``: whether frames are always resampled.
+    ``resample`` states whether frames are always resampled.
     """
     if not is_session(path):
         return None
@@ -227,7 +227,7 @@ def saving(
     Parameters
     ----------
     P
-        Projector, which provides the depths.
+        Projector that provides the depths.
     voxel
         Sides (y, x) of a voxel (µm), if known.
     targets

@@ -43,7 +43,7 @@ class FrameRun:
     view
         Resampling of frames to the period of H; None: frames are used unchanged.
     optics, choice, voxels
-        Requested settings; place of the frames, margin and noise are filled in.
+        Requested settings, completed by the position of the frames, margin and noise.
     warm
         Whether each frame starts from the volume of the previous frame.
     projector
@@ -71,7 +71,7 @@ class FrameRun:
         warm: bool = False,
         workers: int | None = None,
     ) -> FrameRun:
-        """Prepare a run from its first frame and choose the projection method; ``optics`` opened ``matrices``."""
+        """Return a run prepared from its first frame, with its projection method; ``optics`` opened ``matrices``."""
         if warm:
             check_warm(choice)
         found, H, asked = frames_of(frames), matrices[0], optics.light_field.asked
@@ -112,7 +112,7 @@ class FrameRun:
 
     @property
     def memory(self) -> RunMemory:
-        """Peak memory of the run."""
+        """Forecast of the peak memory of the run."""
         return run_memory(self.projector, self.choice, warm=self.warm)
 
     @property

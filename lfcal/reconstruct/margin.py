@@ -20,15 +20,15 @@ __all__ = ["cropped", "usual_margin", "widened", "widened_start"]
 def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[int, int]) -> int:
     """Return the margin (pixels) for an H of this period and cutout ``(nt, ns)``, and for frames of ``shape``.
 
-    Two periods include most of the light from outside: edges then have the right brightness, instead of 1.3 times as
-    much. The margin is at most the reach of patterns, and at most an eighth of the frame, which increases the time by
-    half.
+    Two periods include most of the light from outside: edges then have the correct brightness, instead of 1.3 times
+    the correct one. The margin is at most the reach of patterns, and at most an eighth of the frame, which increases
+    the time by half.
     """
     return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))
 
 
 def widened(array: ArrayLike, margin: int, fill: float = 0.0) -> NDArray[Any]:
-    """Return an image or weights ``(Y, X)`` with ``margin`` pixels of ``fill`` around."""
+    """Return an image or weights ``(Y, X)`` with ``margin`` pixels of value ``fill`` on every side."""
     return np.pad(np.asarray(array), margin, constant_values=fill)
 
 

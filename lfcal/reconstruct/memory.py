@@ -50,9 +50,9 @@ class RunMemory:
 
 
 def run_memory(P: Projector, choice: SolverChoice, *, warm: bool = False) -> RunMemory:
-    """Predict the memory of a reconstruction with a projector and a solver.
+    """Return the predicted memory of a reconstruction with a projector and a solver.
 
-    ``warm``: the last volume is kept as the start for the next frame.
+    ``warm`` states whether the last volume is kept as the start for the next frame.
     """
     cost = P.forecast().chosen
     projecting, between = _solver_bytes(P.volume_shape, choice, P.dtype.itemsize, warm)

@@ -79,7 +79,7 @@ class MetricGrid:
         Raises
         ------
         InputError
-            If the side is invalid, or gives too many voxels.
+            If the side is invalid, or leads to too many voxels.
         """
         side = min(min(pair) for pair in sides_um) if voxel is None else voxel
         check_number("voxel (µm)", side, at_least=SMALLEST_UM)
@@ -116,7 +116,7 @@ class MetricGrid:
         shape
             ``(Y, X)`` pixels of the image, and of each plane of the volume.
         anchor
-            Pixel of the image on which H's position (0, 0) is imaged; None: that of H. Any other anchor gives the
+            Pixel of the image on which H's position (0, 0) is imaged; None: that of H. Any other anchor defines the
             position of the image on the sensor.
         voxel
             Side (µm); None: the smallest of all planes.
@@ -142,12 +142,12 @@ class MetricGrid:
         return cls.of([side for side in sides if side is not None], shape, (axis[0], axis[1]), voxel)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[np.float32]:
-        """Resample a volume ``(nz, y, x)`` to the grid, ``(nz, Y, X)``; light is distributed by area and conserved.
+        """Return a volume ``(nz, y, x)`` resampled to the grid, ``(nz, Y, X)``; light is conserved by area.
 
         Raises
         ------
         InputError
-            If its planes are not those of the grid.
+            If the planes of the volume are not those of the grid.
         """
         wanted = (len(self.rows), self.rows[0].shape[1], self.columns[0].shape[1])
         if volume.shape != wanted:

@@ -48,7 +48,7 @@ class SharedOptics:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The files in these settings; for a folder, its images."""
+        """Paths of the files in these settings; for a folder, those of its images."""
         own = self.light_field
         others = [str(path) for path in (own.dark, own.white, own.lattice)]
         found = (str(self.psf), *map(str, files_of_regions(self.psf, self.regions)), *others)
@@ -115,7 +115,7 @@ class SharedOptics:
         device: str | ArrayDevice,
         method: str = "",
     ) -> Projector:
-        """Return the projector of frames with a margin of ``margin`` pixels; noise of H is reduced if it is known.
+        """Return the projector of frames with a margin of ``margin`` pixels; the noise of H is reduced if it is known.
 
         ``method`` replaces the projection method of the settings.
         """
@@ -139,12 +139,12 @@ class SharedOptics:
 
 
 def wide(shape: tuple[int, int], margin: int) -> tuple[int, int]:
-    """Return ``shape`` with ``margin`` pixels around."""
+    """Return ``shape`` with ``margin`` pixels on every side."""
     return shape[0] + 2 * margin, shape[1] + 2 * margin
 
 
 def files_of_regions(psf: Path, regions: Sequence[str]) -> list[Path]:
-    """Return the H files in ``regions`` other than ``psf``, each once."""
+    """Return the H files in ``regions`` other than ``psf``, without duplicates."""
     found = [Path(file) for file, _ in _places(psf, regions) if file != psf]
     return list(dict.fromkeys(found))
 

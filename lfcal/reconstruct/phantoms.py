@@ -1,4 +1,4 @@
-"""Create volumes for tests, and measure the error of their reconstruction."""
+"""Synthetic volumes for tests, and the error of their reconstruction."""
 
 from __future__ import annotations
 
@@ -71,9 +71,9 @@ def vesicle(
     shape
         ``(nz, Y, X)``.
     centre
-        (z, y, x), in planes and voxels; by default the middle.
+        Centre (z, y, x) of the shell, in planes and voxels; by default the middle.
     radius, thickness
-        Radius of the shell's middle, and its Gaussian sigma (voxels in y and x).
+        Radius of the middle of the shell, and Gaussian standard deviation of its thickness (voxels in y and x).
     z_step
         Ratio of the distance of planes to that of voxels in a plane.
     brightness
@@ -106,7 +106,7 @@ def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, 
 
 
 def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
-    """Return the phantom ``points``, ``vesicle`` or ``plume`` with a size suitable for ``shape``."""
+    """Return the phantom ``"points"``, ``"vesicle"`` or ``"plume"`` with a size suitable for ``shape``."""
     if name == "points":
         rng = np.random.default_rng(seed)
         # away from the border, where half of a point's pattern would be cut off.

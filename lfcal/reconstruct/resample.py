@@ -35,7 +35,7 @@ MOST_DRIFT = 0.5
 class Resampling:
     """Affine map from a frame to one in which the period is whole and parallel to the axes.
 
-    Points are ``(row, column)``, whole numbers the centres of pixels.
+    Points are ``(row, column)``; whole numbers are the centres of pixels.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Resampling:
     shape
         Rows and columns of the result.
     centre
-        Place of ``origin`` in the result (pixels).
+        Position of ``origin`` in the result (pixels).
     distortion
         `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the map removes, or None;
         ``origin`` is then that of the straight lattice.
@@ -104,7 +104,7 @@ class Resampling:
         period
             ``(ny, nx)`` of H.
         lattice_anchor
-            Place of H's position (0, 0) relative to the nearest micro-image centre (pixels of the result, as in
+            Position of H's (0, 0) relative to the nearest micro-image centre (pixels of the result, as in
             `ScanPlan.lattice_anchor`). The result's pixel `anchor` is that position.
         """
         matrix = _invertible(down, across, period)
@@ -218,7 +218,7 @@ class Resampling:
         return float(max(np.ptp(row - rows), np.ptp(column - columns)))
 
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
-        """Resample ``frame`` with splines of ``order`` (0 to 5); light is conserved, and pixels outside are 0.
+        """Return ``frame`` resampled with splines of ``order`` (0 to 5); light is conserved, and pixels outside are 0.
 
         Pixels of the result that depend on a NaN or infinite pixel are NaN.
         """
@@ -288,8 +288,9 @@ def resampling_for(
 ) -> Resampling | None:
     """Return the map for frames of ``shape`` that do not match the period of ``H``, a `PSFMatrix`.
 
-    None if they can be used unchanged: the lattice drifts by at most `MOST_DRIFT` over the frame, it is unknown, or
-    ``light_field`` says so. The projector uses the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
+    The result is None if the frames can be used unchanged: the lattice drifts by at most `MOST_DRIFT` over the frame,
+    it is unknown, or ``light_field`` states so. The projector uses the map's ``shape`` and
+    ``anchor(lattice_anchor_of(H))``.
 
     Parameters
     ----------
@@ -301,7 +302,7 @@ def resampling_for(
         Settings with a white image or a measured lattice; without them, the lattice is that of H's camera, for frames
         of its whole sensor.
     placed
-        Name of the setting that gives the place of the frames in H, if any.
+        Name of the setting that states the position of the frames in H, if any.
     quiet
         Whether to omit notes and warnings.
 
@@ -408,7 +409,7 @@ def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
 
 
 def drift_words(view: Resampling, shape: tuple[int, int]) -> str:
-    """Describe the drift of the lattice of frames of ``shape`` relative to the period of ``view``."""
+    """Return a text on the drift of the lattice over frames of ``shape``, relative to the period of ``view``."""
     ny, nx = view.period
     return f"the lattice drifts by {view.drift(shape):.3g} px over the frame relative to H's period of {ny} x {nx} px"
 

@@ -1,4 +1,4 @@
-"""Measure the two-point resolution in each plane, and the width of reconstructed beads."""
+"""Measurement of the two-point resolution in each plane, and of the width of reconstructed beads."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def iter_two_point(
     seed: int | None = 0,
     limit: float = RAYLEIGH_DIP,
 ) -> Work[tuple[TwoPoint, ...]]:
-    """Measure the resolution in each plane by reconstructing pairs of points along x.
+    """Return the resolution in each plane, measured by reconstructing pairs of points along x.
 
     Parameters
     ----------

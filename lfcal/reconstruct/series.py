@@ -33,11 +33,11 @@ class FrameResult:
     notes
         Notes on changes made to the frame.
     stopped
-        Why the solver stopped early; empty if all iterations were done.
+        Reason why the solver stopped early; empty if all iterations were done.
     failed
-        Why there is no volume of this frame; empty if there is one.
+        Reason why there is no volume of this frame; empty if there is one.
     chi2
-        Per pixel, as in `Reconstruction`.
+        Chi-square per pixel, as in `Reconstruction`.
     """
 
     name: str
@@ -76,7 +76,7 @@ def iter_frame(
     weights: ArrayLike | None = None,
     initial: ArrayLike | None = None,
 ) -> Generator[SolverProgress, None, Reconstruction | InputError]:
-    """Reconstruct one frame; return the error if it is damaged or has no light.
+    """Return the reconstruction of one frame, or the error if it is damaged or has no light.
 
     Other errors would also occur with the next frame, and are raised.
     """
@@ -114,7 +114,7 @@ def iter_series(
     count
         Number of frames, for the progress.
     choice
-        Solver.
+        Solver and its settings.
     save
         Function called with the name and the result of each frame.
     weights

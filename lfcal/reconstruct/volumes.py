@@ -1,4 +1,4 @@
-"""Write reconstructed volumes to files, atomically: TIFF stacks, HDF5, OME-Zarr.
+"""Atomic writing and reading of reconstructed volumes: TIFF stacks, HDF5, OME-Zarr.
 
 OME-Zarr is written in version 0.4 of the layout (https://ngff.openmicroscopy.org/0.4/) on zarr format 2, which napari,
 Fiji (n5-ij, MoBIE, BigDataViewer) and the web viewers open. Fewer programs read version 0.5 (zarr format 3): napari's
@@ -195,12 +195,12 @@ def _understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
 
 
 def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the array of the finest resolution (not read), the metadata of the image, and those of lfcal.
+    """Return the array of the finest resolution without reading it, the metadata of the image, and those of lfcal.
 
     Raises
     ------
     FileFormatError, StorageError, InputError
-        If it is not an OME-Zarr, cannot be read, or the library is not installed.
+        If the folder is not an OME-Zarr or cannot be read, or the library is not installed.
     """
     zarr = check_zarr()
     with storage_errors(source):
@@ -220,7 +220,7 @@ def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
 
 
 def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the same as `zarr_contents`, after checking that the chunks can contain the declared array.
+    """Return the result of `zarr_contents`, after checking that the chunks can contain the declared array.
 
     Raises
     ------
@@ -239,7 +239,7 @@ def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
 
 
 def read_ome_zarr(source: Path) -> NDArray[np.float32]:
-    """Read the volume of an OME-Zarr; leading axes of size one (time, channel) are removed.
+    """Return the volume of an OME-Zarr; leading axes of size one (time, channel) are removed.
 
     Raises
     ------
@@ -287,9 +287,9 @@ def save_volume(
     Parameters
     ----------
     path
-        ``.tif`` (a stack ImageJ opens, z spacing and voxel size in µm), ``.ome.tif`` (OME-TIFF, with the depth of each
-        plane), ``.ome.zarr`` (a folder, OME-Zarr; needs the library zarr), ``.h5`` (dataset ``volume``, axes z, y, x,
-        with ``depths``), or ``.npy``.
+        ``.tif`` (a stack for ImageJ, with z spacing and voxel size in µm), ``.ome.tif`` (OME-TIFF, with the depth of
+        each plane), ``.ome.zarr`` (a folder, OME-Zarr; needs the library zarr), ``.h5`` (dataset ``volume``, axes z,
+        y, x, with ``depths``), or ``.npy``.
     volume
         ``(nz, Y, X)``.
     depths_um
@@ -339,7 +339,7 @@ def write_volumes(
         ``(nz, Y, X)`` of a single volume, or ``(n, nz, Y, X)`` of a time series: axes TZYX, which ImageJ opens as a
         hyperstack.
     facts
-        Facts that the file states about them.
+        Metadata of the volumes, which are stored in the file.
 
     Raises
     ------
@@ -472,12 +472,12 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Read the volume ``(nz, Y, X)`` of a file that `save_volume` wrote, or of any stack of this form.
+    """Return the volume ``(nz, Y, X)`` in a file that `save_volume` wrote, or in any stack of this form.
 
     Raises
     ------
     FileFormatError, StorageError
-        If it is not such a file.
+        If the file does not contain such a volume.
 
     Examples
     --------
@@ -506,12 +506,12 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 
 
 def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
-    """Read depths and voxel size from a file that `load_volume` can read; None for values that are not stated.
+    """Return depths and voxel size from a file that `load_volume` can read; None for values that are not stated.
 
     Raises
     ------
     FileFormatError, StorageError
-        If it is not such a file.
+        If the file does not contain such a volume.
     """
     source = check_suffix(path)
     if source.suffix.lower() in (".h5", ".hdf5"):

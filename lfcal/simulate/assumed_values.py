@@ -99,7 +99,7 @@ class AssumedEffect:
 
     @property
     def words(self) -> str:
-        """The largest change in words, such as ``H by up to 12 %``."""
+        """Text of the largest change, such as ``H by up to 12 %``."""
         if not math.isfinite(self.largest):
             return "the scan may not be possible"
         name = max(("time", self.seconds), ("cutout", self.cutout), ("H", self.pattern), key=lambda one: one[1])[0]
@@ -108,9 +108,9 @@ class AssumedEffect:
 
 
 def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
-    """Estimate the effect of each assumed value of a plan's camera, by rays; return them with the largest first.
+    """Return the effect of each assumed value of a plan's camera, estimated with rays, the largest first.
 
-    There are no rays through single lenslets in a pupil plane: their values are not estimated.
+    For single lenslets in a pupil plane, whose light is not computed with rays, values are not estimated.
 
     Examples
     --------

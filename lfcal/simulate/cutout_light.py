@@ -22,7 +22,7 @@ PLACES = 16
 
 
 def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple[float, ...]:
-    """Return, for each plane, the light inside the cutout over the light that the lenslets transmit.
+    """Return, for each plane, the light inside the cutout relative to the light that the lenslets transmit.
 
     Parameters
     ----------
@@ -33,7 +33,8 @@ def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple
 
     Returns
     -------
-    Means over positions spread evenly over the period, one for each plane, at most 1; NaN if no light passes.
+    tuple of float
+        Means over positions spread evenly over the period, one for each plane, at most 1; NaN if no light passes.
     """
     budget = budgeted(effects, plan, None)
     rows, columns = (_evenly_spaced(n) for n in plan.period)

@@ -1,6 +1,6 @@
 """Direct projection for large periods: matrix products over the period's columns, and addition of windows.
 
-For a few rows of source phases, the patterns at their places form a banded matrix. One product with it yields the
+For a few rows of source phases, the patterns at their positions form a banded matrix. One product with it yields the
 windows of all lattice cells, which are added to the image where they overlap.
 """
 

@@ -1,7 +1,7 @@
 """Compute on an accelerator: a device of an array library, used through the array API standard.
 
-PyTorch and CuPy are used through array-api-compat (https://data-apis.org/array-api). numpy and array-api-strict do the
-same arithmetic in host memory if there is no accelerator.
+PyTorch and CuPy are used through array-api-compat (https://data-apis.org/array-api). Without an accelerator, numpy and
+array-api-strict do the same arithmetic in host memory.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class ArrayDevice:
         return found
 
     def free_bytes(self) -> int:
-        """Return the memory that may be used now (bytes), including the reserve of the library."""
+        """Return the memory that may be used now (bytes), including memory that the library has reserved."""
         if self.library == "torch" and self.index is not None:
             cuda = importlib.import_module("torch").cuda
             reserve = cuda.memory_reserved(self.index) - cuda.memory_allocated(self.index)
@@ -112,7 +112,7 @@ class ArrayDevice:
         return self.xp.zeros(shape, dtype=self.dtype(dtype), device=self.place)
 
     def buffer(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an array in host memory that `fetched` fills fastest: page-locked, for accelerators."""
+        """Return an array in host memory that `fetched` fills fastest, which is page-locked for accelerators."""
         if self.index is None:
             return np.empty(shape, dtype)
         if self.library == "torch":
@@ -143,7 +143,7 @@ def _namespace(library: str) -> Any:
 
 
 def device_count(library: str) -> int:
-    """Count the accelerators that a library of `LIBRARIES` can use; 0 if it is not installed."""
+    """Return the number of accelerators that a library of `LIBRARIES` can use; 0 if it is not installed."""
     if importlib.util.find_spec(library) is None or importlib.util.find_spec("array_api_compat") is None:
         return 0
     try:
@@ -156,7 +156,7 @@ def device_count(library: str) -> int:
 
 
 def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
-    """Find the device of the option ``--device``; None for the processor.
+    """Return the device for the value of ``--device``; None for the processor.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
 
 
 def check_arithmetic(device: ArrayDevice) -> None:
-    """Compare the single-precision operations of the engines (products, transforms, gathering) with numpy.
+    """Check the single-precision operations of the engines (products, transforms, gathering) against numpy.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Projector pair for an H that varies over the field: H of several regions, blended linearly.
 
-Patterns change slowly over the field. Between places where H is known, each voxel's pattern is the mean of the
-surrounding ones, with weights that are linear between places (the spatial variation of Nagy & O'Leary 1998, SIAM J.
+Patterns change slowly over the field. Between positions where H is known, each voxel's pattern is the mean of the
+surrounding ones, with weights that are linear between positions (the spatial variation of Nagy & O'Leary 1998, SIAM J.
 Sci. Comput. 19, 1063). The weights belong to the emitting voxel, not to the pixel. The light of a voxel is thus the
 weighted mean over the regions, patterns are unchanged where only one region counts, and the operator ``sum_r H_r W_r``
 has the exact adjoint ``sum_r W_r HT_r``.
@@ -49,14 +49,14 @@ def place_weights(middles: Sequence[Pair], points: F8) -> F8:
     Parameters
     ----------
     middles
-        Place at which each region's H was taken (row, column).
+        Position ``(regions, 2)`` at which each region's H was recorded (row, column).
     points
-        Places at which weights are returned (row, column).
+        Positions ``(n, 2)`` at which weights are returned (row, column).
 
     Raises
     ------
     InputError
-        If two regions have the same place.
+        If two regions have the same position.
     """
     # slow to import
     from scipy.spatial import ConvexHull, Delaunay
@@ -166,7 +166,7 @@ class _Part:
 class FieldProjector(Projector):
     """The operator ``sum_r H_r W_r`` of several regions of the field, and its exact adjoint ``sum_r W_r HT_r``.
 
-    ``W_r`` weights voxels by their place between the middles of the regions (`field_weights`); at each voxel the
+    ``W_r`` weights voxels by their position between the middles of the regions (`field_weights`); at each voxel the
     weights sum to one. For one region it equals that region's `Projector` exactly. Each region is projected only where
     its weight is not zero: with many regions, this takes as long as for one H; with two or three, up to that many
     times.
@@ -174,7 +174,7 @@ class FieldProjector(Projector):
     Parameters
     ----------
     matrices
-        H of each region, with the same period and planes; cutouts may differ. The ``anchor`` states the place of a
+        H of each region, with the same period and planes; cutouts may differ. The ``anchor`` states the position of a
         region: its middle is half a period from there, as in its scan. Patterns of neighbouring regions must not be
         displaced: between them, the array's pitch must equal the period to less than a pixel.
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
@@ -186,7 +186,7 @@ class FieldProjector(Projector):
     Raises
     ------
     InputError
-        If the matrices do not belong together, have the same place, or one has no place; and as in `Projector`.
+        If the matrices do not belong together, two have the same position, or one has none; and as in `Projector`.
 
     Examples
     --------

@@ -56,11 +56,11 @@ class ProjectionProblem:
     Attributes
     ----------
     grid
-        Image, period and cutout.
+        Mapping of pixels to periods, with the sizes of image, period and cutout.
     planes
-        Depth planes.
+        Number of depth planes.
     pixels
-        Image phases in use.
+        Number of image phases in use.
     dtype
         float32 or float64.
     workers
@@ -68,7 +68,7 @@ class ProjectionProblem:
     density
         Fraction of non-zero entries of H.
     read_s
-        Seconds to read one plane of H.
+        Time to read one plane of H (s).
     kept
         Mapping from the spacing of nodes to the fraction of kept entries of a reduced H; empty without a tolerance.
     tiles
@@ -119,7 +119,7 @@ class ProjectionForecast:
     chosen
         Forecast of the chosen method.
     plan
-        Its tiles, if any.
+        Tiles of the chosen method, if any.
     band
         Rows of tiles processed together.
     options
@@ -161,7 +161,7 @@ Option = tuple[Cost, TilePlan | None, int | None]
 
 
 def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> ProjectionForecast:
-    """Return the cheapest way to project within ``memory_limit`` bytes.
+    """Return the fastest method of projection within ``memory_limit`` bytes, and its cost.
 
     Raises
     ------

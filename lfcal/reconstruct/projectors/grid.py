@@ -20,12 +20,12 @@ FARTHEST = 1e9
 
 
 def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
-    """Return the pixel (row, column) that contains ``anchor``; ``hair`` is the tolerance below a pixel.
+    """Return the pixel (row, column) that contains ``anchor``; ``hair`` is the tolerance below a whole pixel.
 
     Raises
     ------
     InputError
-        If the anchor is not a valid place.
+        If the anchor is not a valid position.
     """
     for value in anchor:
         check_number("anchor (pixels)", value, at_least=-FARTHEST, at_most=FARTHEST)
@@ -66,7 +66,7 @@ class Grid:
 
     @cached_property
     def origin(self) -> Pair:
-        """Phase of pixel (0, 0): its place in the first lattice cell."""
+        """Phase of pixel (0, 0), which is its position in the first lattice cell."""
         return -self.anchor[0] % self.period[0], -self.anchor[1] % self.period[1]
 
     @cached_property

@@ -55,8 +55,8 @@ class Projector:
     image_shape
         Rows and columns of the image and of each volume plane (pixels); need not be whole periods.
     anchor
-        A pixel (row, column) on which the source of position (0, 0) is imaged; by default that of ``H``, else (0, 0).
-        Rounded down to whole pixels.
+        Pixel (row, column) on which the source of position (0, 0) is imaged, rounded down to whole pixels; by default
+        that of ``H``, else (0, 0).
     method
         ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
         reference), or ``"auto"``: the cheapest by the `forecast`. With a `recipe` (``"polyphase:7x3"``: tiles down and
@@ -67,8 +67,8 @@ class Projector:
         Entries of H below this fraction of their plane's peak are treated as zero.
     tolerance
         Fraction of the light that projections may omit, in [0, 1): |(H - Hs) g|_1 is at most ``tolerance`` times the
-        sum of g_v |H_v|_1 over all voxels, for non-negative volumes g. An H that changes slowly from position to
-        position is then projected several times faster; 0 is exact.
+        sum of g_v |H_v|_1 over all voxels, for non-negative volumes g. An H that changes slowly between positions is
+        then projected several times faster. 0: exact projections.
     memory_limit
         Memory that a projection may use (bytes); by default half of the free memory.
     workers

@@ -84,11 +84,12 @@ class SolverChoice:
     auto
         Whether to stop automatically, by the criterion ``stop``.
     stop
-        ``"left-out"``: when the prediction of held-out pixels, one of 25, gets worse; the result is the volume with
-        the best prediction. ``"discrepancy"``: when the volume's image agrees with the frame to within the noise.
+        ``"left-out"``: stop when the prediction of held-out pixels (one in 25) gets worse; the result is the volume
+        with the best prediction. ``"discrepancy"``: stop when the image of the volume agrees with the frame to within
+        the noise.
     goal
-        Purpose of a run that stops by held-out pixels. ``"view"``: a volume to look at. ``"measure"``: sums and means
-        over regions of it, which need more iterations; single voxels are then noisier.
+        Purpose of a run that stops by held-out pixels. ``"view"``: a volume for viewing. ``"measure"``: sums and means
+        over regions of the volume, which need more iterations; single voxels are then noisier.
     gain
         Counts per photo-electron; None: unknown (``"discrepancy"`` then assumes 1). With a gain, the result states
         chi2 per pixel.

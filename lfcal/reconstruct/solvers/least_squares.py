@@ -50,7 +50,7 @@ class LeastSquaresSettings(SolverSettings):
 
 @with_settings(LeastSquaresSettings)
 def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
-    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS, Bjoerck 1996, section 7.4).
+    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS; Bjoerck 1996, section 7.4).
 
     The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
 
@@ -59,7 +59,7 @@ def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquar
     P
         Projector pair.
     image
-        ``(Y, X)``; negative values are kept.
+        Image ``(Y, X)`` in counts; negative values are kept.
     iterations
         Number of iterations, in addition to those of ``resume``.
     background, weights, saturation

@@ -105,10 +105,11 @@ class Measurement:
         background
             Expected image without light, not negative; a number or ``(Y, X)``.
         read_noise
-            Rms of the Gaussian noise (counts): its square is added to image and background, the shifted Poisson
-            approximation of Snyder et al. 1995.
+            Rms of the Gaussian noise (counts). Its square is added to image and background, which is the shifted
+            Poisson approximation of Snyder et al. 1995.
         signed
-            Keep negative values (least squares); otherwise they count as zero, and a note states their number.
+            Whether to keep negative values, for least squares; otherwise they count as zero, and a note states their
+            number.
         held_out
             Mask ``(Y, X)`` of held-out pixels, which get weight 0 and measure the prediction.
 
@@ -156,7 +157,7 @@ class Measurement:
         return cls(data, trust, floor, tuple(notes), held)
 
     def weighted(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Multiply ``image`` by the weights."""
+        """Return ``image`` multiplied by the weights."""
         return image if self.weights is None else image * self.weights
 
     def ones(self) -> NDArray[Any]:
@@ -216,8 +217,8 @@ def held_out_fit(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float,
     """Return the score of the prediction of held-out pixels, and its standard deviation due to noise.
 
     ``terms`` are half the deviance of each pixel, ``held`` the weights of the held-out ones. For a correct model,
-    terms are distributed as half of chi squared, independent of the gain. The median gives the scale, and errors of
-    the model in a few pixels do not count as noise.
+    terms are distributed as half of chi squared, independent of the gain. Their scale is found from the median, so
+    that errors of the model in a few pixels do not count as noise.
     """
     chosen = held > 0
     weights, values = held[chosen].astype(np.float64), terms[chosen]

@@ -32,7 +32,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     P
         Projector pair.
     image
-        ``(Y, X)`` in counts.
+        Image ``(Y, X)`` in counts.
     iterations
         Number of iterations, in addition to those of ``resume``.
     background, weights, saturation, read_noise

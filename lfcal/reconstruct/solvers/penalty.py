@@ -19,7 +19,7 @@ SLAB = 4
 
 
 class Penalty(Protocol):
-    """Gradient of a measure of a volume's roughness."""
+    """Protocol of a penalty: the gradient of a measure of a volume's roughness."""
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return the derivative of the penalty with respect to each voxel, dimensionless (times `weight`)."""

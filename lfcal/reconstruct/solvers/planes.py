@@ -41,7 +41,7 @@ def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
 
 
 def separable(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
-    """Filter ``plane`` ``(Y, X)`` with an odd, symmetric ``kernel`` along both axes; outside are zeros."""
+    """Return ``plane`` ``(Y, X)`` filtered with an odd, symmetric ``kernel`` along both axes, with zeros outside."""
     import cv2
 
     found: NDArray[Any] = cv2.sepFilter2D(plane, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)

@@ -68,7 +68,8 @@ class SolverProgress(Progress):
     iteration
         Number of iterations done, including those before a resume.
     residual
-        Weighted rms of image minus model over that of the image, for the estimate at the start of the iteration.
+        Weighted rms of image minus model, relative to that of the image, for the estimate at the start of the
+        iteration.
     likelihood
         Poisson log-likelihood of that estimate minus its largest possible value (0: a perfect fit).
     change
@@ -116,7 +117,7 @@ class Reconstruction:
     notes
         Notes on changes of the input: masked, negative or unseen values.
     stopped
-        Why the solver stopped early; empty if all requested iterations were done.
+        Reason why the solver stopped early; empty if all requested iterations were done.
     chi2
         Mean over the pixels of the squared residual divided by the variance of the noise: 1 if only noise remains. NaN
         if the noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
@@ -172,7 +173,7 @@ def progress_of(
 
 
 def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:
-    """Return the norm of ``new - old`` relative to that of ``new`` (0 if both vanish)."""
+    """Return the norm of ``new - old`` relative to that of ``new`` (0 if both are zero)."""
     size, change = squares(new), squares(new, old)
     return math.sqrt(change / size) if size > 0 else float(old.any())
 

@@ -1,4 +1,4 @@
-"""Filter volumes depending on depth, against artefacts of uneven sampling (Stefanoiu et al. 2019)."""
+"""Depth-dependent filters of volumes that reduce artefacts of uneven sampling (Stefanoiu et al. 2019)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FINE = 0.5
 
 
 def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
-    """Return how coarsely lenslets sample planes at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on.
+    """Return the coarseness of sampling by lenslets at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on.
 
     Single lenslets in a pupil plane sample every plane with all pixels: 0.
     """
@@ -76,7 +76,7 @@ def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class DepthSmoothing:
-    """Low-pass each plane to what the lenslets sample there: the S step of expectation-maximisation-smoothing.
+    """Low-pass filter that limits each plane to its sampling by the lenslets: the S step of EMS.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class DepthSmoothing:
         return cls(tuple(smoothing_widths(camera, depths)), lobes)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Smooth ``volume`` ``(nz, Y, X)``, without negative values; borders are renormalized."""
+        """Return ``volume`` ``(nz, Y, X)`` smoothed, without negative values; borders are renormalized."""
         if len(self.widths) != len(volume):
             raise InputError.expected(
                 "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "give one width per plane"
@@ -150,7 +150,7 @@ class Sieve:
         return cls(tuple(max(FINE, wide * share) for share in coarseness(camera, depths)))
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Apply the sieve to ``volume`` ``(nz, Y, X)``, with zeros beyond the border; it is its own transpose."""
+        """Return ``volume`` ``(nz, Y, X)`` after the sieve, which is its own transpose; zeros beyond the border."""
         out = np.empty_like(volume)
 
         def work(start: int, stop: int) -> None:

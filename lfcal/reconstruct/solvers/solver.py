@@ -146,7 +146,7 @@ class SolverRun(SolverSettings):
     noise: tuple[float, float] | None = None
 
     def measure(self, P: Projector, image: ArrayLike, *, signed: bool = False) -> Measurement:
-        """Return ``image`` ``(Y, X)`` with its weights, background and noise; ``signed``: negative pixels stay."""
+        """Return ``image`` ``(Y, X)`` with weights, background and noise; with ``signed``, negative pixels are kept."""
         if self.measured is not None and not signed:
             return self.measured
         return self.measurement(P, image, read_noise=self.read_noise, held_out=self.held_out, signed=signed)
@@ -170,7 +170,7 @@ class Solver:
         Function of projector, image ``(Y, X)`` and `SolverRun` that yields a `SolverProgress` per iteration and
         returns a `Reconstruction`.
     honours
-        The `OPTIONS` that the solver uses; others raise an error.
+        Names in `OPTIONS` that the solver uses; others raise an error.
     rank
         Order in lists.
     volumes
@@ -208,7 +208,7 @@ class Solver:
 
     @property
     def in_parts(self) -> bool:
-        """Whether it divides an image into parts by default; H is then prepared for each part."""
+        """Whether the solver divides an image into parts by default; H is then prepared for each part."""
         return self.parts(None) > 1
 
     def __post_init__(self) -> None:

@@ -7,10 +7,11 @@ therefore ends when twice the expected further improvement is below the standard
 one standard error, Breiman et al. 1984, section 3.4.3). Methods that suppress noise by a penalty lose nothing by
 continuing: they end at the best prediction. Neither the gain of the camera nor its noise needs to be known.
 
-This is the end for a volume to look at. In sums over regions, noise averages out, but parts of the object that have
-not been found do not. An estimate of sums needs less regularization than one of the whole (undersmoothing: Hall 1992,
-The Annals of Statistics 20, 675-694). A run for measuring therefore continues for the same number of iterations that
-were needed for the best prediction. The patience grows with the iterations, so that a random dip does not end it.
+This rule is suitable for volumes that are viewed. In sums over regions, noise averages out, but parts of the object
+that have not been found do not. An estimate of sums needs less regularization than one of the whole (undersmoothing:
+Hall 1992, The Annals of Statistics 20, 675-694). A run for measuring therefore continues for the same number of
+iterations that were needed for the best prediction. The patience grows with the iterations, so that a random dip does
+not end it.
 
 If gain and noise are known, the discrepancy principle (Morozov 1966; for photons Bertero et al. 2010, Inverse Problems
 26, 105004) needs no held-out pixels. A volume is good enough when its image agrees with the frame to within the noise.
@@ -58,7 +59,7 @@ Score = Callable[[SolverState], tuple[float, float]]
 
 
 def held_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
-    """Return a mask ``(Y, X)`` of the held-out pixels: a random choice, the same each time."""
+    """Return a mask ``(Y, X)`` of the held-out pixels, which are chosen at random, but always in the same way."""
     return np.random.default_rng(seed).random(shape) < SHARE
 
 
@@ -73,7 +74,7 @@ class _Best:
     idle: int = 0
 
     def take(self, state: SolverState, score: float, error: float) -> str:
-        """Return why to stop at an estimate with its score and the score's error; empty to continue."""
+        """Return the reason to stop at an estimate with this score and its error; empty: continue."""
         if not np.isfinite(score):
             return ""
         if not self.scores or score > max(self.scores):
@@ -122,7 +123,7 @@ def iter_until_best(
         Function for the score of an estimate's prediction of held-out pixels, and its error; None: from the solver's
         records, for the estimate at the start of each iteration.
     settles
-        Whether more iterations do no harm, so that only the best prediction ends the run.
+        Whether more iterations do no harm, so that the run ends only at the best prediction.
     goal
         One of `GOALS`.
     """
@@ -154,11 +155,11 @@ def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: floa
     Parameters
     ----------
     model
-        m, ``(Y, X)``: the image of a volume, including the background of ``data``.
+        Image m of a volume ``(Y, X)``, including the background of ``data``.
     data
         The frame f and its background b, which includes the square of the read noise.
     read_noise
-        r (counts).
+        Rms read noise r (counts).
     gain
         Counts per photo-electron.
     """

@@ -1,9 +1,10 @@
 """Cost of a simulation, predicted from the description, short timings on this machine and earlier simulations.
 
 The constants were fitted to the engines of this package on a machine with 2e10 complex multiply-adds per second and
-thread in a small product, and scale with that rate. They are accurate within a factor of about 2 for planes that take
-seconds. For planes that take tenths of a second they are up to ten times too high, because their tables cost less than
-assumed. `lfcal.simulate.predict_seconds` runs the engine briefly instead, and is accurate within a factor of 2.
+thread in small matrix products; they are scaled by that rate. They are accurate within a factor of about 2 for planes
+that take seconds. For planes that take tenths of a second they are up to ten times too high, because their tables cost
+less than assumed. `lfcal.simulate.predict_seconds` runs the engine briefly instead, and is accurate within a factor of
+2.
 """
 
 from __future__ import annotations
@@ -112,9 +113,9 @@ def correct_rate(outlook: Outlook, level: str, tolerance: float, runs: int, took
     outlook, level, tolerance
         As in `engine_seconds`.
     runs
-        How often the engine ran.
+        Number of runs of the engine.
     took_s
-        CPU-seconds that it took.
+        Measured computing time (CPU-seconds).
     """
     _RATE.correct_rate(runs * engine_seconds(outlook, "wave" if level == "grid" else level, tolerance), took_s)
 
@@ -124,7 +125,7 @@ def _slowness() -> float:
 
 
 def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> float:
-    """Return CPU-seconds of one whole plane at a level of `lfcal.simulate.engines.base.LEVELS`, tables included."""
+    """Return the CPU-seconds of one plane at a level of `lfcal.simulate.engines.base.LEVELS`, including tables."""
     positions = outlook.period[0] * outlook.period[1]
     # most positions of a whole period of a microscope are mirror images of others
     return _slowness() * _estimated_seconds(

@@ -135,8 +135,8 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
 def plane_seconds(engine: PlaneEngine) -> float:
     """Return the CPU-seconds for a whole plane by an engine that has not computed anything yet.
 
-    The Debye path shares matrices and responses among positions, so a few of them are not representative. Its rows are
-    run one after the other for up to half a second.
+    The Debye path uses the same matrices and responses for many positions, so a few positions are not representative.
+    Its rows are computed one after the other for up to half a second.
     """
     ny, nx = engine.scene.period
     if engine.level != "debye":

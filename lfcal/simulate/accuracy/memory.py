@@ -112,7 +112,7 @@ def predict_bytes(
 
 
 def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:
-    """Return the peak bytes of one plane with one thread, including its values, stored in steps or not."""
+    """Return the peak memory (bytes) of one plane with one thread, including its values, stored in steps or not."""
     values = math.prod(task.plan.shape[1:]) * (8 + (STEPPED if stepped else 0))
     return values + _plane_bytes(task.plan, task.z, task.effects, task.level, task.tolerance, task.sampling, workers=1)
 
@@ -171,7 +171,7 @@ def _between_lenslets(scene: Scene, y: int, x: int) -> bool:
 
 
 def engine_bytes(scene: Scene, step: LevelSampling, workers: int) -> int:
-    """Return the peak bytes of an engine of one sampling, while it is made or at work with a number of threads."""
+    """Return the peak memory (bytes) of an engine of one sampling, during set-up or with ``workers`` threads."""
     if step.level == "geometric":
         return 0
     if step.sampling.double and step.level != "reference":

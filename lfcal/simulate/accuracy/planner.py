@@ -105,7 +105,7 @@ class EffectSelection:
     ideal_seconds
         CPU-seconds of the ideal camera.
     left_out
-        Sum of the estimates of omitted effects for each plane (relative L1), at most half the tolerance.
+        Sum of the estimates of omitted effects for each plane (relative L1); at most half the tolerance.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def plan_effects(
     tolerance
         Allowed relative L1 error of the image, from omitted effects and computation together.
     overrides
-        Effect name to ``"auto"``, ``"on"`` or ``"off"``.
+        Setting ``"auto"``, ``"on"`` or ``"off"`` by the name of the effect.
     effects
         Effects with known magnitudes; each replaces the effect with its name in the catalogue.
     frames

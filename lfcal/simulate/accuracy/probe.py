@@ -1,4 +1,4 @@
-"""Find the sampling that a plane needs, by computing a few of its positions more finely."""
+"""Search for the sampling that a plane needs, by computing a few of its positions more finely."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Settled:
     level, sampling
         Level and sampling of the engine.
     error
-        Relative L1 error over the positions probed, against a finer computation.
+        Relative L1 error over the probed positions, compared with a finer computation.
     """
 
     engine: PlaneEngine
@@ -76,7 +76,7 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
     Samplings are tried from the fastest that is expected to suffice. Each is compared with one that is finer in all
     respects: windows with the whole array on one grid, and a grid with a finer grid. If no grid is large enough for
     the scene, windows are compared with wider ones whose fields are added. Exact angles, which windows follow only to
-    first order, are then compared with the reference. A smaller ``share`` never gives a coarser sampling.
+    first order, are then compared with the reference. A smaller ``share`` never leads to a coarser sampling.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def balanced(scene: AnyScene, level: str, sampling: Sampling) -> tuple[PlaneEngi
 
 
 def places(scene: AnyScene) -> tuple[list[int], list[int]]:
-    """Return rows and columns of the positions that represent all others.
+    """Return the rows and columns of the positions that represent all others.
 
     Four are used. There are more near the native plane, where one lenslet or the gap between two receives all the
     light.

@@ -123,7 +123,7 @@ class Fringes:
 
     @classmethod
     def of(cls, described: Scene | Outlook) -> Fringes:
-        """Return the frequencies of a scene, or of an outlook (which does not know about rotated cells)."""
+        """Return the frequencies of a scene, or of an outlook, which does not include the rotation of cells."""
         if isinstance(described, Outlook):
             lattice, px = described.camera.lattice, described.pixel_um
             width, spread = described.clear_um, described.wavelength_um * described.gap_um
@@ -162,8 +162,9 @@ def steps_for(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling,
     """Return the samplings of a level, fastest first.
 
     Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; or windows whose fields
-    are added, if no grid holds the scene. Level ``"debye"``: nodes of the separable path; for other arrays, a grid.
-    Level ``"grid"``: all grids that are small enough, or else the smallest one, which its engine refuses.
+    are added, if no grid is large enough for the scene. Level ``"debye"``: nodes of the separable path; for other
+    arrays, a grid. Level ``"grid"``: all grids that are small enough, or else the smallest one, which its engine
+    refuses.
     """
     if isinstance(described, PupilScene):
         return _pupil_steps(described, level)
@@ -251,7 +252,7 @@ def _kink_factor(described: Scene | Outlook) -> float:
 
 
 def grid_margin(described: Scene | Outlook, left_out: float) -> int:
-    """Return the margin of a grid (px) outside of which the share ``left_out`` of the light lies."""
+    """Return the margin of a grid (px) outside which there is the fraction ``left_out`` of the light."""
     airy = described.wavelength_um * described.f_number / _pixel_um(described)
     return min(WIDEST, math.ceil(OUTSIDE * airy / left_out))
 

@@ -21,7 +21,7 @@ point group ``lfcal.effects`` (``docs/extending.md``).
 - ``motion``: positioning error, backlash, drift, depth error
 - ``sensor``: stray light, colour filter, noise, quantisation, saturation; ``_poisson``: Poisson random numbers
 - ``magnitudes``: single magnitudes of an effect, with units and sources
-- ``described``: effects in words and in files
+- ``described``: effects as text and in files
 - ``registered``: all effects, found by registry
 """
 

@@ -52,7 +52,7 @@ class ActsOn(Enum):
 
     @property
     def enters_h(self) -> bool:
-        """Whether H shows it; otherwise, only the frames of a session do."""
+        """Whether the effect is visible in H; otherwise, it is visible only in the frames of a session."""
         return self not in (ActsOn.MOTION, ActsOn.FRAME)
 
 
@@ -92,11 +92,11 @@ class Estimate:
     size
         Physical size of the effect.
     unit
-        Its unit.
+        Unit of ``size``.
     error
         Relative L1 error of the image if the effect is left out, sum(|without - with|) / sum(|with|).
     formula
-        How size and error were computed, in words.
+        Text on how size and error were computed.
     upper_bound
         Whether ``error`` is an upper bound (within a factor of 4) instead of an estimate (within 2).
     measured

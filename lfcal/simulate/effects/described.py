@@ -56,7 +56,7 @@ class Entry:
 
 
 def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
-    """Return settings by name, and effects with magnitudes, from words and files; see `effect_entries`."""
+    """Return settings by name, and effects with magnitudes, from texts and files; see `effect_entries`."""
     settings: dict[str, str] = {}
     given: dict[str, Effect] = {}
     for entry in effect_entries(items):
@@ -68,7 +68,7 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
 
 
 def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
-    """Return the effects and settings stated in words and in files.
+    """Return the effects and settings in texts and files.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
     Raises
     ------
     InputError
-        For an unknown effect or magnitude, or an invalid value.
+        If an effect or magnitude is unknown, or a value is invalid.
     """
     found: list[Entry] = []
     for item in items:
@@ -98,7 +98,7 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
 
 
 def effect_words(entries: Iterable[Entry]) -> tuple[str, ...]:
-    """Return the words that `effect_entries` reads: a setting and all given magnitudes of each effect."""
+    """Return the texts that `effect_entries` reads: a setting and all given magnitudes of each effect."""
     words = []
     for entry in entries:
         parts = []

@@ -22,7 +22,8 @@ class SensorNonlinearity(FrameEffect):
     Attributes
     ----------
     share
-        Share q of the signal that is missing at full well; negative: too much. It is constant above the full well.
+        Fraction q of the signal that is missing at full well; negative: the signal is too large. It is constant above
+        the full well.
 
     Examples
     --------
@@ -80,7 +81,7 @@ class Ghost(FrameEffect):
     scale
         Size of the ghost relative to that of the image.
     rows_um, columns_um
-        Place of the ghost of a point that is on the axis (µm).
+        Position (rows, columns) on the sensor of the ghost of a point on the axis, relative to the axis (µm).
 
     Examples
     --------
@@ -110,7 +111,7 @@ class Ghost(FrameEffect):
     pixel_ns: ClassVar[float] = 30.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share, and the part of the region's ghost that falls into its cutout, which is often zero."""
+        """Return ``share``, and the part of the region's ghost that is inside its cutout, which is often zero."""
         seen, px = 1.0, outlook.pixel_um
         moved = self.rows_um, self.columns_um
         for field, place, pixels in zip(outlook.field_um, moved, outlook.cutout, strict=True):

@@ -104,7 +104,7 @@ class MechanicalVignetting(SceneEffect):
         return outlook.field_um[0] * unit, outlook.field_um[1] * unit
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return light lost over light left for two discs at a distance s; 1.27 s/D for equal discs."""
+        """Return lost light relative to remaining light for two discs at a distance s; 1.27 s/D for equal discs."""
         shift = math.hypot(*self.shift(outlook))
         kept = overlap(shift, self.radius)
         error = min(2.0, (1.0 - kept) / max(kept, 1e-9))

@@ -56,7 +56,7 @@ class CoverGlass(SceneEffect):
         return self.thickness_um * (1.0 - 1.0 / self.index) * (1.0 - self.in_gap)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the focus shift, and two thirds of the rim's spot shift plus the effect of the plate's aberration."""
+        """Return the focus shift, and two thirds of the rim's spot shift, plus the effect of the plate's aberration."""
         cone = 1.0 / (2.0 * outlook.f_number)
         rim = self.shorter_um() * cone
         # of B tan, t (1/n - 1/n³)/2 s³ is missing; the mean is 0.4 of the rim's value

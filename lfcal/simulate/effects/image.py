@@ -1,4 +1,4 @@
-"""Effects on the place of the main lens's image: field curvature and distortion."""
+"""Effects on the position of the main lens's image: field curvature and distortion."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class FieldCurvature(SceneEffect):
             )
 
     def sag_um(self, outlook: Outlook) -> float:
-        """Return how much farther the image of the region is, h²/(2 R) (µm)."""
+        """Return the additional distance of the image of the region, h²/(2 R) (µm)."""
         y, x = outlook.field_um
         return (y * y + x * x) / (2 * self.radius_um)
 
@@ -84,8 +84,8 @@ class Distortion(SceneEffect):
     Attributes
     ----------
     relative
-        Displacement over distance from the axis, at ``radius_um``; it grows with the square of the distance. Positive
-        values mean pincushion, negative ones barrel distortion.
+        Displacement divided by the distance from the axis, at ``radius_um``; it grows with the square of the distance.
+        Positive values mean pincushion distortion, negative ones barrel distortion.
     radius_um
         Distance from the axis on the sensor at which ``relative`` is valid (µm).
 

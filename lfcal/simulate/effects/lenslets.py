@@ -30,10 +30,10 @@ class MissingLenslets(SceneEffect):
     Attributes
     ----------
     lenslets
-        ``(row, column, transmission)``: row and column of the lattice, counted from the type-0 lenslet nearest to the
-        region's first position. Columns follow the lattice vectors (`LensletLattice.centres_um`, r and q): in a
-        hexagonal array, column 0 of the next row is the right one of the two lenslets below. Transmission is the
-        fraction of light that passes, 0 to 1.
+        ``(row, column, transmission)``: row and column of the lattice, from the type-0 lenslet nearest to the region's
+        first position. Columns follow the lattice vectors (`LensletLattice.centres_um`, r and q): in a hexagonal
+        array, column 0 of the next row is the right one of the two lenslets below. Transmission is the fraction of
+        light that passes, 0 to 1.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class MissingLenslets(SceneEffect):
         object.__setattr__(self, "lenslets", tuple((r, q, t) for (r, q), t in known.items()))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return light lost over light left: 1 - t times each lenslet's share of the shadow, over all positions."""
+        """Return lost over remaining light: 1 - t times each lenslet's share of the shadow, over all positions."""
         lattice, px = outlook.camera.lattice, outlook.pixel_um
         first = [
             c + f / px - (n - 1) / 2

@@ -59,8 +59,8 @@ class FiniteSource(LightEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the size of the source's image through a lenslet, D |M| / |v|; its rms is a quarter of the diameter.
 
-        The edge of the shadow is blurred too: an annulus of the mean chord of the image, 2/pi of its rms, times the
-        area.
+        The edge of the shadow is also blurred: an annulus of the mean chord of the image, 2/pi of its rms, relative to
+        the area.
         """
         image = self.image_px(outlook)
         # the rms of a disc's coordinate is a quarter of its diameter; defocus scales the image by 1/v
@@ -94,8 +94,8 @@ class FiniteSource(LightEffect):
 def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
     """Return ``(y, x, weight)`` of points on the unit disc, exact for polynomials up to ``degree``; weights sum to 1.
 
-    Up to degree 5: the 7 points of Abramowitz & Stegun 25.4.61. Above: rings at Gauss-Legendre nodes of the squared
-    radius, each of ``degree`` + 1 points.
+    Up to degree 5, the rule has the 7 points of Abramowitz & Stegun 25.4.61. Above, it has rings at Gauss-Legendre
+    nodes of the squared radius, each of ``degree`` + 1 points.
     """
     if degree <= 5:
         radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6

@@ -47,7 +47,7 @@ def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1
     Raises
     ------
     InputError
-        If it is not a finite number, or has another unit.
+        If the text is not a finite number, or has another unit.
     """
     match = NUMBER.fullmatch(text.strip())
     known = {"": plain, **units}
@@ -74,7 +74,7 @@ class Magnitude:
         ``"number"``, ``"whole"``, ``"text"`` or ``"terms"`` (a list of triples); ``"other"``: only files can contain
         it.
     scale
-        Displayed number = value / scale.
+        Ratio of the value to the displayed number.
     units
         Other units that may be entered, with their size in the field's unit.
     value
@@ -87,7 +87,7 @@ class Magnitude:
         Smallest and largest value, in the field's unit.
     source
         ``"given"`` by the user; ``"camera"``: from the camera's description; ``"typical"``: the usual size of a
-        deviation, which says nothing about this camera.
+        deviation, which is not specific to this camera.
     mark
         Mark of the value: for a given value one of `GIVEN`, otherwise the mark of the camera's value
         (`lfcal.camera.Marks`).
@@ -121,7 +121,7 @@ class Magnitude:
         return f"{value / self.scale:.10g}" if self.kind in ("number", "whole") else str(value)
 
     def range_text(self) -> str:
-        """Return the limits in words; empty if any number is allowed."""
+        """Return a text with the limits; empty if any number is allowed."""
         low, high = (None if math.isinf(limit) else f"{limit / self.scale:g}" for limit in self.limits)
         words = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}" if high else ""
         return f"{words} {self.unit}".rstrip() if words else ""
@@ -132,7 +132,7 @@ class Magnitude:
         Raises
         ------
         InputError
-            With a one-line message, for an invalid value or one outside the limits.
+            If the value is invalid or outside the limits.
         """
         text = text.strip()
         if self.kind == "text":
@@ -166,7 +166,7 @@ def magnitudes_of(effect: Effect, camera: Camera, given: Mapping[str, str] | Non
     Raises
     ------
     InputError
-        For a word that is not among `GIVEN`.
+        If a word in ``given`` is not in `GIVEN`.
     """
     known = dict(given or {})
     for name, mark in known.items():

@@ -96,8 +96,8 @@ class IndexMismatch(SceneEffect):
     index
         Refractive index of the specimen.
     depth_um
-        Depth of the nominal focal plane below the interface (µm): where the focus would lie without the specimen. A
-        plane at z lies ``depth_um + z`` deep; one before the interface lies in the immersion medium.
+        Depth below the interface of the nominal focal plane (µm), where the focus would be without the specimen. A
+        plane at z is ``depth_um + z`` deep; a plane before the interface is in the immersion medium.
 
     Examples
     --------

@@ -60,7 +60,7 @@ class PositioningError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's rms shift |M| e, and the light moved by its mean length."""
+        """Return the image's rms shift |M| e, and the light moved by the mean shift."""
         shift = _pixels(outlook, self.rms(outlook.camera))
         length = math.sqrt(math.pi / 2) * shift  # mean length of a two-dimensional normal deviate
         return Estimate(shift, "px", outlook.source_moved(length), "|M| e; spots by 1.25 |M| e/v, shadow by 1.25 |M| e")

@@ -221,10 +221,10 @@ class ExactAngles(SceneEffect):
 
     The two belong together. Each alone displaces the rays through the lenslets' centres: by 8 Nw W lambda/v with W =
     a/(8 lambda (2 Nw)^4), and by B/(2 (2 Nw)³) at the rim. With both, these rays meet the sensor at their paraxial
-    places, because the path to the image is a straight line. What remains is the coma of lenslets with a parabolic
-    phase, and a shadow that is larger by 1/(8 Nw²). A microscope's field is always exact up to the array, by its
-    Debye integral. With this effect, the angles behind the array are exact too; the light of a position is then
-    computed on one grid, not by rows and columns.
+    positions, because the path to the image is a straight line. What remains is the coma of lenslets with a parabolic
+    phase, and a shadow that is larger by 1/(8 Nw²). A microscope's field is always exact up to the array, by its Debye
+    integral. With this effect, the angles behind the array are exact too; the light of a position is then computed on
+    one grid, not by rows and columns.
 
     Examples
     --------

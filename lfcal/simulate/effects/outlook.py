@@ -16,7 +16,7 @@ __all__ = ["Outlook", "PupilOutlook", "share_moved", "share_widened"]
 def share_moved(shift: float, width: float) -> float:
     """Return the relative L1 change when a Gaussian spot of rms ``width`` moves by ``shift`` (same unit).
 
-    2 erf(shift / (2 sqrt(2) width)); 0.8 shift / width for small shifts.
+    It is 2 erf(shift / (2 sqrt(2) width)), which is 0.8 shift / width for small shifts.
     """
     return 2.0 * math.erf(abs(shift) / (2.0 * math.sqrt(2.0) * width))
 
@@ -24,7 +24,7 @@ def share_moved(shift: float, width: float) -> float:
 def share_widened(width_a: float, width_b: float) -> float:
     """Return the relative L1 difference of two round Gaussian spots with rms widths ``width_a`` and ``width_b``.
 
-    2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)²; 0.74 (b² - a²)/a² for a small widening.
+    It is 2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)², which is 0.74 (b² - a²)/a² for a small widening.
     """
     small, large = sorted((width_a, width_b))
     q = (small / large) ** 2
@@ -86,7 +86,7 @@ class Outlook:
 
     @property
     def gap_um(self) -> float:
-        """Lenslet to sensor, B (µm)."""
+        """Distance B from lenslets to sensor (µm)."""
         return self.camera.lattice.gap_um
 
     @property
@@ -251,7 +251,7 @@ class Outlook:
 
         Spots move by shift/|v|, and the shadow by the shift. Fringes follow neither exactly, so the total is the root
         of the sum of squares, with 0.85 of the spots' part (measured). A shadow within one lenslet matters where it
-        crosses over to the next.
+        crosses the border to the next one.
         """
         spots = 0.85 * self.moved(shift_px / self.depth)
         within = min(1.0, 2.0 * self.shadow_px / self.camera.pitch_px)
