@@ -36,7 +36,7 @@ def average(frames: Sequence[NDArray[Any]], max_value: int) -> tuple[NDArray[np.
     """
     if not frames or any(frame.shape != frames[0].shape for frame in frames):
         raise InputError.expected(
-            "frames to average", "one or more of one shape", [f.shape for f in frames], "grab them again"
+            "frames to average", "one or more of the same shape", [f.shape for f in frames], "record them again"
         )
     total = np.zeros(frames[0].shape, np.uint32)
     saturated = np.zeros(frames[0].shape, np.bool_)
@@ -244,7 +244,7 @@ def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last
     if frame.started_s is not None and frame.started_s < arrived_s - SLACK_S:
         raise StaleFrame.expected(
             "exposure",
-            "started after arrival",
+            "a start after the arrival of the stage",
             f"{arrived_s - frame.started_s:.3g} s before",
             "trigger the camera, or flush its buffers",
         )

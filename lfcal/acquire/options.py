@@ -106,7 +106,7 @@ class Options:
         # a bracket without 1 has no frame at the plan's exposure, to which the others are scaled
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
             raise InputError.expected(
-                "exposure bracket", "different factors, 1 among them", self.bracket, "for example 1, 0.25, 0.0625"
+                "exposure bracket", "different factors that include 1", self.bracket, "use for example 1, 0.25, 0.0625"
             )
         for factor in self.bracket:
             check_number("exposure factor", factor, above=0, at_most=1e4)

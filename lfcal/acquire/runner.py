@@ -273,7 +273,7 @@ class Attempts:
         changed = same_place(found.seen.now, before, self._guard.sensor)
         if not changed:
             return NO_DOUBT
-        known = f"(z, y, x) = {tuple(self._position(step))}, taken again, also differs from its frame"
+        known = f"(z, y, x) = {tuple(self._position(step))}, recorded again, also differs from its frame"
         return Doubt.of(changed.what, known)
 
     def _again(self, step: ScheduledFrame) -> _Judged:

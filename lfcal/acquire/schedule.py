@@ -106,7 +106,7 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
         )
     there = frame_positions(plan)
     if not len(there):
-        raise InputError.expected("plan of a target", "at least one frame", "none", "plan it again")
+        raise InputError.expected("plan of a target", "at least one frame", "none", "make the plan again")
     z = len(plan.scan.depths_um) // 2
     own = there[there[:, 0] == z]
     middle = tuple((own if len(own) else there)[0].tolist())
@@ -201,8 +201,8 @@ def _controls(plan: ScanPlan, options: Options, count: int) -> list[Block]:
     if not offsets:
         raise InputError.expected(
             "control frames",
-            "a sensor at least one period wider than the plan",
-            "none fits on the sensor",
+            "room for a position one period outside the plan",
+            "no room for one",
             "omit control frames (--controls 0)",
         )
     positions = np.tile(middle, (nz * len(offsets), 1))
@@ -436,7 +436,7 @@ def _check_on_sensor(plan: ScanPlan, origins: NDArray[Any], positions: NDArray[A
         row, column = origins[k].tolist()
         raise InputError.expected(
             f"cutout of position z={z}, y={y}, x={x}",
-            f"inside the sensor of {sensor[0]} x {sensor[1]}",
+            f"one inside the sensor of {sensor[0]} x {sensor[1]}",
             f"{shape[0]} x {shape[1]} from row {row}, column {column}",
             "choose a smaller margin or move the anchor inwards",
         )

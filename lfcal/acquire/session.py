@@ -84,7 +84,7 @@ def check_origin(
         raise InputError(f"{what}: {error}") from error
     if max(abs(down), abs(right)) > tolerance:
         got = f"moved by ({down:.2f}, {right:.2f}) px"
-        raise InputError.expected(what, f"the same place within {tolerance:g} px (row, column)", got, remedy)
+        raise InputError.expected(what, f"the same position within {tolerance:g} px (row, column)", got, remedy)
     # an image at the same place may still differ: defocused, or of another spot
     if correlation < CORRELATION:
         raise InputError.expected(what, f"a correlation above {CORRELATION}", f"{correlation:.2f}", remedy)
@@ -167,7 +167,7 @@ def iter_record(
             "leave them out: the plan of the target decides",
         )
     if not isinstance(plan, ScanPlan) and plan.lit is not None and not rig.switches:
-        remedy = "show its pictures (lfcal plan target --patterns), and assemble the folder of frames"
+        remedy = "show its images (lfcal plan target --patterns), and assemble the folder of frames"
         raise InputError.expected("plan", "a target that a stage moves", "frames of a display", remedy)
     goes_on = resume or redo is not None
     if not goes_on:
@@ -254,7 +254,7 @@ def check_fixed(devices: Devices, options: Options) -> None:
             f"settings of {devices.camera}",
             "frames proportional to light",
             devices.automatic_words,
-            "switch this off with the program of the camera's maker; --allow-automatic records all the same",
+            "switch this off with the program of the camera's maker; record all the same with --allow-automatic",
         )
 
 

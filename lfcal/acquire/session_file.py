@@ -271,7 +271,9 @@ class SessionFile:
             if body["target"] is not None:
                 body["target"] = read_frame_plan(body["target"])
                 if body["target"].scan != body["plan"]:
-                    raise FileFormatError.expected(f"{path}: plan", "that of the target", "another", "restore the file")
+                    raise FileFormatError.expected(
+                        f"{path}: plan", "that of the target", "a different plan", ("restore the file")
+                    )
             session = build(cls, body, "session")
         except KeyError as error:
             raise FileFormatError.expected(str(path), f"entry {error}", "none", "restore the file") from None

@@ -119,7 +119,7 @@ def _checked(mean: NDArray[np.float64], plan: ScanPlan, kind: str) -> float:
             "white frames", f"at least {100 * BRIGHT:.0f} % of the range", f"{100 * level:.0f} %", "expose longer"
         )
     if float((mean >= sensor.max_value).mean()) > SATURATED:
-        raise InputError.expected("white frames", "no saturated pixels", "many of them", "expose shorter")
+        raise InputError.expected("white frames", "no saturated pixels", "many of them", "use a shorter exposure")
     rows, columns = (np.array_split(np.arange(n), PARTS) for n in mean.shape)
     parts = [float(np.percentile(shares[np.ix_(r, c)], 95)) for r in rows for c in columns]
     lit = float(np.mean([part > DIM * level for part in parts]))

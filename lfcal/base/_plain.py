@@ -85,7 +85,7 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
         raise refuse(f"more than {MAX_NESTING} levels of nested lists")
     # half a surrogate pair cannot be encoded
     if re.search(r"\\u[dD][89a-fA-F]", text) and not _is_unicode(value):
-        raise refuse("characters that are not Unicode")
+        raise refuse("invalid Unicode characters")
     return value
 
 

@@ -150,7 +150,7 @@ def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
             what, "a 2-D frame of numbers", f"{array.dtype} {array.shape}", "give one frame or their mean"
         )
     if not np.isfinite(array).all():
-        raise InputError.expected(what, "finite values", "NaN or infinity", "take it again")
+        raise InputError.expected(what, "finite values", "NaN or infinity", "record it again")
     result = np.array(array, np.float32, order="C")
     result.setflags(write=False)
     return result

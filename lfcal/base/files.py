@@ -49,8 +49,8 @@ MAX_EXPANSION = 2000
 
 _REMEDIES = {
     errno.ENOSPC: "free some space or choose another disk",
-    errno.EDQUOT: "free some of your space or choose another disk",
-    errno.EFBIG: "choose a disk that takes files of this size",
+    errno.EDQUOT: "delete some of your files or choose another disk",
+    errno.EFBIG: "choose a disk that supports files of this size",
     errno.EACCES: "choose a folder you may write to",
     errno.EPERM: "choose a folder you may write to",
     errno.EROFS: "the disk is read-only; choose another one",
@@ -85,7 +85,7 @@ def storage_words(error: OSError | RuntimeError, path: object) -> str:
     reason = known or (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
     if number is None and re.search(r"\d+ requested and \d+ written", reason):
         # message of numpy, without the system's error number
-        number, reason = errno.ENOSPC, "the disk took only a part of it"
+        number, reason = errno.ENOSPC, "the disk stored only a part of the data"
     remedy = _REMEDIES.get(number or 0, "check the disk and the path")
     if too_long(path):
         remedy = "choose a shorter path, or enable long paths in Windows"
@@ -357,7 +357,7 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bo
     for encoding in encodings:
         with suppress(UnicodeDecodeError):
             return data.decode(encoding)
-    raise FileFormatError.expected(str(source), "text in UTF-8", "other bytes", "check the path")
+    raise FileFormatError.expected(str(source), "text in UTF-8", "another encoding", "check the path")
 
 
 def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:

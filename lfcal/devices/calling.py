@@ -103,7 +103,9 @@ class Caller:
         if self.hangs and not self._returned(limit, cancelled):
             if cancelled():
                 return CANCELLED
-            raise DeviceLost(f"{self.name}: still hangs in an earlier {self._hanging}; switch it off and on")
+            raise DeviceLost(
+                f"{self.name}: has not returned from an earlier {self._hanging}; switch the device off and on"
+            )
         call = _Call(function, arguments, SimpleQueue())
         self._running().put(call)
         # repeat until there is an answer, because an interrupt may also end the wait
@@ -113,7 +115,7 @@ class Caller:
             return CANCELLED
         if answer is None:
             raise DeviceLost(
-                f"{self.name}: no answer to {what} within {limit:g} s; check cable and power, switch it off and on"
+                f"{self.name}: no answer to {what} within {limit:g} s; check cable and power, then switch it off and on"
             )
         self._abandoned = None
         found, error = answer

@@ -106,10 +106,12 @@ class FileGauge:
                 file.seek(max(0, size - TAIL_BYTES))
                 text = file.read().decode("utf-8", "replace")
         except OSError as error:
-            raise DeviceError(f"{self.path}: cannot be read ({error.strerror or error})") from error
+            raise DeviceError(f"{self.path}: cannot be read ({error.strerror or error}); check the path") from error
         # a line without a line end may be incomplete
         lines = [line for line in text[: text.rfind("\n") + 1].splitlines() if line.strip()]
         found = NUMBER.findall(lines[-1]) if lines else []
         if not found:
-            raise DeviceError.expected(str(self.path), "a last line with a number", "none", "check its writer")
+            raise DeviceError.expected(
+                str(self.path), "a last line with a number", "none", ("check the program that writes it")
+            )
         return float(found[-1])

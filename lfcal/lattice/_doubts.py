@@ -136,11 +136,11 @@ def check_white(even: Evenness, residual_px: float, noise: float, pitch: float) 
         )
     notes = []
     if even.shared > SHARED_NOTE:
-        notes.append(
-            f"uneven light: groups of lenslets differ by {100 * even.shared:.0f} %; is something in the light path?"
-        )
+        notes.append(f"uneven light: groups of lenslets differ by {100 * even.shared:.0f} %; check the light path")
     if even.scatter > SCATTER_NOTE:
-        notes.append(f"light differs from lenslet to lenslet by {100 * even.scatter:.0f} %; is this a white image?")
+        notes.append(
+            f"light differs from lenslet to lenslet by {100 * even.scatter:.0f} %; check that this is a white image"
+        )
     if residual_px > JITTER_NOTE * pitch and residual_px > JITTER_NOISE * noise:
         notes.append(
             f"micro-images deviate by {residual_px:.2g} px from any smooth lattice, more than noise explains; "

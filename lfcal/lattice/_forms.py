@@ -491,12 +491,12 @@ def _words(fits: list[FittedForm], chosen: int, lost: list[float], index: NDArra
         away = np.hypot(*(fits[0].model.places(index) - best.model.places(index)).T)
         said = f"{best.form.name}: removes up to {float(away.max()):.2g} px"
     else:
-        said = f"{best.form.name}: straight rows; the residuals are scatter"
+        said = f"{best.form.name}: the rows are straight, and the residuals are random"
     richer = range(chosen + 1, len(fits))
     if not richer:
         return said
     next_best = min(richer, key=lambda k: lost[k])
     gain = lost[chosen] - lost[next_best]
     if gain < 1e-4:
-        return f"{said}; no richer form predicts held-out micro-images better"
-    return f"{said}; {fits[next_best].form.name} would gain {gain:.1g} px"
+        return f"{said}; no form with more terms predicts held-out micro-images better"
+    return f"{said}; {fits[next_best].form.name} would reduce the error by {gain:.1g} px"

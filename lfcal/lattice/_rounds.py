@@ -144,11 +144,14 @@ def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
         level = as_sensor_frame("dark of the white image", level)
         if level.shape != image.shape:
             raise InputError.expected(
-                "dark of the white image", f"shape {image.shape}", level.shape, "use one sensor setting"
+                "dark of the white image",
+                f"shape {image.shape}",
+                level.shape,
+                ("record both with the same sensor settings"),
             )
     if min(image.shape) < MIN_LENSLETS * MIN_PITCH:
         raise InputError.expected(
-            "white image", f"at least {MIN_LENSLETS * MIN_PITCH:g} px a side", image.shape, "use the whole frame"
+            "white image", f"at least {MIN_LENSLETS * MIN_PITCH:g} px per side", image.shape, "use the whole frame"
         )
     return levelled(image - level)
 
@@ -196,7 +199,7 @@ def _lenslets_of(image: NDArray[np.float32], model: LatticeModel, near: Region |
     index = model.whole((image.shape[0], image.shape[1]))
     if len(index) < MIN_COUNT:
         raise InputError.expected(
-            "white image", f"at least {MIN_COUNT} whole lenslets", len(index), "use a larger part of the frame"
+            "white image", f"at least {MIN_COUNT} complete lenslets", len(index), "use a larger part of the frame"
         )
     if near is None:
         return index
@@ -329,10 +332,10 @@ def _check_found(index: NDArray[np.intp], placed: LensletPlaces, dead: NDArray[n
         return
     raise InputError.expected(
         "white image",
-        f"micro-images on {MIN_COUNT} places of a lattice or more and on {100 * (1 - MAX_DEAD):.0f} % of the lit ones, "
-        f"{100 * MIN_EXPLAINED:.0f} % alike",
-        f"{(~dead).sum()} places, {100 * (1 - gone):.0f} % of the lit ones, {100 * explained:.0f} % alike",
-        "take an evenly lit image of the lenslets",
+        f"micro-images of {MIN_COUNT} or more lenslets and of {100 * (1 - MAX_DEAD):.0f} % of the lit ones, "
+        f"with {100 * MIN_EXPLAINED:.0f} % similarity",
+        f"{(~dead).sum()} lenslets, {100 * (1 - gone):.0f} % of the lit ones, {100 * explained:.0f} % similarity",
+        "record an evenly lit image of the lenslets",
     )
 
 

@@ -116,18 +116,18 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
     if share < MIN_BRIGHT or rough.contrast <= 0:
         raise overlapping("micro-images brighter than the gaps between them", f"{100 * share:.0f} % of them")
     if rough.kind == "square" and few is None and not _alike(flat, rough):
-        raise overlapping("micro-images of one shape", "two shapes that alternate")
+        raise overlapping("micro-images of one shape", "two alternating shapes")
     if pitch_px is not None and not _near(rough.basis, pitch_px):
         got = f"{np.linalg.norm(rough.basis[0]):.2f} px"
         raise InputError.expected(
-            "white image", f"a pitch within 10 % of {pitch_px:g} px", got, "correct the nominal pitch or leave it out"
+            "white image", f"a pitch within 10 % of {pitch_px:g} px", got, "correct the nominal pitch, or leave it out"
         )
     return RoughLattice(rough.kind, rough.basis, rough.centre + part.origin, rough.contrast)
 
 
 def overlapping(wanted: str, found: str) -> InputError:
     """Return the refusal of an image whose micro-images may overlap."""
-    remedy = "take an evenly lit image of the lenslets, with the main lens stopped down if micro-images overlap"
+    remedy = "record an evenly lit image of the lenslets, with the main lens stopped down if micro-images overlap"
     return InputError.expected("white image", wanted, found, remedy)
 
 
@@ -171,9 +171,9 @@ def _fine(flat: LitPart, kind: str | None, pitch_px: float | None) -> tuple[Roug
     frequencies, amplitudes = _peaks(flat.image)
     candidates = _candidates(frequencies, kind)
     if not candidates:
-        found = "no regular pattern" if len(frequencies) < 2 else "peaks that form none"
+        found = "no regular pattern" if len(frequencies) < 2 else "peaks that form no lattice"
         wanted = f"a {kind} lattice of micro-images" if kind else "a square or hexagonal lattice of micro-images"
-        raise InputError.expected("white image", wanted, found, "take an evenly lit, sharp image of the lenslets")
+        raise InputError.expected("white image", wanted, found, "record an evenly lit, sharp image of the lenslets")
     rough, share = _finest(flat, *_explaining(candidates, frequencies, amplitudes), kind)
     if pitch_px is not None and not _near(rough.basis, pitch_px):
         stated = [(name, basis) for name, basis in _contained(candidates, kind) if _near(basis, pitch_px)]

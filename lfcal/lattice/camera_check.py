@@ -135,7 +135,7 @@ def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tu
     if any(o < 0 or o + n > size for o, n, size in zip(origin, shape, sensor.shape, strict=True)):
         raise InputError.expected(
             "origin of the white image (row, column)",
-            f"a place on the sensor of {sensor.shape[0]} x {sensor.shape[1]} px",
+            f"a position on the sensor of {sensor.shape[0]} x {sensor.shape[1]} px",
             f"{origin[0]},{origin[1]} for {shape[0]} x {shape[1]} px",
             "correct it, or the camera's sensor",
         )
@@ -242,7 +242,7 @@ def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Che
     step = camera.lattice.type_step
     expected = f"0, and {step} to its right"
     if types is None:
-        return CheckLine("lens type at the offset", expected, "not distinguished", None, UNKNOWN)
+        return CheckLine("lens type at the offset", expected, "not distinguishable", None, UNKNOWN)
     row, column = camera.pixels(camera.lattice.offset_um)
     q, r = np.rint(fit.lenslet_at(row, column)).astype(int)
     kind = int(types.type_of(q, r))

@@ -353,7 +353,7 @@ class _Scene:
         if mask is not None:
             given = np.asarray(mask, np.bool_)
             if given.shape != bad.shape:
-                raise InputError.expected("mask", f"shape {bad.shape}", given.shape, "make it for these frames")
+                raise InputError.expected("mask", f"shape {bad.shape}", given.shape, "use a mask for these frames")
             bad = bad | given
         light = subtract_dark(np.where(bad, 0, values), dark, lattice, "light-field frame")
         bad = bad | _hot(light)
@@ -399,7 +399,7 @@ def _lenslets(lattice: FrameLattice, radius: float) -> tuple[NDArray[np.intp], A
     margin = math.floor(radius)
     inside = ((centres >= margin) & (centres <= np.array(lattice.shape) - 1 - margin)).all(1)
     if not inside.any():
-        wanted = f"a whole micro-image of radius {radius:.1f} px"
+        wanted = f"a complete micro-image of radius {radius:.1f} px"
         raise InputError.expected("light-field frame", wanted, f"{lattice.shape} px", "give a larger frame")
     order = np.argsort(centres[inside][:, 0], kind="stable")
     index: NDArray[np.intp] = np.stack([q, r], axis=-1)[inside][order]

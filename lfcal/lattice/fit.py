@@ -119,7 +119,7 @@ def fit_lattice(
             check_cell(mean_cell(image, chosen.fitted.model, between))
     elif abs(model.ratio / math.sqrt(0.75) - 1) > RATIO_TOLERANCE:
         got = f"rows {model.ratio:.2f} pitches apart"
-        raise InputError.expected("white image", "hexagonal or rectangular cells", got, "take an evenly lit image")
+        raise InputError.expected("white image", "hexagonal or rectangular cells", got, "record an evenly lit image")
     return _described((image.shape[0], image.shape[1]), lenslets, chosen, light)
 
 
@@ -207,14 +207,14 @@ def _extent(inside: NDArray[np.bool_], lenslets: PlacedLenslets) -> tuple[str, .
     notes = []
     if inside.mean() < PARTLY_LIT:
         notes.append(
-            f"light on {100 * inside.mean():.0f} % of the places: the lattice is measured there"
+            f"only {100 * inside.mean():.0f} % of the lenslets are lit: the lattice is measured there"
             f"{', without distortion,' if lenslets.narrow else ''} and extrapolated elsewhere"
         )
     count = int((~lenslets.dead).sum())
     if count < FEW:
         notes.append(
-            f"{count} lenslets: distortion at most {flexible_form(count).name}, "
-            f"fall-off of light of degree {determined_degree(count)}; {FEW} or more determine a full model"
+            f"only {count} lenslets: distortion is limited to {flexible_form(count).name}, "
+            f"fall-off of light to degree {determined_degree(count)}; a full model requires {FEW} or more"
         )
     return tuple(notes)
 
@@ -227,7 +227,7 @@ def _believable(residual: Array, pitch: float) -> float:
             "white image",
             f"micro-images within {100 * MAX_RESIDUAL:.0f} % of a pitch from a lattice",
             f"{100 * rms / pitch:.0f} % rms",
-            "take an evenly lit image of the lenslets",
+            "record an evenly lit image of the lenslets",
         )
     return rms
 
@@ -350,10 +350,10 @@ def check_cell(cell: Array) -> None:
             "white image",
             "micro-images with gaps of a different shape",
             "light and dark fields of the same shape, as in a checkerboard",
-            "take an evenly lit image of the lenslets",
+            "record an evenly lit image of the lenslets",
         )
     if _overlap(level):
-        raise overlapping("separate micro-images with dark gaps", "levels of light as where several overlap")
+        raise overlapping("separate micro-images with dark gaps", "light levels of overlapping micro-images")
 
 
 def _overlap(level: Array) -> bool:

@@ -135,7 +135,7 @@ def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
     data = parse_json(read_text(path), str(path), remedy=REMEDY)
     if not isinstance(data, dict) or (data.get("format"), data.get("version")) != (LATTICE_FORMAT, LATTICE_VERSION):
         raise FileFormatError.expected(
-            str(path), f"{LATTICE_FORMAT} of version {LATTICE_VERSION}", "something else", REMEDY
+            str(path), f"{LATTICE_FORMAT} of version {LATTICE_VERSION}", "another format", REMEDY
         )
     try:
         return _fit(data)

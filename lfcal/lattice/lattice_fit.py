@@ -204,7 +204,7 @@ class LatticeFit:
                 "white image",
                 f"the camera's {camera.sensor.shape} pixels",
                 self.shape,
-                "choose the camera it was taken with",
+                "choose the camera that recorded it",
             )
         stated = camera.periodic
         if stated.kind != self.kind:

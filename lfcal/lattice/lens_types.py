@@ -102,7 +102,7 @@ def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[f
     if virtual_depth is None:
         inverse = -gap / camera.optics.image_distance_um
     elif virtual_depth == 0:
-        raise InputError.expected("virtual depth", "a plane off the lenslets", 0, "choose another frame")
+        raise InputError.expected("virtual depth", "a plane away from the lenslets", 0, "choose another frame")
     else:
         inverse = 1 / virtual_depth
     return tuple(abs(1 / kind.focus_depth(gap) - inverse) for kind in camera.lattice.types)
@@ -181,7 +181,9 @@ def classify_lens_types(
 
 def _expected(fit: LatticeFit, blur: Sequence[float]) -> Array:
     if fit.kind != "hexagonal":
-        raise InputError.expected("lattice with three lens types", "hexagonal", fit.kind, "there is one type only")
+        raise InputError.expected(
+            "lattice with three lens types", "hexagonal", fit.kind, ("such a lattice has only one lens type")
+        )
     expected = np.array(check_tuple("expected blur of the lens types", blur, 3, at_least=0))
     gaps = np.diff(np.sort(expected))
     if gaps.min() < MIN_BLUR_STEP * expected.max():
@@ -248,10 +250,10 @@ def _decide(triangles: Array, expected: Array) -> LensTypes:
     phase = types.index(0)
     step = types[(phase + 1) % 3]
     if sigmas < MIN_SIGMAS or agreement < MIN_AGREEMENT:
-        got = f"{sigmas:.1f} standard errors, {100 * agreement:.0f} % of the places agreeing"
+        got = f"{sigmas:.1f} standard errors, {100 * agreement:.0f} % agreement"
         raise InputError.expected(
             "lens types",
-            f"an assignment {MIN_SIGMAS:g} standard errors better than the next, {100 * MIN_AGREEMENT:.0f} % agreeing",
+            f"an assignment {MIN_SIGMAS:g} standard errors better than the next, {100 * MIN_AGREEMENT:.0f} % agreement",
             got,
             "use a sharper, brighter or differently focused frame",
         )

@@ -288,15 +288,15 @@ def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int]
             "frame",
             f"the {_by(lattice.shape)} pixels of the sensor",
             _by((rows, columns)),
-            "give a whole frame, or the row and column on the sensor of its first pixel (--origin ROW,COLUMN)",
+            "give a whole frame, or the sensor row and column of its first pixel (--origin ROW,COLUMN)",
         )
     top, left = check_tuple("origin of the frame (row, column)", origin, 2, at_least=0, integer=True)
     if top + rows > lattice.shape[0] or left + columns > lattice.shape[1]:
         raise InputError.expected(
             "frame",
             f"a part of the {_by(lattice.shape)} pixels of the sensor",
-            f"{_by((rows, columns))} from row {top}, column {left} on",
-            "correct its origin, or choose the camera it was taken with",
+            f"{_by((rows, columns))} starting at row {top}, column {left}",
+            "correct its origin, or choose the camera that recorded it",
         )
     return CroppedLattice(lattice, (rows, columns), (top, left))
 

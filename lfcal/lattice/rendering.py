@@ -160,7 +160,7 @@ def check_slopes(slopes: Sequence[float]) -> None:
                 "slope of a plane seen by lens types",
                 f"one beyond ±{MIN_SLOPE:g}",
                 f"{slope:g}",
-                "leave the plane out, or refocus views without types",
+                "leave the plane out, or refocus views without lens types",
             )
 
 

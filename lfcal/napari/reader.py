@@ -69,7 +69,7 @@ def read_layers(path: str | Path) -> list[Layer]:
         raise FileFormatError.expected(
             str(source),
             "H, HT, a recorded session or a volume of lfcal",
-            "something else",
+            "another file",
             "open it with another reader",
         )
     return read(source)

@@ -45,7 +45,7 @@ class AssemblySettings:
     )
     lost: float = opt(
         0.005,
-        "Largest share of a pattern's energy that may lie outside an automatic cutout.",
+        "Largest fraction of a pattern's energy that may be outside an automatic cutout.",
         label="Lost energy",
         above=0,
         below=1,
@@ -77,7 +77,7 @@ class AssemblySettings:
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
     store_tolerance: float | None = opt(
         None,
-        "Largest share (L1) of its light that a pattern may lose when the file is compressed, as in lfcal reduce.",
+        "Largest fraction (L1) of its light that a pattern may lose when the file is compressed, as in lfcal reduce.",
         label="Loss in the file",
         above=0,
         below=1,

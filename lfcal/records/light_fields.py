@@ -61,7 +61,9 @@ class LightFieldSettings:
         """Check every value."""
         check_record(self)
         if self.lattice and self.resample == "never":
-            raise InputError.expected("resample", "auto or always, for a lattice is given", "never", "leave one out")
+            raise InputError.expected(
+                "resample", "auto or always, because a lattice is given", "never", ("leave one out")
+            )
 
     @property
     def asked(self) -> bool | None:
@@ -122,7 +124,7 @@ class ProjectionSettings:
     )
     threshold: float = opt(
         0.0,
-        "Share of a plane's peak below which entries of H count as 0.",
+        "Fraction of a plane's peak below which entries of H count as 0.",
         label="Ignore H below",
         at_least=0,
         below=1,
@@ -131,7 +133,7 @@ class ProjectionSettings:
     )
     within: float = opt(
         0.0,
-        "Largest share of the light that projections may leave out. 0.005 is several times faster; 0 is exact.",
+        "Largest fraction of the light that projections may omit. 0.005 is several times faster; 0 is exact.",
         label="Light missed",
         at_least=0,
         below=1,

@@ -61,11 +61,11 @@ def load_record(path: Path, shared: Mapping[str, object] | None = None) -> Any:
         return _Reader(data, shared or {}).load()
     except _Refused as error:
         raise UnsafeFileError.expected(
-            str(path), "records of lfcal", f"a pickle that asks for {error}", "remove it and begin again"
+            str(path), "records of lfcal", f"a pickle that requests {error}", "remove it and start again"
         ) from error
     except Exception as error:  # a damaged pickle can raise any error
         raise FileFormatError.expected(
-            str(path), "an intact record", type(error).__name__, "remove it and begin again"
+            str(path), "an intact record", type(error).__name__, "remove it and start again"
         ) from error
 
 

@@ -371,7 +371,7 @@ def _given_up(event: Event, attempts: int) -> Exception:
     if isinstance(error, StorageError):
         return error
     return type(error)(
-        f"{event.job.unit.name}: {error} in each of {attempts} attempts; memory may be short: use fewer workers"
+        f"{event.job.unit.name}: {error} in each of {attempts} attempts; memory may be insufficient: use fewer workers"
     )
 
 

@@ -260,7 +260,7 @@ def test_fault_resume_redo_and_coarse_order(
         (["--origin", "1,2"], "give three numbers"),
         (["--tolerance", "a"], "--tolerance: expected numbers"),
         (["--bracket", "0.5"], "exposure bracket"),
-        (["--backend", "gentl"], "choose its backend"),
+        (["--backend", "gentl"], "choose a backend"),
         (["--option", "limits=-10:10,-10:10,-10:10"], "the limits"),
         (["--option", "limits=-10:10,-10:10,-10:10", "--no-check-stage"], "the limits"),
         (["--margin", "1000", "--no-check-stage"], "smaller margin"),

@@ -203,7 +203,7 @@ def test_positions_recorded_again_are_held_against_those_around_them(tmp_path: P
     record(tmp_path, PLAN, rig_for(PLAN, DeviceFault("loses steps", 90)), options)
     named = sorted(suspects_of(tmp_path))
     assert named
-    with pytest.raises(AcquisitionStopped, match="content guard: image: expected within"):
+    with pytest.raises(AcquisitionStopped, match="content guard: image: expected a displacement"):
         record(tmp_path, PLAN, rig_for(PLAN, DeviceFault("loses steps", 0)), CAREFUL, redo=named)
     assert sorted(suspects_of(tmp_path)) == named
 

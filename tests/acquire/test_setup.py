@@ -176,7 +176,7 @@ def test_stage_fit_refuses_moves_on_a_line_and_images_that_stand_still() -> None
     with pytest.raises(InputError, match="not on one line"):
         fit_stage(PLAN, 0, stage, [[0, 0], [0, 4], [0, 8]])
     stage[2] = (0, 100, 0)
-    with pytest.raises(InputError, match="stands still"):
+    with pytest.raises(InputError, match="a stationary one"):
         fit_stage(PLAN, 0, stage, [[50, 50], [50, 50], [50, 50]])
 
 
@@ -264,7 +264,7 @@ def test_exposure_suggestions_are_honest() -> None:
     plan = small_plan((3, 3), 1)
     dark = rig_for(plan)
     dark.light.switch(False)  # type: ignore[union-attr]
-    with pytest.raises(InputError, match="too dark"):
+    with pytest.raises(InputError, match="too weak"):
         drain(iter_exposures(dark, plan))
 
 

@@ -31,7 +31,7 @@ BAD = {
     "nesting that ends the parser": ("[" * 100_000 + "]" * 100_000, "endlessly nested lists"),
     "nesting that ends what comes after": ("[" * 600 + "]" * 600, f"more than {MAX_NESTING} levels of nested lists"),
     "objects in objects": ('{"a":' * 200 + "1" + "}" * 200, f"more than {MAX_NESTING} levels of nested lists"),
-    "half a character": (r'{"name": "\ud800"}', "not Unicode"),
+    "half a character": (r'{"name": "\ud800"}', "invalid Unicode"),
     "a control character": ('"a\x01"', "Invalid control character"),
 }
 

@@ -124,7 +124,7 @@ def test_a_white_image_of_a_part_of_the_sensor(
     done = lfcal(*words)
     assert done.code == 2 and "sensor of the white image" in done.err and "--origin ROW,COLUMN" in done.err
     done = lfcal(*words, "--origin", "18,40")
-    assert done.code == 2 and "a place on the sensor of 230 x 270 px, got 18,40 for 213 x 190 px" in done.err
+    assert done.code == 2 and "a position on the sensor of 230 x 270 px, got 18,40 for 213 x 190 px" in done.err
     done = lfcal(*words, "--origin", "17,40")
     assert done.code == 0, done.err
     assert Camera.from_json(out.read_text()).sensor.shape == SHAPE

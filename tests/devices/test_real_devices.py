@@ -214,7 +214,7 @@ def test_aravis_says_what_is_missing() -> None:
     with fake_camera():
         with pytest.raises(InputError, match=r"expected Mono or Bayer.* 12Packed, got R"):
             aravis(plan, format="RGB8")
-        with pytest.raises(InputError, match="choose its backend"):
+        with pytest.raises(InputError, match="choose a backend"):
             open_rig(plan, "aravis", {"camera": ADDRESS})
 
 

@@ -164,7 +164,12 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
         "damaged data",
     ),
     "npz archive": ("a.npz", lambda: b"PK\x03\x04" + bytes(30), FileFormatError, "a ZIP or .npz archive"),
-    "HDF5 cut short": ("a.h5", lambda: b"\x89HDF\r\n\x1a\n" + bytes(200), FileFormatError, "a damaged or other file"),
+    "HDF5 cut short": (
+        "a.h5",
+        lambda: b"\x89HDF\r\n\x1a\n" + bytes(200),
+        FileFormatError,
+        ("a damaged or different file"),
+    ),
     "PGM cut short": ("a.pgm", lambda: b"P5 50 40 65535\n" + bytes(100), FileFormatError, "the file is cut short"),
     "PGM without a header": ("a.pgm", lambda: b"P5 fifty", FileFormatError, "a PGM header"),
     "RAW that is none": ("a.dng", lambda: b"II*\0" + bytes(400), FileFormatError, "camera RAW"),

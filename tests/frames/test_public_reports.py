@@ -372,7 +372,11 @@ REFUSED: dict[str, tuple[Write, dict[str, Any], str]] = {
     "MrKepzie/Natron#1215": (png(16, alpha=True), {}, "one sample per pixel, got 2 samples of 16 bits"),
     "white is zero": (tiffs(photometric="miniswhite"), {}, "samples that increase with light"),
     "link out of the folder": (linked("elsewhere"), {}, "a path inside .*, got one outside"),
-    "h5py/h5py#1546": (hdf5(virtual), RASTER, "a virtual dataset of data_000001.h5; open the file that holds them"),
+    "h5py/h5py#1546": (
+        hdf5(virtual),
+        RASTER,
+        ("a virtual dataset of data_000001.h5; open the file that contains the data"),
+    ),
     "dials/dials#1088": (
         hdf5(master),
         RASTER,

@@ -264,7 +264,7 @@ def test_bad_input(flat: Drawn) -> None:
         depth_map(flat.frame, field, method="micro-images", slopes=(-1.0, 5.0))
     with pytest.raises(InputError, match="slopes"):
         depth_map(flat.frame, field, method="views", slopes=(5.0, 1.0))
-    with pytest.raises(InputError, match="whole micro-image"):
+    with pytest.raises(InputError, match="complete micro-image"):
         depth_map(np.ones((9, 9)), lattice((9, 9), 24.0))
 
 

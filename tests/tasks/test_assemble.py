@@ -161,7 +161,7 @@ def test_python_has_every_field_as_a_keyword_with_type_default_and_help() -> Non
         assert ("None" in one.annotation) is row.optional, name
         assert f"{name} : {one.annotation} {row.described} " in words, name
     assert (
-        "Largest share of a pattern's energy that may lie outside an automatic cutout. (> 0, < 1; default: 0.005)"
+        "Largest fraction of a pattern's energy that may be outside an automatic cutout. (> 0, < 1; default: 0.005)"
         in words
     )
 

@@ -53,7 +53,7 @@ def test_a_record_runs_nothing(tmp_path: Path, function: Any) -> None:
     if function == "remove_tree":
         from lfcal.work.runs import discard as function
     path.write_bytes(pickle.dumps(Call(function, str(made))))
-    with pytest.raises(UnsafeFileError, match="expected records of lfcal, got a pickle that asks for"):
+    with pytest.raises(UnsafeFileError, match="expected records of lfcal, got a pickle that requests"):
         load_record(path)
     assert not made.exists()
 
@@ -64,7 +64,7 @@ def test_damaged_and_missing_records_are_one_line(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for cut in (0, 1, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:cut])
-        with pytest.raises((FileFormatError, UnsafeFileError), match="remove it and begin again"):
+        with pytest.raises((FileFormatError, UnsafeFileError), match="remove it and start again"):
             load_record(path)
     with pytest.raises(StorageError):
         load_record(tmp_path / "none")

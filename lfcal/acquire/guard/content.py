@@ -134,7 +134,9 @@ class Repeats:
             top, bottom = same_rows(rows, earlier)
             for count, part in ((top, rows[:top]), (bottom, rows[n - bottom :])):
                 if count and count_lit(part, floor, self._ceiling) >= FEW:
-                    got = f"{100 * count / n:.0f} % of its rows as at (z, y, x) = {tuple(place.position)}"
+                    got = (
+                        f"{100 * count / n:.0f} % of its rows identical to those at (z, y, x) = {tuple(place.position)}"
+                    )
                     why = f"frame: expected one exposure, got {got}; the camera mixes its buffers"
                     return Doubt.of(Suspicion.TORN, why)
         return None
@@ -252,7 +254,10 @@ class Neighbours:
         doubt = _compare(now, self._expected, limits, GAINS[way], self._sensor)
         full = self._sensor.ceiling
         if now.saturated >= FEW_CLIPPED and self._expected[PEAK] < FAR_FROM_FULL * full:
-            why = f"peak: expected about {self._expected[PEAK]:.4g} counts as around it, got {now.saturated} saturated"
+            why = (
+                f"peak: expected about {self._expected[PEAK]:.4g} counts as at neighbouring positions, got "
+                f"{now.saturated} saturated"
+            )
             doubt |= Doubt.of(Suspicion.CLIPPED, f"{why} pixels; check lamp and exposure")
         return doubt
 
@@ -309,8 +314,8 @@ def _compare(
         down, right = got_row - row, got_column - column
         noise = sigmas * now.place_sigma
         if abs(down) > max(limits[ROW], noise) or abs(right) > max(limits[COLUMN], noise):
-            why = f"image: expected within {max(limits[ROW], limits[COLUMN], noise):.2g} px of its place, got "
-            why += f"({down:.2f}, {right:.2f}) px (row, column) of displacement"
+            why = f"image: expected a displacement below {max(limits[ROW], limits[COLUMN], noise):.2g} px, got "
+            why += f"({down:.2f}, {right:.2f}) px (row, column)"
             doubt |= Doubt.of(Suspicion.DISPLACED, f"{why}; check the stage's steps and the camera's region")
     return doubt
 
@@ -392,7 +397,9 @@ class ContentGuard:
             doubt |= self._repeats.kept(position, content.frame, now.noise, floor)
             doubt |= self._neighbours.look(position, now, content.actual_s[0], self._pitch(position))
             if not self._any and not now.lit:
-                doubt |= Doubt.of(Suspicion.BLANK, "light: expected some in the first frame, got none; check the lamp")
+                doubt |= Doubt.of(
+                    Suspicion.BLANK, ("light: expected a signal in the first frame, got none; check the lamp")
+                )
         elif content.kind is Kind.REFERENCE and self._reference is not None:
             doubt |= same_place(now, self._reference, self.sensor, references=True)
         return CheckedFrame(now, doubt, samples)

@@ -121,7 +121,7 @@ class SessionReport:
     def known(self) -> str:
         """Number of intact frames, as a sentence."""
         whole, total = (sum(getattr(file, name) for file in self.files) for name in ("whole", "frames"))
-        return f"whole in {whole} of {format_count(total, 'frame', 'frames')}"
+        return f"intact in {whole} of {format_count(total, 'frame', 'frames')}"
 
     @property
     def to_redo(self) -> tuple[Position, ...]:

@@ -35,7 +35,7 @@ class FolderLock:
             raise StorageError.expected(
                 str(folder),
                 "a session that no other program records into",
-                f"open in {holder}",
+                f"one open in {holder}",
                 "end the other program, or choose another folder",
             ) from error
         self.note("")

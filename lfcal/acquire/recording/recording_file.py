@@ -280,7 +280,7 @@ class RecordingFile:
             raise FileFormatError.expected(
                 f"{self.path.name}[{slot}]",
                 "the recorded bytes",
-                "damaged or never taken ones",
+                "damaged or missing ones",
                 "record it again (lfcal acquire --resume)",
             )
         return frame

@@ -191,7 +191,9 @@ class RecordingSource(Frames):
             there &= np.isin(np.arange(count) // size, planes)
         flat = np.flatnonzero(there)
         if not flat.size:
-            raise InputError.expected("recording", "frames of some positions", "none", "record the session first")
+            raise InputError.expected(
+                "recording", "frames of at least one position", "none", ("record the session first")
+            )
         return where[flat], slots[flat], flat
 
     @property

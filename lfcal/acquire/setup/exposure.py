@@ -94,7 +94,7 @@ def iter_exposures(
                     raise InputError.expected(
                         f"plane z={z} ({plan.depths_um[z]:g} µm)",
                         "light within the camera's range",
-                        "too dark or too bright at every exposure",
+                        "light that is too weak or too strong at every exposure",
                         "change the lamp or the iris",
                     )
                 # the brightest place of a plane decides; the first is only a start of the search

@@ -69,7 +69,7 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     places, seen = np.asarray(object_um, float), np.asarray(image_px, float)
     if places.shape != seen.shape or places.ndim != 3 or places.shape[0] < 2 or places.shape[1] < 3:
         raise InputError.expected(
-            "optical axis", "3 or more places in 2 or more planes", places.shape, "measure more of them"
+            "optical axis", "3 or more positions in 2 or more planes", places.shape, "measure more of them"
         )
     maps, shifts, residuals = [], [], []
     for place, image in zip(places, seen, strict=True):

@@ -329,7 +329,7 @@ def _check_repeat(repeat: float, still: float, notes: list[str]) -> None:
         )
         return
     raise InputError.expected(
-        f"image of one place, visited {VISITS} times",
+        f"image at one position, visited {VISITS} times",
         f"within {REPEAT_PX:g} px rms",
         f"{repeat:.2f} px rms ({still:.2f} px without a move)",
         "the stage is not repeatable: check coupling, load and encoder, or record with --no-check-stage",

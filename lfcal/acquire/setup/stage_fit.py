@@ -139,7 +139,7 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
         raise InputError.expected(
             "image",
             "one that moves with the stage",
-            "one that stands still",
+            "a stationary one",
             "check which stage carries the source, and the focus",
         )
     (a, b), (c, d) = matrix.tolist()
@@ -422,7 +422,7 @@ def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
     by = "how the image's movement" if fit.by == "growth" else "how the pattern"
     what = f"depth axis {axis} of the stage"
     if off > (GROWTH_OFF if fit.by == "growth" else SPREAD_OFF) + 3 * fit.error:
-        got = f"{fit.scale:.3f} times that, from {by} grows"
+        got = f"{fit.scale:.3f} times that, inferred from {by} grows"
         remedy = f"correct the scale of axis {axis}, or the camera's working distance, or record with --no-check-stage"
         if abs(fit.scale) < STILL + 3 * fit.error:
             got, remedy = "the image of one plane in both", f"axis {axis} does not move: check its drive"
@@ -434,5 +434,5 @@ def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
     notes = () if fit.by == "growth" else (f"sense of the {what} not checked: the camera is telecentric",)
     if off <= (max(CELL_PX / moved, 3 * fit.error) if fit.by == "growth" else SPREAD_NOTED):
         return notes
-    how = f"{fit.scale:.3f} ± {fit.error:.3f} times as far as planned, from {by} grows"
+    how = f"{fit.scale:.3f} ± {fit.error:.3f} times as far as planned, inferred from {by} grows"
     return (*notes, f"{what} moves {how}: check its scale")

@@ -81,7 +81,7 @@ class H5File:
             self._file = _opened(path)
         except (OSError, RuntimeError, ValueError) as error:
             raise FileFormatError.expected(
-                str(path), "an intact HDF5 file", "a damaged or other file", "record or copy it again"
+                str(path), "an intact HDF5 file", "a damaged or different file", "record or copy it again"
             ) from error
 
     def close(self) -> None:
@@ -346,7 +346,7 @@ class H5Data:
             files = {plist.get_virtual_filename(k) for k in range(min(plist.get_virtual_count(), 100))} - {"."}
             of = f" of {min(files)}" if len(files) == 1 else f" of {len(files)} files" if files else ""
             raise self._unsafe(
-                "stored data", f"a virtual dataset{of}", "open the file that holds them, or copy them in"
+                "stored data", f"a virtual dataset{of}", "open the file that contains the data, or copy the data in"
             )
 
     def _check_size(self, max_bytes: int) -> None:

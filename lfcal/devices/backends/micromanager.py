@@ -98,7 +98,7 @@ class MicroManagerBackend:
             for key, label in labels.items():
                 if label not in core.getLoadedDevices():
                     raise DeviceMissing.expected(
-                        f"Micro-Manager {key}", f"one of {core.getLoadedDevices()}", label, "name it"
+                        f"Micro-Manager {key}", f"one of {core.getLoadedDevices()}", label, "choose one of these"
                     )
             core.setCameraDevice(labels["camera"])
             light = _Shutter(core, options["light"]) if options.get("light") else None
@@ -171,7 +171,9 @@ class _Camera(CameraFacts):
     def grab(self, timeout_s: float) -> Frame:
         """Snap a frame."""
         if self._pending is not None and not self._pending.done():
-            raise DeviceLost(f"{self.name}: the driver still hangs in the last frame; switch the camera off and on")
+            raise DeviceLost(
+                f"{self.name}: the driver has not returned from the last frame; switch the camera off and on"
+            )
         started = time.monotonic()
         self._pending = self._pool.submit(self._snap)
         try:

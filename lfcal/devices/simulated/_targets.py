@@ -92,7 +92,9 @@ class TargetRenderer:
         step = scan.camera.step_um(scan.depths_um[z])
         if abs(source_um[2] - scan.depths_um[z]) > step:
             depth = f"{source_um[2]:.0f} µm"
-            raise InputError.expected("depth of the simulated target", "a plane of the plan", depth, "move to one")
+            raise InputError.expected(
+                "depth of the simulated target", "a plane of the plan", depth, ("move to a planned plane")
+            )
         offset = round(source_um[1] / step, 6), round(source_um[0] / step, 6)
         factor = exposure_s / scan.exposures[z] / scan.camera.sensor.electrons_per_count
         return LightPatch(0, 0, self._light(z, offset) * np.float32(factor))

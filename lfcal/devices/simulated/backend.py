@@ -167,7 +167,7 @@ def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer 
     """Return the optics of the target that ``options`` name; None where they name none."""
     if "target" not in options:
         if "brightness" in options:
-            raise InputError.expected("option brightness", "that of a target's holes", "no target", "give target=FILE")
+            raise InputError.expected("option brightness", "a target with holes", "no target", "give target=FILE")
         return None
     # imported here, so that a single point does not load the simulator
     from lfcal.devices.simulated._targets import simulated_target
