@@ -29,6 +29,19 @@ MOSTLY_LIT = 0.6
 SPREADS = 10
 """Number of standard deviations of the Gaussian that removes slow variations, along the shorter side."""
 
+RING_LEVELS = (0.4, 0.55, 0.7, 0.8)
+"""Levels between the darkest and the brightest places at which micro-images may be separate rings."""
+
+MIN_RINGS = 4
+MIN_ISLAND = 12.0
+"""Smallest area of a bright island (square pixels)."""
+
+HOLE_SHARE = 0.03
+"""Smallest area of the hole of a ring, relative to the area within its outline."""
+
+MOSTLY_RINGS = 0.7
+"""Share of the bright islands that must have one hole."""
+
 MIN_LAG_PEAK = 0.1
 """Smallest autocorrelation at a lattice vector, relative to that without a lag."""
 
@@ -72,10 +85,46 @@ class LitPart:
             raise InputError.expected("white image", "micro-images", "a blank image", "switch the light on")
         return replace(self, image=(flat / np.maximum(spread, 0.05 * top)).astype(np.float32))
 
+    def without_holes(self) -> LitPart:
+        """Return the part with rings filled if its micro-images are rings, as behind a main lens with an obstruction.
+
+        The dark middle of a ring resembles a gap, so the lattice of the gaps could be taken for that of the lenslets.
+        """
+        flat = self.flattened().image
+        holes = _holes(flat)
+        if holes is None:
+            return self
+        bright = ((flat > 0) & ~holes).astype(np.float32)
+        sigma = min(flat.shape) / SPREADS
+        light = blurred(self.image * bright, sigma) / np.maximum(blurred(bright, sigma), 1e-6)
+        return replace(self, image=np.where(holes, light, self.image))
+
     def scaled(self) -> LitPart:
         """Return the part with a mean of 0 and a standard deviation of 1."""
         image = self.image - self.image.mean(dtype=np.float64)
         return replace(self, image=(image / max(float(image.std()), 1e-30)).astype(np.float32))
+
+
+def _holes(flat: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """Return the pixels in the dark middles of rings; None if the micro-images are no rings."""
+    import cv2
+
+    smooth = cv2.GaussianBlur(flat, (0, 0), 0.7)
+    low, high = (float(v) for v in np.percentile(smooth, (5, 95)))
+    for level in RING_LEVELS:
+        mask = (smooth > low + level * (high - low)).astype(np.uint8)
+        contours, links = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        areas = np.array([cv2.contourArea(c) for c in contours])
+        parents = np.array([link[3] for link in links[0]]) if len(contours) else np.zeros(0, int)
+        inner = np.flatnonzero(parents >= 0)
+        inner = inner[areas[inner] > HOLE_SHARE * areas[parents[inner]]]
+        outer = np.flatnonzero((parents < 0) & (areas > MIN_ISLAND))
+        rings = np.bincount(parents[inner], minlength=len(contours))[outer] == 1
+        if len(outer) >= MIN_RINGS and rings.mean() > MOSTLY_RINGS:
+            filled = np.zeros_like(mask)
+            cv2.drawContours(filled, [contours[k] for k in inner], -1, 1, cv2.FILLED)
+            return filled.astype(bool)
+    return None
 
 
 def lit_part(image: NDArray[np.float32]) -> LitPart:

@@ -109,7 +109,7 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
     InputError
         If the image is blank or shows no lattice, or none near ``pitch_px``.
     """
-    part = lit_part(image)
+    part = lit_part(image).without_holes()
     flat = part.flattened()
     few = _large(part, kind, pitch_px)
     rough, share = few or _fine(flat, kind, pitch_px)

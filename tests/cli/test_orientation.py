@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
@@ -82,6 +83,18 @@ def test_turned_frames_are_named_refused_and_turned_on_request(
                 assert np.array_equal(np.asarray(matrix), np.asarray(true))
                 assert matrix.provenance["orientation"]["applied"] == name
     assert f"turned upright: {name}" in lfcal("inspect", tmp_path / "auto.h5", "--seconds", 0).out
+
+
+def test_a_stack_that_matlab_wrote_is_named_transposed(
+    lfcal: Callable[..., Run], tmp_path: Path, scan: tuple[np.ndarray, list[str]]
+) -> None:
+    """``h5write`` of A(row, column, frame) arrives as (frame, column, row): sima#181, tomviz#1808."""
+    (tmp_path / "plan.json").write_text(PLAN.to_json())
+    with h5py.File(tmp_path / "scan.h5", "w") as file:
+        file["A"] = scan[0].transpose(0, 2, 1) + np.uint16(160)
+    stack = ("assemble", tmp_path / "scan.h5", "--plan", tmp_path / "plan.json", "--order", "raster")
+    stopped = lfcal(*stack, "--black-level", 160, "-o", tmp_path / "H.h5")
+    assert (stopped.code, "--orientation transpose" in stopped.err) == (2, True), stopped.err
 
 
 def test_upright_frames_pass_with_a_record_and_no_word(

@@ -165,6 +165,71 @@ def test_a_partly_lit_frame_is_fitted_where_there_is_light(part: str, kind: str,
     assert not [one for one in map(tuple, fit.index[~fit.dead].tolist()) if one in gone]
 
 
+def falling(share: float, shape: tuple[int, int] = SHAPE) -> Array:
+    """Return light that falls from 1 in the middle to ``share`` in the corners."""
+    away = np.hypot(np.linspace(-1, 1, shape[0])[:, None], np.linspace(-1, 1, shape[1])) / 2**0.5
+    result: Array = 1 - (1 - share) * away**2
+    return result
+
+
+def ring(radius: float) -> tuple[Callable[[Array], Array], float]:
+    return lambda d: np.exp(-0.5 * ((d - radius) / 1.3) ** 2), radius + 7
+
+
+def annulus(inner: float, outer: float) -> tuple[Callable[[Array], Array], float]:
+    whole, reach = disc(outer)
+    return lambda d: whole(d) * (1 - disc(inner)[0](d)), reach
+
+
+def as_8_bit_jpeg(frame: NDArray[np.uint16]) -> Array:
+    """Return the frame as a camera that saves pictures writes it: gamma 2.2, 8 bits, compressed about 10:1."""
+    import cv2
+
+    levels = np.rint(255 * (frame / frame.max()) ** (1 / 2.2)).astype(np.uint8)
+    done, data = cv2.imencode(".jpg", levels, [cv2.IMWRITE_JPEG_QUALITY, 75])
+    assert done
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.float64)
+
+
+REPORTED: dict[str, tuple[str, float, float, Callable[[Array], Any]]] = {
+    "corners at 3 %": ("hexagonal", 14.37, 0.7, lambda p: drawn(p, *disc(6.4), light=falling(0.03))),
+    "lensfun/lensfun#2775": ("hexagonal", 14.37, 0.7, lambda p: drawn(p, *disc(6.4), light=falling(0.17))),
+    "contrast of 17 %": ("square", 14.37, 0.7, lambda p: drawn(p, *disc(6.0), peak=400.0) + np.uint16(1800)),
+    "hahnec/plenopticam#7, rings": ("hexagonal", 22.6, -1.15, lambda p: drawn(p, *ring(8.5))),
+    "hahnec/plenopticam#8, turned by 45 degrees": ("square", 18.25, 45.0, lambda p: drawn(p, *disc(8.0))),
+    "turned by 20 degrees": ("square", 18.25, 20.0, lambda p: drawn(p, *disc(8.0))),
+    "Plenoptic-Simulation#13, columns first": ("hexagonal", 18.25, 30.0, lambda p: drawn(p, *disc(8.0))),
+    "turned by 15 degrees": ("hexagonal", 18.25, 15.0, lambda p: drawn(p, *disc(8.0))),
+    "light-field-Processing#3, 5 px": ("square", 5.13, 0.23, lambda p: drawn(p, *spot(1.2))),
+    "4.4 px": ("hexagonal", 4.4, 0.23, lambda p: drawn(p, *spot(1.0))),
+    "saturated": ("hexagonal", 14.37, 0.7, lambda p: drawn(p, *disc(5.5), peak=12000.0)),
+    "8 bits, gamma, JPEG": ("hexagonal", 14.37, 0.7, lambda p: as_8_bit_jpeg(drawn(p, *disc(6.0)))),
+}
+"""Kind, pitch (px), rotation (degrees) and what draws the white image, after public reports or common practice."""
+
+
+@pytest.mark.parametrize("name", REPORTED)
+def test_white_images_after_public_reports(name: str) -> None:
+    kind, pitch, degrees, draw = REPORTED[name]
+    places = places_of(kind, pitch, degrees=degrees)
+    fit = fit_lattice(draw(places))
+    assert fit.kind == kind and fit.pitch_px == pytest.approx(pitch, abs=3e-3)
+    assert worst(fit, places) < 0.05 and found_share(fit, places) > 0.99
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("obstruction", [0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
+@pytest.mark.parametrize("fill", [0.8, 0.9])
+@pytest.mark.parametrize("kind", ["hexagonal", "square"])
+def test_the_dark_middle_of_rings_is_no_gap(kind: str, fill: float, obstruction: float) -> None:
+    """The iris of a mirror lens is a ring: the gaps of a square array are as symmetric as its lenslets."""
+    places = places_of(kind, 22.6, degrees=1.1)
+    outer = fill * 22.6 / 2
+    fit = fit_lattice(drawn(places, *annulus(obstruction * outer, outer), light=falling(0.3)))
+    assert fit.kind == kind and fit.pitch_px == pytest.approx(22.6, abs=3e-3)
+    assert worst(fit, places) < 0.05 and found_share(fit, places) == 1.0
+
+
 @pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["hexagonal", "square"])
 @pytest.mark.parametrize("radius", [9.0, 10.0, 11.0, 11.5, 12.0, 13.0])
