@@ -141,6 +141,20 @@ class _Reader:
 
     def _stored(self) -> Planes:
         where = f"{self._file.path}: {self._name}"
+        if self._name not in self._file:
+            axes = {name: len(shape) for name, shape in self._file.datasets().items() if len(shape) in (3, 4, 5)}
+            found = [f"{name} with {count} axes" for name, count in axes.items()]
+            remedy = (
+                f"in MATLAB: H = {next(iter(axes)).replace('/', '.')};"
+                if axes
+                else "in MATLAB, with the patterns as H:"
+            )
+            raise FileFormatError.expected(
+                str(self._file.path),
+                "a variable H, or PSF with one pattern per plane",
+                ", ".join(found[:8]) or "no array of 3 to 5 axes",
+                f"{remedy} save('H.mat', 'H', '-v7.3')",
+            )
         if (kind := self._class(self._name)) in ("cell", "struct"):
             raise FileFormatError.expected(
                 where,

@@ -155,6 +155,24 @@ def test_a_sparse_matrix_is_refused_with_what_to_do(tmp_path: Path) -> None:
         open_psf(tmp_path / "H.mat")
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "psf/H",
+            r"expected a variable H, or PSF .*, got psf/H with 5 axes; in MATLAB: H = psf\.H; save",
+        ),
+        ("LFpsf", r"got LFpsf with 5 axes; in MATLAB: H = LFpsf; save"),
+        ("psf/wavelength", "got no array of 3 to 5 axes; in MATLAB, with the patterns as H: save"),
+    ],
+)
+def test_an_h_of_another_name_is_found_and_said(tmp_path: Path, name: str, words: str) -> None:
+    with h5py.File(tmp_path / "H.mat", "w") as file:
+        file[name] = np.ones(3) if "wave" in name else np.ones((2, 3, 3, 5, 5))
+    with pytest.raises(FileFormatError, match=words):
+        open_psf(tmp_path / "H.mat")
+
+
 def test_windows_that_cannot_be_are_refused(tmp_path: Path) -> None:
     H = np.ones((5, 5, 3, 3, 2))
     for k, crops in enumerate(([[0, 5], [1, 5]], [[1, 6], [1, 5]], [[4, 2], [1, 5]], [[1, 5]], [[1.5, 5], [1, 5]])):
@@ -229,7 +247,7 @@ def test_import_of_other_codes_files(tmp_path: Path) -> None:
         open_psf(tmp_path / "flat.mat")
     with h5py.File(tmp_path / "none.mat", "w", userblock_size=512) as file:
         file["PSF"] = values
-    with pytest.raises(FileFormatError, match="only PSF"):
+    with pytest.raises(FileFormatError, match="got PSF with 4 axes"):
         open_psf(tmp_path / "none.mat")
 
 
