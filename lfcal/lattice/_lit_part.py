@@ -121,9 +121,10 @@ def _holes(flat: NDArray[np.float32]) -> NDArray[np.bool_] | None:
         outer = np.flatnonzero((parents < 0) & (areas > MIN_ISLAND))
         rings = np.bincount(parents[inner], minlength=len(contours))[outer] == 1
         if len(outer) >= MIN_RINGS and rings.mean() > MOSTLY_RINGS:
-            filled = np.zeros_like(mask)
+            filled = np.zeros(mask.shape, np.uint8)
             cv2.drawContours(filled, [contours[k] for k in inner], -1, 1, cv2.FILLED)
-            return filled.astype(bool)
+            holes: NDArray[np.bool_] = filled > 0
+            return holes
     return None
 
 
