@@ -114,8 +114,10 @@ class BasePage(QWidget):
             button.setToolTip(f"{spec.hint} (Alt+{number})")
             button.clicked.connect(lambda _=False, b=button, own=spec is self.spec: b.setChecked(own))
             button.clicked.connect(lambda _=False, key=spec.key: self.context.go.emit(key, None))
-            self.segments.addWidget(button)
+            self.segments.insertWidget(number - 1, button)
             self.views[spec] = button
+        if self.views and self.segments.count() > len(self.views):
+            self.segments.insertSpacing(len(self.views), 12)  # the views of the page
 
     def mark_views(self, states: Mapping[str, PageState]) -> None:
         """Show at the names of the views which are at work, or need to be looked at."""

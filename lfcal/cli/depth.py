@@ -10,6 +10,7 @@ from lfcal.tasks import MeasuredDepth
 def show(made: tuple[MeasuredDepth, ...]) -> None:
     """Print the range of the depths and the files."""
     for one in made:
+        assert one.out is not None
         facts = one.to_dict()
         rows, columns = facts["shape"]
         unit = "µm" if facts["unit"] == "um" else "(slope)"

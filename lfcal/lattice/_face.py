@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.lattice._refocus import refocus, sensor_slope
 from lfcal.lattice._view_grid import ViewGrid, view_grid
-from lfcal.lattice.depth import DepthMap, depth_map, iter_depth_map, metric_depth
+from lfcal.lattice.depth import DepthMap, depth_map, depth_seconds, iter_depth_map, metric_depth
 from lfcal.lattice.depth_files import save_depth, save_points
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lattice_file import load_lattice, save_lattice
@@ -28,6 +28,7 @@ __all__ = [
     "classify_lens_types",
     "cropped",
     "depth_map",
+    "depth_seconds",
     "expected_blur",
     "extract_views",
     "fit_lattice",

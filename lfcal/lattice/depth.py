@@ -12,9 +12,9 @@ views on a sweep of planes (Tao et al. 2013) with shifts of fractions of a sampl
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +37,7 @@ from lfcal.lattice.micro_images import FrameLattice, TypeOf, cropped
 from lfcal.lattice.rendering import render
 from lfcal.lattice.views import RADIUS, extract_views, sample_views, subtract_dark
 
-__all__ = ["METHODS", "DepthMap", "depth_map", "iter_depth_map", "metric_depth"]
+__all__ = ["METHODS", "DepthMap", "depth_map", "depth_seconds", "iter_depth_map", "metric_depth"]
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -92,6 +92,9 @@ PARTS = 40
 
 LEVELS = 12
 """Number of planes on which the central view of micro-images is rendered."""
+
+FORECAST_PITCHES = 24.0
+"""Side of the part of the frame that is measured for a forecast (pitches)."""
 
 MIN_CONFIDENCE = 0.3
 """Smallest confidence of a known depth."""
@@ -244,20 +247,59 @@ def iter_depth_map(
     micro-images 2.5
     """
     check_choice("method", method, METHODS)
-    radius = RADIUS * min(lattice.pitch_px, lattice.row_pitch_px) if radius_px is None else radius_px
-    check_number("radius of the micro-images (px)", radius, at_least=2, at_most=lattice.pitch_px)
+    radius = _radius(lattice, radius_px)
     if method == "auto":
         method = _method_for(camera, slopes)
     scene = _Scene.of(frame, lattice, white, dark, mask, radius)
     if not method:
         part = scene.middle()
         method = max(METHODS[1:], key=lambda name: _explained(part, name, slopes, workers))
-    if method == "views":
-        return (yield from _iter_views(scene, camera, slopes, workers))
-    return (yield from _iter_micro_images(scene, camera, type_of, slopes, workers))
+    return (yield from _iter_by(method, scene, camera, type_of, slopes, workers))
 
 
 depth_map = drained(iter_depth_map)
+
+
+def depth_seconds(
+    frame: ArrayLike,
+    lattice: FrameLattice,
+    *,
+    white: ArrayLike | None = None,
+    dark: ArrayLike | float = 0.0,
+    mask: ArrayLike | None = None,
+    camera: Camera | None = None,
+    type_of: TypeOf | None = None,
+    method: str = "auto",
+    slopes: tuple[float, float] | None = None,
+    radius_px: float | None = None,
+) -> float:
+    """Return the expected processor time (s) of `depth_map` with these parameters.
+
+    The middle of the frame is measured, and its time is scaled by the number of micro-images.
+
+    Raises
+    ------
+    InputError
+        As in `depth_map`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import depth_seconds, lattice_of
+    >>> camera = preset("bench")
+    >>> lattice = lattice_of(camera)
+    >>> print(0 < depth_seconds(np.ones(lattice.shape), lattice, camera=camera) < 60)
+    True
+    """
+    begin = time.thread_time()
+    scene = _Scene.of(frame, lattice, white, dark, mask, _radius(lattice, radius_px))
+    prepared, part = time.thread_time() - begin, scene.middle(FORECAST_PITCHES)
+    chosen = _method_for(camera, slopes) or METHODS[1] if method == "auto" else method
+    for _ in range(2):  # the first time, kernels are loaded
+        begin = time.thread_time()
+        drain(_iter_by(chosen, part, camera, type_of, slopes, workers=1))
+    return prepared + (time.thread_time() - begin) * len(scene.centres) / len(part.centres)
 
 
 def metric_depth(
@@ -446,11 +488,31 @@ def _method_for(camera: Camera | None, slopes: tuple[float, float] | None) -> st
     return ""
 
 
+def _radius(lattice: FrameLattice, radius_px: float | None) -> float:
+    """Return the radius of the micro-images (pixels)."""
+    radius = RADIUS * min(lattice.pitch_px, lattice.row_pitch_px) if radius_px is None else radius_px
+    check_number("radius of the micro-images (px)", radius, at_least=2, at_most=lattice.pitch_px)
+    return radius
+
+
 def _explained(scene: _Scene, method: str, slopes: tuple[float, float] | None, workers: int | None) -> float:
     """Return the mean confidence of a method."""
-    how = _iter_views if method == "views" else partial(_iter_micro_images, types=None)
-    found = drain(how(scene, camera=None, slopes=slopes, workers=workers))
+    found = drain(_iter_by(method, scene, None, None, slopes, workers))
     return float(found.confidence.mean())
+
+
+def _iter_by(
+    method: str,
+    scene: _Scene,
+    camera: Camera | None,
+    types: TypeOf | None,
+    slopes: tuple[float, float] | None,
+    workers: int | None,
+) -> Work[DepthMap]:
+    """Return the map by a method."""
+    if method == "views":
+        return (yield from _iter_views(scene, camera, slopes, workers))
+    return (yield from _iter_micro_images(scene, camera, types, slopes, workers))
 
 
 # -- micro-images --------------------------------------------------------------------------------------------------

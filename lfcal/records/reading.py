@@ -27,6 +27,7 @@ __all__ = [
     "read_pixel",
     "read_planes",
     "read_position",
+    "read_range",
     "read_share",
     "read_virtual_depths",
     "read_voxel",
@@ -63,6 +64,14 @@ def read_pair(text: str) -> tuple[float, float]:
     if len(fields) in (1, 2) and all(re.fullmatch(NUMBER, field) for field in fields):
         return _number(fields[0]), _number(fields[-1])
     raise InputError.expected("value", "one number or two (rows,columns)", repr(text), "for example 181 or 181,181")
+
+
+def read_range(text: str) -> tuple[float, float]:
+    """Return the smallest and the largest value in ``"2,6"``."""
+    fields = [field.strip() for field in text.split(",")]
+    if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
+        raise InputError.expected("value", "the smallest and the largest value, MIN,MAX", repr(text), "for example 2,6")
+    return _number(fields[0]), _number(fields[1])
 
 
 def read_cutout(text: str) -> tuple[int, int] | None:

@@ -7,7 +7,7 @@ from lfcal.tasks._patterns import most_taken
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assembly import Assembled, AssemblyRun
 from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
-from lfcal.tasks.depth import MeasuredDepth
+from lfcal.tasks.depth import DepthForecast, MeasuredDepth
 from lfcal.tasks.export import ExportedFiles
 from lfcal.tasks.fit import FitOutcome, FittedPatterns
 from lfcal.tasks.fit_check import CheckedMatrix
@@ -34,6 +34,7 @@ __all__ = [
     "AssemblyRun",
     "ChannelPart",
     "CheckedMatrix",
+    "DepthForecast",
     "ExportedFiles",
     "FitOutcome",
     "FittedPatterns",

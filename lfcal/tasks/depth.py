@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import FileFormatError, InputError, Work, note
-from lfcal.records import opt, read_pair, record, required, show_pair
+from lfcal.records import opt, read_range, record, required, show_pair
 from lfcal.tasks._scan_frames import origin_field
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
 from lfcal.tasks.matrices import open_matrix
@@ -25,23 +25,36 @@ if TYPE_CHECKING:
     from lfcal.multiplex import ColourReading
     from lfcal.psf import PSFMatrix
 
-__all__ = ["DEPTH", "Depth", "MeasuredDepth"]
+__all__ = ["DEPTH", "Depth", "DepthForecast", "MeasuredDepth"]
+
+BYTES_PER_PIXEL = 70
+"""Memory of a depth map per pixel of its frame."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredDepth(TaskResult):
-    """A depth map with its files, the source of the lattice, and the source of metric depths (empty: there are none).
+    """A depth map, the source of the lattice, and the source of metric depths (empty: there are none).
 
-    ``points`` is the number of points in the cloud; None: there is no cloud.
+    ``out`` and ``cloud`` are the files, None before `written`. ``points`` is the number of points in the cloud.
     """
 
     found: DepthMap
-    out: Path
-    cloud: Path | None
-    points: int | None
     lattice: str
     scale: str
     seconds: float
+    out: Path | None = None
+    cloud: Path | None = None
+    points: int | None = None
+
+    def written(self, out: Path, cloud: Path | None) -> MeasuredDepth:
+        """Write the map and, if there is a name for it, the point cloud; return the result with its files."""
+        from lfcal.lattice import save_depth, save_points
+
+        start = time.perf_counter()
+        save_depth(out, self.found)
+        points = None if cloud is None else save_points(cloud, self.found)
+        seconds = self.seconds + time.perf_counter() - start
+        return replace(self, out=out, cloud=cloud, points=points, seconds=seconds)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain values."""
@@ -125,7 +138,7 @@ class Depth(Task):
     slopes: tuple[float, float] | None = opt(
         None,
         "Range of slopes (approximately virtual depths) to search: MIN,MAX.",
-        read=read_pair,
+        read=read_range,
         show=show_pair,
         empty="the whole range of the lenslets",
         more=True,
@@ -140,7 +153,13 @@ class Depth(Task):
         more=True,
     )
     channel: str = opt("", "Colour to use.", choices=("", "R", "G", "B"), empty="the mean of all colours", more=True)
-    cfa: str = opt("", "Colour filters of a mosaic, row by row, e.g. GRBG.", empty="as the file states", more=True)
+    cfa: str = opt(
+        "",
+        "Colour filters of a mosaic, row by row, e.g. GRBG.",
+        label="Colour filters",
+        empty="as the file states",
+        more=True,
+    )
     origin: str = origin_field("the whole sensor")
 
     def __post_init__(self) -> None:
@@ -161,45 +180,44 @@ class Depth(Task):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[MeasuredDepth, ...]]:
         """Read the frame, measure its depths, and write them."""
-        from lfcal.lattice import iter_depth_map, save_depth, save_points
+        measured = yield from self.iter_measured(workers=run.workers if run else None)
+        return (measured.written(self.out, self.cloud),)
 
-        start, workers = time.perf_counter(), run.workers if run else None
-        camera = load_camera(self.camera, light=False) if self.camera else None
+    def iter_measured(self, camera: Camera | None = None, workers: int | None = None) -> Work[MeasuredDepth]:
+        """Read the frame and measure its depths without writing them; ``camera``: in place of the one in the file."""
+        from lfcal.lattice import iter_depth_map
+
+        start = time.perf_counter()
+        camera = self._known(camera)
+        scene = self._scene(camera)
         measured: Sequence[tuple[float, float]] = ()
         if self.psf is not None:
             with open_matrix(self.psf) as matrix:
-                camera = camera or matrix.camera
-                if camera is None:
-                    raise InputError.expected(
-                        "camera for the depths", "an H with its camera", "an H without one", "give the camera as well"
-                    )
                 measured = yield from _measured(matrix, workers)
-        scene = self._scene(camera)
-        found = yield from iter_depth_map(
-            scene.light,
-            scene.lattice,
-            white=scene.white,
-            mask=scene.mask,
-            camera=camera,
-            type_of=scene.type_of,
-            method=self.method,
-            slopes=self.slopes,
-            workers=workers,
-        )
+        found = yield from iter_depth_map(**scene.given, method=self.method, slopes=self.slopes, workers=workers)
         found, scale = self._calibrated(found, camera, measured)
-        save_depth(self.out, found)
-        points = None if self.cloud is None else save_points(self.cloud, found)
-        seconds = time.perf_counter() - start
-        made = MeasuredDepth(
-            found=found,
-            out=self.out,
-            cloud=self.cloud,
-            points=points,
-            lattice=scene.source,
-            scale=scale,
-            seconds=seconds,
-        )
-        return (made,)
+        return MeasuredDepth(found=found, lattice=scene.source, scale=scale, seconds=time.perf_counter() - start)
+
+    def forecast(self, camera: Camera | None = None) -> DepthForecast:
+        """Return the expected time and memory; frames are read, so that whatever they lack is found here."""
+        from lfcal.lattice import depth_seconds
+
+        scene = self._scene(self._known(camera))
+        seconds = depth_seconds(**scene.given, method=self.method, slopes=self.slopes)
+        return DepthForecast(seconds, BYTES_PER_PIXEL * scene.light.size)
+
+    def _known(self, camera: Camera | None) -> Camera | None:
+        """Return ``camera``, else the one in the file, else that of H."""
+        if camera is not None or self.camera:
+            return camera or load_camera(self.camera, light=False)
+        if self.psf is None:
+            return None
+        with open_matrix(self.psf) as matrix:
+            if matrix.camera is None:
+                raise InputError.expected(
+                    "camera for the depths", "an H with its camera", "an H without one", "give the camera as well"
+                )
+            return matrix.camera
 
     def _calibrated(
         self, found: DepthMap, camera: Camera | None, measured: Sequence[tuple[float, float]]
@@ -222,6 +240,10 @@ class Depth(Task):
         from lfcal.lattice import cropped, fit_lattice, lattice_of, load_lattice
         from lfcal.multiplex import ColourReading
 
+        if camera is not None and not camera.has_lattice:
+            found = f"{camera.name}, which has a few lenses"
+            remedy = "reconstruct a volume from its frames instead"
+            raise InputError.expected("camera", "one with a lattice of micro-images", found, remedy)
         place = parse_origin(self.origin)
         reading = ColourReading(self.channel, self.cfa, self.dark, place)
         light = _grey(self.frame, reading)
@@ -231,7 +253,9 @@ class Depth(Task):
         if self.white is None and self.lattice is None:
             assert camera is not None  # one of the three is given
             types: TypeOf | None = camera.lattice.type_of if len(camera.lattice.types) == 3 else None
-            return _Scene(light, None, lost, lattice_of(camera, light.shape, place), f"camera {camera.name}", types)
+            return _Scene(
+                light, None, lost, lattice_of(camera, light.shape, place), f"camera {camera.name}", types, camera
+            )
         white = None if self.white is None else _grey(self.white, reading)
         if self.lattice is not None:
             fit, source = load_lattice(self.lattice), self.lattice.name
@@ -241,12 +265,20 @@ class Depth(Task):
         types = None if white is None else _types(white, fit, camera)
         if white is not None and place is not None:
             white = white[place[0] : place[0] + light.shape[0], place[1] : place[1] + light.shape[1]]
-        return _Scene(light, white, lost, cropped(fit, light.shape, place), source, types)
+        return _Scene(light, white, lost, cropped(fit, light.shape, place), source, types, camera)
+
+
+@dataclass(frozen=True)
+class DepthForecast:
+    """Processor time (s) and memory (bytes) of a depth map."""
+
+    seconds: float
+    memory: int
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """Frame and white image less their dark, masked pixels, the lattice and its source, and the lens types."""
+    """Frame and white image less their dark, masked pixels, the lattice and its source, lens types and the camera."""
 
     light: NDArray[np.float32]
     white: NDArray[np.float32] | None
@@ -254,6 +286,13 @@ class _Scene:
     lattice: FrameLattice
     source: str
     type_of: TypeOf | None
+    camera: Camera | None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """What `lfcal.lattice.depth_map` is given."""
+        frame = {"frame": self.light, "lattice": self.lattice, "white": self.white, "mask": self.mask}
+        return {**frame, "camera": self.camera, "type_of": self.type_of}
 
 
 def _grey(path: Path, reading: ColourReading) -> NDArray[np.float32]:

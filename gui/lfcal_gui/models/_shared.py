@@ -60,6 +60,7 @@ from lfcal_gui.models.form import (
 )
 from lfcal_gui.models.frame_view import FrameNumbers, frame_numbers, lattice_points, render_tile, visible_tile
 from lfcal_gui.models.gathering import (
+    described,
     exported_to,
     filled_of,
     session_counts,

@@ -21,6 +21,9 @@ DIVERGING = "vanimo"
 DEPTHS, DARKEST = "plasma", 32
 """Colour map for depths, and the index of the first colour used."""
 
+UNTINTED = np.uint8(128)
+"""Grey of pixels without a depth."""
+
 COLOURS = Path(__file__).with_name("colours.npy")
 """RGB values of these maps ``(6, 256, 3)``, copied from matplotlib, whose import would take 0.1 s."""
 
@@ -113,11 +116,15 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
 def tinted(
     image: NDArray[np.generic], tint: NDArray[np.floating], display: DisplaySettings, levels: tuple[float, float]
 ) -> NDArray[np.uint8]:
-    """Return RGB values with the brightness of `to_uint8` and the colours of ``tint`` (0..1)."""
+    """Return RGB values with the brightness of `to_uint8` and the colours of ``tint`` (0..1).
+
+    Where the tint is NaN, they are grey and half as bright.
+    """
     bright = to_uint8(image, display, levels)
     index = (np.nan_to_num(tint, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)
-    colours = depth_colours()[index, :3]
-    return (colours * (bright[..., None] + np.uint16(1)) >> 8).astype(np.uint8)
+    colours = np.where(np.isnan(tint)[..., None], UNTINTED, depth_colours()[index, :3])
+    shown: NDArray[np.uint8] = (colours * (bright[..., None] + np.uint16(1)) >> 8).astype(np.uint8)
+    return shown
 
 
 @lru_cache(maxsize=1)

@@ -167,7 +167,7 @@ def _field(row: FieldRow) -> Field:
     opt = row.opt
     # several names are typed as a text
     names = () if opt.read is read_names else row.choices
-    choices: tuple[tuple[Any, str], ...] = tuple((name, name) for name in names)
+    choices: tuple[tuple[Any, str], ...] = tuple((name, name or opt.empty) for name in names)
     if row.kind is bool and row.optional:
         choices = ((True, "yes"), (False, "no"))
     if choices and row.default not in dict(choices):

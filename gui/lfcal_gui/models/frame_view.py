@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera
-from lfcal_gui.models.display import DisplaySettings, bin_max, to_uint8
+from lfcal_gui.models.display import DisplaySettings, bin_max, tinted, to_uint8
 
 MAX_PIXELS = 1600 * 1200
 """Largest number of pixels sent to the screen."""
@@ -49,11 +49,20 @@ def visible_tile(
 
 
 def render_tile(
-    frame: NDArray[np.generic], tile: Tile, display: DisplaySettings, levels: tuple[float, float]
+    frame: NDArray[np.generic],
+    tile: Tile,
+    display: DisplaySettings,
+    levels: tuple[float, float],
+    tint: NDArray[np.floating] | None = None,
 ) -> NDArray[np.uint8]:
-    """Return the tile of the frame as image values 0..255."""
-    part = frame[tile.rows[0] : tile.rows[1], tile.columns[0] : tile.columns[1]]
-    return to_uint8(bin_max(part, tile.step), display, levels)
+    """Return the tile of the frame as image values 0..255; with a ``tint``, as RGB values."""
+    part = slice(*tile.rows), slice(*tile.columns)
+    if tint is None:
+        return to_uint8(bin_max(frame[part], tile.step), display, levels)
+    # a maximum of light and a depth would be of two places
+    rows, columns = ((b - a) // tile.step * tile.step for a, b in (tile.rows, tile.columns))
+    some = slice(0, rows, tile.step), slice(0, columns, tile.step)
+    return tinted(frame[part][some], tint[part][some], display, levels)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ JOBS: dict[str, tuple[str, Place]] = {
     "judge": ("Judging H", "h"),
     "fit": ("Fitting the optics", "h"),
     "reconstruct": ("Reconstructing", "use"),
+    "depth": ("Measuring depth", "use"),
     "export": ("Exporting H", "use"),
 }
 """Kinds of jobs that the line shows, each with its lead and its place."""
@@ -78,8 +79,8 @@ class Sitting:
         number of bad positions that a model has filled.
     exported, exported_bytes, export_for
         File that H was exported to, and its size; name of a code that can use H, empty where none can.
-    light_field, volume, voxels, reconstruct_s
-        Whether a light field and its volume are there; voxels (z, y, x); forecast of the reconstruction.
+    light_field, volume, voxels, reconstruct_s, depth_s
+        Whether a light field and its volume are there; voxels (z, y, x); forecasts of reconstruction and depth map.
     """
 
     place: Place = "setup"
@@ -128,6 +129,7 @@ class Sitting:
     volume: bool = False
     voxels: tuple[int, int, int] = (0, 0, 0)
     reconstruct_s: float | None = None
+    depth_s: float | None = None
 
     @property
     def unfinished(self) -> bool:

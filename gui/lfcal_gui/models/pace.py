@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from statistics import median
 
-FORECASTS = {"make": "make_s", "compute": "compute_s", "reconstruct": "reconstruct_s"}
+FORECASTS = {"make": "make_s", "compute": "compute_s", "reconstruct": "reconstruct_s", "depth": "depth_s"}
 """Kinds of jobs with a forecast, and the field of `Sitting` that contains it."""
 
 KEPT = 5

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
 
 from lfcal.accuracy import PLACES
-from lfcal.base import sample_session
+from lfcal.base import sample_session, write_tiff
+from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
+from lfcal.lattice import lattice_of
 from lfcal_gui.scenes.stage import Capture, Stage
 
 
 def sample(stage: Stage) -> Iterator[Capture]:
     """Go through all pages with the sample session."""
     open_sample(stage)
-    for scene in (setup, frames, h, simulate, checks, fit, reconstruct, multiplex, accuracy, sessions):
+    for scene in (setup, frames, h, simulate, checks, fit, reconstruct, depth, multiplex, accuracy, sessions):
         yield from scene(stage)
 
 
@@ -185,6 +191,48 @@ def reconstruct(stage: Stage) -> Iterator[Capture]:
     yield Capture("reconstruct_folds")
     for fold in (page.panel.export.other, page.panel.more):
         fold.head.setChecked(False)
+
+
+def drawn_scene(folder: Path) -> tuple[Camera, Path]:
+    """Return a camera, and a frame of a ball over a slanted plane with a random texture, as its lenslets see it."""
+    types = tuple(LensType.focused_at(v, 400.0) for v in (2.5, 3.0, 4.0))
+    lattice = LensletLattice("hexagonal", 120.0, 400.0, types, 0.01)
+    camera, path = Camera("drawn scene", MainLens(), lattice, Sensor((720, 960), 5.0)), folder / "drawn.tif"
+    rows, columns = np.indices(camera.sensor.shape).astype(float)
+    seen = lattice_of(camera)
+    pixel = np.stack([rows, columns], axis=-1)
+    centre = seen.centres_px(*np.rint(seen.lenslet_at(rows, columns)).transpose(2, 0, 1))
+    slope = np.full(rows.shape, 3.0)
+    for _ in range(20):  # where the chief ray of a pixel meets the surface
+        y, x = np.moveaxis(centre + slope[..., None] * (pixel - centre), -1, 0)
+        ball = np.sqrt(np.clip(1 - ((y - 360) ** 2 + (x - 480) ** 2) / 240**2, 0, None))
+        slope = 4.0 + (x - 480) / 1000 - 1.2 * ball
+    noise = cv2.GaussianBlur(np.random.default_rng(0).normal(size=(1024, 1024)).astype(np.float32), (0, 0), 5)
+    light = cv2.remap(noise / noise.std(), x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
+    frame = np.where(np.hypot(*np.moveaxis(pixel - centre, -1, 0)) < 11.5, 1500 + 500 * light, 0)
+    write_tiff(path, np.random.default_rng(1).poisson(np.clip(frame, 0, None)).astype(np.uint16))
+    return camera, path
+
+
+def depth(stage: Stage) -> Iterator[Capture]:
+    """Show the depth map of a drawn light field, and its frame; then the sample's camera and light field again."""
+    page, project = stage.page("depth"), stage.window.project
+    stage.tidy()
+    yield Capture("depth_frame")
+    before = project.state
+    camera, frame = drawn_scene(stage.folder)
+    project.update("drawn scene", camera=camera, plan=None, light_field=str(frame))
+    stage.settle()
+    page.start()
+    stage.done()
+    stage.tidy()
+    yield Capture("depth")
+    page.panel.form.head.setChecked(True)
+    stage.turn()
+    yield Capture("depth_settings")
+    page.panel.form.head.setChecked(False)
+    project.update("sample", camera=before.camera, plan=before.plan, light_field=before.light_field)
+    stage.settle()
 
 
 def multiplex(stage: Stage) -> Iterator[Capture]:

@@ -320,7 +320,7 @@ class Picture(QWidget):
     def _in_background(self) -> bool:
         values = self._wanted.values
         large = values is not None and values.ndim == 2 and values.size > LARGE
-        return self._jobs is not None and large and self._wanted.tint is None
+        return self._jobs is not None and large
 
     def _range_changed(self) -> None:
         if self._camera is not None or self._in_background:
@@ -343,12 +343,13 @@ class Picture(QWidget):
         (left, right), (top, bottom) = self.box.viewRange()
         rows, columns = ((top - row) / step, (bottom - row) / step), ((left - column) / step, (right - column) / step)
         ratio, size = self.devicePixelRatioF(), self.box.size()
+        tint = shot.tint.values if self._tinted and shot.tint is not None else None
         tile = visible_tile(shot.shape, rows, columns, (round(size.height() * ratio), round(size.width() * ratio)))
 
         def render() -> tuple[NDArray[np.uint8], QRectF, Levels]:
             levels = shot.levels_in(display, chosen)
-            picture = render_tile(values, tile, display, levels)
-            height, width = (n * tile.step * step for n in picture.shape)
+            picture = render_tile(values, tile, display, levels, tint)
+            height, width = (n * tile.step * step for n in picture.shape[:2])
             first = row + (tile.rows[0] - 0.5) * step, column + (tile.columns[0] - 0.5) * step
             return picture, QRectF(first[1], first[0], width, height), levels
 

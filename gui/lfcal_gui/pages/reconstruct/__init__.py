@@ -28,7 +28,7 @@ def takes(path: str) -> bool:
 
 PAGE = PageSpec(
     "reconstruct",
-    "Use",
+    "Volume",
     "Export H, and turn a light field into a volume",
     order=80,
     package=__name__,

@@ -1,0 +1,249 @@
+"""Settings of a depth map, how they become the task, and what the picture shows of the map. No Qt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError, format_bytes, format_length, format_seconds
+from lfcal.frames import parse_origin
+from lfcal.records import from_flat
+from lfcal.tasks import Depth
+from lfcal_gui.models import (
+    CAMERA_FILE,
+    Field,
+    PageSettings,
+    ProjectState,
+    Shot,
+    Tint,
+    capital,
+    described,
+    fields_of,
+    options_in,
+)
+
+if TYPE_CHECKING:
+    from lfcal.camera import Camera
+    from lfcal.lattice import DepthMap
+    from lfcal.tasks import DepthForecast, MeasuredDepth
+
+HELD = frozenset({"frame", "out", "cloud", "camera", "psf"})
+"""Fields of the task with their own widgets: buttons for frame and files, ticks for camera and H of the project."""
+
+NO_CAMERA = "No camera is described. Describe it in Set up, or choose a white image: depths are then slopes"
+NO_H = "The project has no H"
+
+FIELDS: tuple[Field, ...] = (
+    Field(
+        "use_camera",
+        "Camera of the project",
+        kind="bool",
+        tip="Take lattice, lens types and lengths from the camera in Set up: depths are then in µm. "
+        "Off: the lattice comes from a white image or a lattice file, and depths are slopes",
+        default=True,
+    ),
+    Field(
+        "use_h",
+        "H of the project",
+        kind="bool",
+        tip="Correct the depth scale by the planes of H, if the project has one of the same camera",
+        default=False,
+    ),
+    *(replace(one, late=bool(one.file) or one.late) for one in fields_of(Depth, without=HELD)),
+)
+
+BASIC = ("use_camera", "use_h", "white", "dark")
+"""Entries that are always seen."""
+
+
+@dataclass(frozen=True)
+class DepthSettings(PageSettings):
+    """What the user chose.
+
+    Attributes
+    ----------
+    use_camera, use_h
+        Whether camera and H of the project are used.
+    options
+        Pairs of name and value of the fields of `lfcal.tasks.Depth` that are not at their defaults.
+    """
+
+    page: ClassVar[str] = "depth"
+
+    use_camera: bool = True
+    use_h: bool = False
+    options: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def option_values(self) -> dict[str, Any]:
+        """The other fields by their names, as the record has them."""
+        return options_in(Depth, dict(self.options))
+
+    def usable(self) -> None:
+        """Raise `InputError` if values do not fit together."""
+        parse_origin(str(self.option_values.get("origin", "")))
+        from_flat(Depth, {"frame": "frame.tif", "out": "depth.tif", "camera": CAMERA_FILE, **self.option_values})
+
+    def changed(self, key: str, value: Any) -> DepthSettings:
+        """Return the settings with one value changed."""
+        if key in ("use_camera", "use_h"):
+            return replace(self, **{key: value})
+        chosen = options_in(Depth, {**self.option_values, key: value})
+        # a project is written as JSON, which has no paths
+        plain = {name: str(one) if isinstance(one, Path) else one for name, one in chosen.items()}
+        found = replace(self, options=tuple(sorted(plain.items())))
+        found.usable()
+        return found
+
+
+def camera_of(settings: DepthSettings, project: ProjectState) -> Camera | None:
+    """Return the camera that is used; None: none was described, or it is not wanted."""
+    return project.camera if settings.use_camera and described(project) else None
+
+
+def camera_files(project: ProjectState) -> tuple[tuple[str, str], ...]:
+    """Return the file with the camera that a command reads, if it reads one."""
+    camera = camera_of(DepthSettings.of(project), project)
+    return () if camera is None else ((CAMERA_FILE, camera.to_json()),)
+
+
+def task_of(settings: DepthSettings, project: ProjectState, frame: str, out: str = "") -> Depth:
+    """Return how a frame becomes a depth map.
+
+    A map is written to ``out``; if that ends in ``.ply``, a point cloud as well.
+
+    Raises
+    ------
+    InputError
+        If nothing gives the lattice, or values do not fit together.
+    """
+    path, options = Path(out or "depth.tif"), settings.option_values
+    camera, psf = camera_of(settings, project), project.psf if settings.use_h else ""
+    if camera is None and not (psf or options.get("white") or options.get("lattice")):
+        wanted, remedy = "a camera, a white image or a lattice file", "describe the camera in Set up, or choose a file"
+        raise InputError.expected("lattice", wanted, "none", remedy)
+    own: dict[str, Any] = {
+        "frame": Path(frame),
+        "out": path.with_suffix(".tif") if path.suffix == ".ply" else path,
+        "cloud": path if path.suffix == ".ply" else None,
+        "camera": "" if camera is None else CAMERA_FILE,
+        "psf": Path(psf) if psf else None,
+    }
+    return from_flat(Depth, own | options)
+
+
+def takes(path: str) -> bool:
+    """Return whether a file may be a picture."""
+    from lfcal.frames.formats import image_suffixes
+
+    return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
+
+
+def frame_picture(path: str) -> NDArray[Any]:
+    """Return what is shown of a frame ``(rows, columns)``: of several colours the mean."""
+    from lfcal.frames import read_image
+
+    image = read_image(Path(path))
+    return image if image.ndim == 2 else image.mean(-1)
+
+
+def forecast_words(found: DepthForecast, workers: int) -> str:
+    """Return what a map takes, in words."""
+    threads = "1 thread" if workers == 1 else f"{workers} threads"
+    return f"Takes {format_seconds(found.seconds)} of processor time on {threads}, and {format_bytes(found.memory)}."
+
+
+class Shade(NamedTuple):
+    """A quantity that colours show: its name, unit, values ``(rows, columns)`` and standard errors."""
+
+    name: str
+    unit: str
+    values: NDArray[np.floating[Any]]
+    sigma: NDArray[np.floating[Any]]
+
+    def words(self, value: float) -> str:
+        """Return a value with its unit."""
+        if self.unit == "µm":
+            return format_length(value)
+        return f"{value:.3g}{f' {self.unit}' if self.unit else ''}"
+
+
+QUANTITIES = {"depth": "Depth", "slope": "Slope (virtual depth)", "disparity": "Disparity"}
+"""What colours can show."""
+
+
+def shades_of(found: DepthMap) -> dict[str, Shade]:
+    """Return the quantities of a map; there is no depth without a camera."""
+    unit = "samples" if found.method == "views" else "px"
+    shades = {
+        "slope": Shade("slope", "", found.slope, found.sigma),
+        "disparity": Shade("disparity", unit, found.disparity, found.disparity_sigma),
+    }
+    if found.z_um is None or found.z_sigma_um is None:
+        return shades
+    return {"depth": Shade("depth", "µm", found.z_um, found.z_sigma_um), **shades}
+
+
+ENDS = (0.01, 0.99)
+"""Shares of the samples between which the colours run."""
+
+
+BRIGHTER = 0.5
+"""Share of the light's range by which the darkest sample is above black, so that its colour is seen."""
+
+
+def shot_of(found: DepthMap, shade: Shade, least: float) -> Shot:
+    """Return the central view in the colours of a quantity; samples of less confidence than ``least`` are grey."""
+    values = np.where(found.confidence >= least, shade.values, np.nan)
+    good = values[np.isfinite(values)]
+    low, high = (float(v) for v in np.quantile(good, ENDS)) if good.size else (0.0, 1.0)
+    tint = (values - low) / (high - low if high > low else 1.0)
+    dark, bright = (float(v) for v in np.quantile(found.image, (0.001, 0.999)))
+    dark -= BRIGHTER * (bright - dark)
+    return Shot(
+        found.image,
+        f"{capital(shade.name)} over the central view",
+        "light of the central view (relative)",
+        "depth",
+        levels=(dark, bright if bright > dark else dark + 1),
+        origin=found.corner_px,
+        step=found.step_px[1],
+        tint=Tint(tint.astype(np.float32), (shade.words(low), shade.words(high))),
+    )
+
+
+def readout(found: DepthMap, shades: Mapping[str, Shade], row: int, column: int) -> str:
+    """Return what is known of a sample: every quantity with its standard error, and the confidence."""
+    if not found.known[row, column]:
+        return "depth unknown: no texture, or no agreement"
+    parts = []
+    for shade in shades.values():
+        value, error = float(shade.values[row, column]), float(shade.sigma[row, column])
+        if math.isfinite(value):
+            parts.append(f"{shade.name} {shade.words(value)} ± {shade.words(error)}")
+    return ", ".join((*parts, f"confidence {100 * float(found.confidence[row, column]):.0f} %"))
+
+
+def fact_rows(made: MeasuredDepth) -> tuple[tuple[str, str], ...]:
+    """Return what was measured: names and values."""
+    facts: Mapping[str, Any] = made.to_dict()
+    rows, columns = facts["shape"]
+    shade = next(iter(shades_of(made.found).values()))
+    depths = "none: no place has enough texture"
+    if facts["depths"]:
+        low, middle, high = map(shade.words, facts["depths"])
+        depths = f"{low} to {high}, median {middle}"
+    return (
+        (capital(shade.name), depths),
+        ("Samples", f"{rows} × {columns}, {100 * facts['known']:.0f} % with a depth"),
+        ("Matched", made.found.method),
+        ("Lattice", f"of {made.lattice}"),
+        ("Scale", f"of {made.scale}" if made.scale else "none: describe the camera for depths in µm"),
+        ("Time", format_seconds(made.seconds)),
+    )

@@ -1,0 +1,215 @@
+"""Use > Depth: the frame or its depth map at the left; what is measured, shown and saved at the right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QSlider, QWidget
+
+from lfcal_gui.jobs import Jobs
+from lfcal_gui.models import unbroken
+from lfcal_gui.pages.depth.model import BASIC, FIELDS, QUANTITIES, DepthSettings
+from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets import (
+    Contrast,
+    ElidedLabel,
+    FoldedForm,
+    Picture,
+    WrappedLabel,
+    button,
+    card,
+    choice_box,
+    column_area,
+    column_of,
+    heading,
+    line,
+    set_role,
+    wrapped,
+)
+
+OPEN = "An image of the camera: TIFF, PNG, NPY, RAW and others; files can be dropped here as well"
+MEASURE = "Match the micro-images, or the views, of the whole frame, as a job (F5)"
+STOP = "Stop measuring (Esc)"
+LEAST = "Samples of less confidence are grey. Saved files keep all samples, with their confidence"
+MAP = "Write depth, standard error, confidence, light and disparity as float pages of a TIFF file"
+POINTS = "Write a point cloud (.ply), for CloudCompare, MeshLab or Blender"
+
+VIEWS = (
+    ("depth", "Depth map", "Depth as colour over the central view (V)"),
+    ("frame", "Frame", "The frame itself (V)"),
+)
+"""What the picture can show."""
+
+FRAME, LIGHT = "sample value (counts)", "light"
+
+NARROW, WIDE, ROOMY = 304, 368, 1380
+"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
+
+USUAL = 50
+"""Confidence below which samples are grey at first (%)."""
+
+
+class DepthPanel(QWidget):
+    """The page's widgets.
+
+    Signals
+    -------
+    pressed(key)
+        A button: ``"open"``, ``"measure"``, ``"stop"``, ``"map"`` or ``"points"``.
+    chosen()
+        Another view, quantity or confidence is to be shown.
+    """
+
+    pressed = Signal(str)
+    chosen = Signal()
+
+    def __init__(self, jobs: Jobs) -> None:
+        super().__init__()
+        self.view = Picture(FRAME, jobs=jobs, legend=False)
+        self.contrast = Contrast(self.view)
+        self.readout = ElidedLabel(" ")
+        self.readout.setProperty("role", "hint")
+        self._facts: Sequence[tuple[str, str]] = ()
+        self._make_segments()
+        self.area = column_area(NARROW, self._measuring(), self._showing(), dense=True)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(8)
+        row.addLayout(column_of(self.view, self.contrast, self.readout, spacing=2, stretch=0), 1)
+        row.addWidget(self.area)
+        self.show_facts(())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the inspector more room in a large window."""
+        super().resizeEvent(event)
+        self.area.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+
+    # -- building --------------------------------------------------------------------------------------
+    def _make_segments(self) -> None:
+        self.segments: dict[str, QPushButton] = {}
+        for key, words, tip in VIEWS:
+            made = self.segments[key] = QPushButton(words)
+            made.setProperty("role", "segment")
+            made.setCheckable(True)
+            made.setAutoExclusive(True)
+            made.setToolTip(tip)
+            made.clicked.connect(lambda _=False: self.chosen.emit())
+        self.segments["frame"].setChecked(True)
+
+    def _measuring(self) -> QWidget:
+        frame, column = card()
+        self.took = ElidedLabel()
+        self.took.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        column.addLayout(line(heading("Measure depth"), self.took, stretch=1))
+        self.file = WrappedLabel("none yet")
+        self.file.setProperty("role", "hint")
+        self.open = button("Open frame …", OPEN, lambda: self.pressed.emit("open"))
+        column.addLayout(line(self.open))
+        column.addWidget(self.file)
+        seen = tuple(field for key in BASIC for field in FIELDS if field.key == key)
+        rest = tuple(field for field in FIELDS if field.key not in BASIC)
+        tip = "Lattice file, method, search range, mask, colours and the place on the sensor"
+        self.form = FoldedForm(seen, rest, f"{len(rest)} more settings", tip)
+        column.addWidget(self.form)
+        self._go = "measure"
+        self.go = button("Measure", MEASURE, lambda: self.pressed.emit(self._go))
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(False)
+        self.status = wrapped()
+        column.addLayout(line(self.go))
+        column.addWidget(self.bar)
+        column.addWidget(self.status)
+        self.show_status("")
+        return frame
+
+    def _showing(self) -> QWidget:
+        frame, column = card("Depth map")
+        self.quantity = choice_box([*QUANTITIES.items()], "What the colours show")
+        self.quantity.setAccessibleName("what the colours show")
+        self.quantity.currentIndexChanged.connect(lambda _: self.chosen.emit())
+        self.least, self.percent = QSlider(Qt.Orientation.Horizontal), QLabel()
+        self.least.setRange(0, 100)
+        self.least.setAccessibleName("least confidence")
+        self.least.setToolTip(LEAST)
+        self.least.valueChanged.connect(self._confidence_moved)
+        self.least.setValue(USUAL)
+        self.percent.setFixedWidth(self.percent.fontMetrics().horizontalAdvance("100 %") + 4)
+        column.addLayout(line("Colour", self.quantity, stretch=1))
+        column.addLayout(line("Confidence", self.least, self.percent, stretch=1))
+        self.facts = wrapped("")
+        self.facts.setTextFormat(Qt.TextFormat.RichText)
+        column.addWidget(self.facts)
+        self.save_map = button("Save map …", MAP, lambda: self.pressed.emit("map"))
+        self.save_points = button("Save points …", POINTS, lambda: self.pressed.emit("points"))
+        column.addLayout(line(self.save_map, self.save_points))
+        return frame
+
+    def _confidence_moved(self, percent: int) -> None:
+        self.percent.setText(f"{percent} %")
+        self.chosen.emit()
+
+    # -- showing ---------------------------------------------------------------------------------------
+    @property
+    def shows_map(self) -> bool:
+        """Whether the depth map is shown, not the frame."""
+        return self.segments["depth"].isChecked()
+
+    def show_map(self, on: bool) -> None:
+        """Show the depth map, or the frame."""
+        self.segments["depth" if on else "frame"].setChecked(True)
+        self.chosen.emit()
+
+    def show_settings(self, settings: DepthSettings, shown: dict[str, object]) -> None:
+        """Show the settings; ``shown`` are the values of the fields of the task."""
+        self.form.set_values({**shown, "use_camera": settings.use_camera, "use_h": settings.use_h})
+
+    def show_go(self, *, running: bool, enabled: bool) -> None:
+        """Show what the button does."""
+        self._go = "stop" if running else "measure"
+        self.go.setText("Stop" if running else "Measure")
+        self.go.setToolTip(STOP if running else MEASURE)
+        self.go.setEnabled(running or enabled)
+
+    def show_took(self, words: str, role: str = "hint") -> None:
+        """Say next to the title how long it will take, or took."""
+        self.took.setText(words)
+        set_role(self.took, role)
+
+    def show_status(self, words: str, fraction: float | None = None, *, bad: bool = False, busy: bool = False) -> None:
+        """Show words, or nothing, and how far it is while it is ``busy``; None: not known."""
+        set_role(self.status, "error" if bad else "hint")
+        self.status.setText(unbroken(words))
+        self.status.setVisible(bool(words))
+        self.bar.setVisible(busy)
+        self.bar.setRange(0, 0 if fraction is None else 1000)
+        if fraction is not None:
+            self.bar.setValue(round(1000 * fraction))
+
+    def show_facts(self, facts: Sequence[tuple[str, str]], quantities: Sequence[str] = ()) -> None:
+        """Show what was measured, and what its colours can show; nothing: there is no map."""
+        self._facts = facts
+        muted = f"style='color:{current_theme().muted}'"
+        rows = "".join(f"<tr><td {muted}><nobr>{a}&nbsp;&nbsp;</nobr></td><td>{escape(b)}</td></tr>" for a, b in facts)
+        self.facts.setText(f"<table cellspacing='1'>{rows}</table>" if facts else "Nothing is measured yet.")
+        for one in (self.quantity, self.least, self.save_map, self.save_points, self.segments["depth"]):
+            one.setEnabled(bool(facts))
+        if quantities:
+            self._offer(quantities)
+
+    def _offer(self, quantities: Sequence[str]) -> None:
+        chosen = self.quantity.currentData()
+        self.quantity.blockSignals(True)
+        self.quantity.clear()
+        for key in quantities:
+            self.quantity.addItem(QUANTITIES[key], key)
+        self.quantity.setCurrentIndex(max(0, self.quantity.findData(chosen)))
+        self.quantity.blockSignals(False)
+
+    def apply_theme(self) -> None:
+        """Take the colours of the theme in use."""
+        for widget in (self.view, self.contrast):
+            widget.apply_theme()
+        self.show_facts(self._facts)  # their colours are the theme's
