@@ -115,7 +115,7 @@ class RegionPlan:
         if len(set(anchors)) < len(anchors):
             wanted = f"a sensor with room for {rows} x {columns} of {scan.cutout[0]} x {scan.cutout[1]} px"
             raise InputError.expected(
-                "regions", wanted, scan.camera.sensor.shape, "choose fewer regions, or a smaller cutout"
+                "regions", wanted, f"one of {scan.camera.sensor.shape} px", "choose fewer regions, or a smaller cutout"
             )
         return cls(replace(scan, anchor=anchors[0]), tuple(names), tuple(anchors))
 
@@ -196,7 +196,7 @@ def _room(scan: ScanPlan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         raise InputError.expected(
             "regions",
             "a sensor larger than one period of the scan",
-            scan.camera.sensor.shape,
+            f"one of {scan.camera.sensor.shape} px",
             "plan one scan, without regions",
         )
     return low, high

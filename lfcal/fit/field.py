@@ -72,7 +72,7 @@ class Regional(Measured):
         if self.region.shape != (len(self.index),):
             wanted = f"shape {(len(self.index),)}"
             raise InputError.expected(
-                "region of each pattern", wanted, self.region.shape, "give one region for each pattern"
+                "region of each pattern", wanted, f"shape {self.region.shape}", "give one region for each pattern"
             )
         Measured.__post_init__(self)
 

@@ -61,7 +61,10 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
     origin = view.info(0).origin
     if origin == (0, 0) and view.shape != wanted and (plan is None or plan.camera.sensor.shape != view.shape):
         raise InputError.expected(
-            f"{source}, pixels", f"{wanted}, as in the camera of H", view.shape, "give whole frames of this camera"
+            f"{source}, pixels",
+            f"{wanted} pixels, as in the camera of H",
+            f"{view.shape} pixels",
+            "give whole frames of this camera",
         )
     if plan is not None and plan.camera.sensor.shape != wanted:
         got = plan.camera.sensor.shape

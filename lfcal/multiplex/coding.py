@@ -322,7 +322,7 @@ def overlapping_patterns(
     check_number("distance of the points (px)", step, at_least=1, at_most=10_000, integer=True)
     if values.ndim != 4 or not values.size or values.dtype.kind not in "uif":
         raise InputError.expected(
-            "plane of H", "an array of numbers (ny, nx, nt, ns)", values.shape, "give one plane of H"
+            "plane of H", "an array of numbers (ny, nx, nt, ns)", f"shape {values.shape}", "give one plane of H"
         )
     across = math.ceil(math.sqrt(points))
     index = np.arange(points)
@@ -526,7 +526,7 @@ class _Overlap:
             raise InputError.expected(
                 "patterns",
                 "an array (points, rows, columns) that contains light",
-                given.shape,
+                f"an array of shape {given.shape}",
                 "choose recorded positions",
             )
         points = len(given)

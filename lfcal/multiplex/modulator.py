@@ -107,7 +107,10 @@ class Modulator:
         if light.shape != (self.count,) or not np.isfinite(light).all() or not light.any():
             wanted = f"{self.count} finite values, not all zero"
             raise InputError.expected(
-                f"unmodulated light of {self.name}", wanted, light.shape, "give one value per sample"
+                f"unmodulated light of {self.name}",
+                wanted,
+                f"an array of shape {light.shape}",
+                "give one value per sample",
             )
         light.setflags(write=False)
         object.__setattr__(self, "light", light)

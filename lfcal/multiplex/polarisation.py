@@ -54,7 +54,7 @@ def polarisers(
         raise InputError.expected(
             "angles of polarisers",
             "rows and columns of angles in degrees",
-            angles.shape,
+            f"shape {angles.shape}",
             "give a two-dimensional array",
         )
     if extinction != math.inf:
@@ -104,7 +104,9 @@ def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
     """
     values = np.asarray(stokes, float)
     if values.ndim < 1 or len(values) not in (3, 4):
-        raise InputError.expected("Stokes parameters", "3 or 4 planes", values.shape, "give S0, S1, S2 (and S3)")
+        raise InputError.expected(
+            "Stokes parameters", "3 or 4 planes", f"shape {values.shape}", "give S0, S1, S2 (and S3)"
+        )
     strength = np.sqrt((values[1:] ** 2).sum(0))
     lit = values[0] > 0
     return np.asarray(np.where(lit, strength / np.where(lit, values[0], 1.0), 0.0), float)

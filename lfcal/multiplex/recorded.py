@@ -42,7 +42,7 @@ class RecordedFrame(NamedTuple):
         if bad is not None and bad.shape != self.raw.shape:
             wanted = f"{self.raw.shape} px"
             raise InputError.expected(
-                "dead pixels", wanted, bad.shape, "use the dead pixels of the camera that recorded the frame"
+                "dead pixels", wanted, f"shape {bad.shape}", "use the dead pixels of the camera that recorded the frame"
             )
         if sensor is None:
             return None if bad is None else np.where(bad == 0, 1.0, 0.0)

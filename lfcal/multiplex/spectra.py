@@ -71,11 +71,14 @@ class Spectra:
         good = waves.ndim == 1 and len(waves) > 1 and np.isfinite(waves).all() and (np.diff(waves) > 0).all()
         if not good or waves[0] <= 0:
             raise InputError.expected(
-                "wavelengths (nm)", "two or more increasing numbers above 0", waves.shape, "sort the wavelengths"
+                "wavelengths (nm)",
+                "two or more increasing numbers above 0",
+                f"an array of shape {waves.shape}",
+                "sort the wavelengths",
             )
         if values.shape != (len(self.names), len(waves)) or not np.isfinite(values).all():
             wanted = f"finite values {(len(self.names), len(waves))}"
-            raise InputError.expected("spectra", wanted, values.shape, "give one row per name")
+            raise InputError.expected("spectra", wanted, f"an array of shape {values.shape}", "give one row per name")
         for name, array in (("wavelengths_nm", waves), ("values", values)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -329,7 +332,7 @@ def _samples(seen: Array, edges: Array, basis: ArrayLike | None) -> tuple[Array,
         return seen.T, tuple(f"{middle:.0f} nm" if len(edges) < 60 else f"{middle:.1f} nm" for middle in middles), width
     table = np.asarray(basis, float)
     if table.ndim != 2 or len(table) != len(width) or not np.isfinite(table).all() or not table.size:
-        raise InputError.expected("basis of spectra", f"({len(width)}, N)", table.shape, "give one row per band")
+        raise InputError.expected("basis of spectra", f"shape ({len(width)}, N)", table.shape, "give one row per band")
     light = np.linalg.lstsq(table, width, rcond=None)[0]
     return (seen @ table).T, tuple(f"coefficient {k} nm" for k in range(table.shape[1])), light
 

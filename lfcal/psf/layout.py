@@ -56,7 +56,10 @@ class Header:
         object.__setattr__(self, "shape", check_psf_shape(self.shape))
         if self.plane_depths.shape != self.shape[:1]:
             raise InputError.expected(
-                "depths of the planes", f"{self.shape[0]} values", self.plane_depths.shape, "give one depth per plane"
+                "depths of the planes",
+                f"{self.shape[0]} values",
+                f"shape {self.plane_depths.shape}",
+                "give one depth per plane",
             )
 
     @property

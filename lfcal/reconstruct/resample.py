@@ -226,7 +226,7 @@ class Resampling:
 
         data = np.asarray(frame, np.float64)
         if data.ndim != 2:
-            raise InputError.expected("frame", "two axes (rows, columns)", data.shape, "give one frame")
+            raise InputError.expected("frame", "two axes (rows, columns)", f"shape {data.shape}", "give one frame")
         lost = ~np.isfinite(data)
         if lost.all():
             return np.full(self.shape, np.nan, np.float32)

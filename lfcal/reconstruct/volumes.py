@@ -248,7 +248,7 @@ def read_ome_zarr(source: Path) -> NDArray[np.float32]:
     """
     array = open_ome_zarr(source)[0]
     if math.prod(array.shape[:-3]) != 1:
-        raise InputError.expected(str(source), "a volume (z, y, x)", array.shape, "choose another file")
+        raise InputError.expected(str(source), "a volume (z, y, x)", f"shape {array.shape}", "choose another file")
     with _understood(source, "intact chunks", "copy it again"):
         data = np.asarray(array[...], np.float32)
     return data.reshape(data.shape[-3:])
@@ -317,7 +317,7 @@ def save_volume(
     """
     data = np.ascontiguousarray(volume, np.float32)
     if data.ndim != 3:
-        raise InputError.expected("volume", "three axes (z, y, x)", data.shape, "add the missing axis")
+        raise InputError.expected("volume", "three axes (z, y, x)", f"shape {data.shape}", "add the missing axis")
     depths = None if depths_um is None else np.asarray(depths_um, np.float64)
     sides = (voxel_um, voxel_um) if isinstance(voxel_um, int | float) else voxel_um
     facts = VolumeFacts(depths, sides, dict(details or {}))
@@ -501,7 +501,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     if volume.ndim == 2:
         volume = volume[None]
     if volume.ndim != 3:
-        raise InputError.expected(str(source), "a volume (z, y, x)", volume.shape, "choose another file")
+        raise InputError.expected(str(source), "a volume (z, y, x)", f"shape {volume.shape}", "choose another file")
     return volume
 
 

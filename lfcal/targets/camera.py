@@ -109,7 +109,9 @@ class TargetCamera(Frames):
         light = np.ones(count) if brightness is None else np.asarray(brightness, float)
         if light.shape != (count,) or not np.isfinite(light).all() or (light < 0).any():
             wanted = f"{count} values of 0 or more, one for each hole"
-            raise InputError.expected("brightness of holes", wanted, light.shape, "give such values")
+            raise InputError.expected(
+                "brightness of holes", wanted, f"an array of shape {light.shape}", "give such values"
+            )
         self.brightness: NDArray[np.float64] = light
         # only light; the sensor is applied once for all holes
         self.single = SimulatedCamera(

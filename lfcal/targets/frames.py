@@ -37,7 +37,9 @@ class TargetFrames(SourceView):
             raise InputError.expected("frames of a target", wanted, len(self._order), "give the plan of these frames")
         if source.shape != plan.scan.camera.sensor.shape:
             wanted = f"{plan.scan.camera.sensor.shape} pixels, as on the sensor of the plan"
-            raise InputError.expected("frames of a target", wanted, source.shape, "give whole sensor frames")
+            raise InputError.expected(
+                "frames of a target", wanted, f"{source.shape} pixels", "give whole sensor frames"
+            )
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
         """Return the metadata of all frames, and of the target."""

@@ -138,7 +138,10 @@ class PatternReading:
         if plan.shape != matrix.shape:
             wanted = f"a plan of the shape {matrix.shape} of H"
             raise InputError.expected(
-                f"{source.name}, plan", wanted, plan.shape, "give the plan by which this H was recorded"
+                f"{source.name}, plan",
+                wanted,
+                f"one of shape {plan.shape}",
+                "give the plan by which this H was recorded",
             )
         facts, depths = matrix.facts, plan.depths_um
         return PSFMatrix(matrix.planes, depths=depths, camera=plan.camera, anchor=plan.anchor, facts=facts)

@@ -94,7 +94,7 @@ class ScanFrames:
             raise InputError.expected(
                 f"plan {plan}",
                 f"the plan of these frames, with {own.shape[:3]} positions",
-                found.shape[:3],
+                f"one with {found.shape[:3]} positions",
                 "leave --plan out",
             )
         return source, found

@@ -85,11 +85,11 @@ class PredictObject(Task):
         volume = load_volume(self.scene)
         if volume.shape != (planes, *shot.values.shape):
             wanted = f"{(planes, *shot.values.shape)}, the planes of H and the pixels of the frame"
-            raise InputError.expected(f"{self.scene}, volume", wanted, volume.shape, "resample the volume")
+            raise InputError.expected(f"{self.scene}, volume", wanted, f"shape {volume.shape}", "resample the volume")
         if not np.isfinite(volume).all() or not volume.any():
             raise InputError.expected(
                 f"{self.scene}, volume",
-                "finite values of 0 or more, some above 0",
+                "finite values, not all zero",
                 "other values",
                 "correct the volume",
             )

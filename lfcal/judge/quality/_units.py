@@ -40,7 +40,7 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
             raise InputError.expected(
                 "control frames",
                 f"at least {H.cutout} pixels, as in H",
-                check.frame.shape,
+                f"{check.frame.shape} pixels",
                 "give the session in which H was recorded",
             )
         frames, places = found.setdefault(check.position.z, ([], []))

@@ -79,7 +79,12 @@ def iter_report(
     H = _straight(matrix)
     other = None if reference is None else _straight(reference)
     if inspection is not None and inspection.shape != H.shape:
-        raise InputError.expected("inspection", f"an inspection of H {H.shape}", inspection.shape, "inspect this H")
+        raise InputError.expected(
+            "inspection",
+            f"an inspection of this H, of shape {H.shape}",
+            f"one of shape {inspection.shape}",
+            "inspect this H",
+        )
     comparison: Comparison | None = None
     if other is not None:
         comparison = yield from iter_compare(H, other, by_index=True, workers=workers)
