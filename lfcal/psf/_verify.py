@@ -97,7 +97,7 @@ class MatrixCheck:
             more = f" and {len(found.positions) - most} more" if len(found.positions) > most else ""
             yield f"{name}: {found.what}" + (f" at (z, y, x) = {listed}{more}" if listed else "")
         for line in self.deviations:
-            yield f"not as the format requires: {line}"
+            yield f"deviation from the format: {line}"
 
     @property
     def known(self) -> str:

@@ -78,7 +78,7 @@ def noise_field(empty: str = "as the source states") -> tuple[float, float] | No
 
 def positions_field(help: str) -> int | None:
     """Declare the field ``positions`` of a task that reads patterns."""
-    return opt(None, help, at_least=0, empty=f"{SOME}, or all of a session of chosen positions")
+    return opt(None, help, at_least=0, empty=f"{SOME}, or all positions of a session with chosen positions")
 
 
 def orientation_field() -> str:

@@ -205,7 +205,7 @@ class _Acquire(Task):
     steady: float | None = opt(
         None,
         "Time for which all gauges must be within their bounds before the recording continues.",
-        label="Steady for",
+        label="Steady time",
         unit="s",
         at_least=0,
         empty="30",
@@ -257,7 +257,7 @@ class _Acquire(Task):
     dry_run: bool = opt(
         False,
         "Check everything and show the time and disk space, without moving the stage or recording.",
-        label="Only check",
+        label="Check only",
     )
     frame_rate: float | None = opt(
         None,

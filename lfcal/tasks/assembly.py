@@ -280,7 +280,7 @@ class Assemble(AssembleRegions):
     leave_out: Path | None = opt(
         None,
         "List of positions to leave out (.json), written by lfcal inspect.",
-        label="Leave out positions",
+        label="Positions to leave out",
         file="in",
         empty="all positions are used",
         more=True,

@@ -80,7 +80,7 @@ class PlanFit(PlanTask):
         choices=_groups,
         read=read_names,
         show=show_names,
-        empty="those of the earlier fit, or geometry,focal_lengths,iris",
+        empty="the groups of the earlier fit, else geometry,focal_lengths,iris",
     )
     full: float = opt(
         0.8,
@@ -97,7 +97,7 @@ class PlanFit(PlanTask):
         unit="px",
         at_least=0,
         at_most=5,
-        empty="that of the earlier fit, or 0.05",
+        empty="as in the earlier fit, else 0.05",
         more=True,
     )
     candidates: int = opt(

@@ -161,7 +161,7 @@ def test_a_file_that_is_not_as_specified_is_told_where(lfcal: Lfcal, tmp_path: P
     with h5py.File(path, "r+") as file:
         del file["used_window"], file.attrs["region"]
     run = lfcal("verify", path)
-    assert run.code == 1 and "not as the format requires: /used_window: missing" in run.out
-    assert "not as the format requires: , attribute" not in run.out and "/, attribute region: missing" in run.out
+    assert run.code == 1 and "deviation from the format: /used_window: missing" in run.out
+    assert "deviation from the format: , attribute" not in run.out and "/, attribute region: missing" in run.out
     found: Any = lfcal("verify", path, "--json").json
     assert not found["ok"] and len(found["deviations"]) == 2
