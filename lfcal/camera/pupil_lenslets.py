@@ -75,7 +75,7 @@ class PupilLenslets:
     >>> lenslets.pitch_um
     Traceback (most recent call last):
     lfcal.camera.pupil_lenslets.NoLatticeError: lattice.pitch_um: expected a camera with a periodic lenslet array, got
-    ... does not apply to this camera
+    ... this property does not exist for this camera
     """
 
     lens_centres_um: tuple[tuple[float, float], ...]

@@ -73,7 +73,7 @@ def judgement_of(measured: Judged) -> Judgement:
     >>> from lfcal.judge import judgement_of
     >>> from lfcal.psf import verify
     >>> print(judgement_of(verify("H.h5")).verdict)
-    This H file is whole in 2 of 2 planes (compared with their checksums).
+    This H file is intact in 2 of 2 planes (compared with their checksums).
     """
     # by name, so that judging an H does not load the modules that record sessions
     names = {kind.__name__ for kind in type(measured).__mro__}

@@ -108,7 +108,7 @@ def test_from_the_plan_to_h_of_all_regions(
     again = tmp_path / "again.h5"
     assert run("assemble", out, "-o", again, monkeypatch=monkeypatch) == 0
     assert run("verify", out, monkeypatch=monkeypatch) == 0
-    assert "centre: This session is whole in 19 of 19 frames." in capsys.readouterr().out
+    assert "centre: This session is intact in 19 of 19 frames." in capsys.readouterr().out
     for k, name in enumerate(PLAN.names):
         with open_psf(H, region=name, check=True) as one, open_psf(again, region=name) as other:
             assert one.shape == SCAN.shape and one.anchor == PLAN.anchors[k] and one.recorded.all()

@@ -54,7 +54,7 @@ def test_a_target_is_recorded_and_what_it_shows_is_told(
     assert told["shown"]["frames"] == 8 and told["shown"]["coverage"] == pytest.approx(plan.coverage(0))
     assert len(open_frames(out)) == 8  # packed, and open as before
     assert run("verify", out, monkeypatch=monkeypatch) == 0
-    assert "This session is whole in 8 of 8 frames." in capsys.readouterr().out
+    assert "This session is intact in 8 of 8 frames." in capsys.readouterr().out
     assert run("status", out, "--json", monkeypatch=monkeypatch) == 0
     status = json.loads(capsys.readouterr().out)
     assert (status["session"], status["done"], status["total"], status["how"]) == ("target", 8, 8, "complete")

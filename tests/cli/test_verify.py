@@ -29,10 +29,10 @@ def sample(tmp_path: Path) -> Path:
 
 def test_a_whole_session_and_its_h(lfcal: Lfcal, sample: Path, tmp_path: Path) -> None:
     run = lfcal("verify", sample)
-    assert (run.code, run.out, run.err) == (0, f"{sample}: This session is whole in 636 of 636 frames.\n", "")
+    assert (run.code, run.out, run.err) == (0, f"{sample}: This session is intact in 636 of 636 frames.\n", "")
     assert lfcal("assemble", sample, "-o", tmp_path / "H.h5").code == 0
     run = lfcal("verify", tmp_path / "H.h5", "--workers", 1)
-    assert run.code == 0 and "This H file is whole in 1 of 1 plane (compared with their checksums)" in run.out
+    assert run.code == 0 and "This H file is intact in 1 of 1 plane (compared with their checksums)" in run.out
 
 
 @pytest.mark.parametrize("name", ["gone.npy", "gone.h5", "recording.h5", "gone"])
@@ -46,7 +46,7 @@ def test_one_damaged_frame_is_named_listed_and_left_out(lfcal: Lfcal, sample: Pa
     rot_frame(sample / "recording.h5", 400)
     run = lfcal("verify", sample, "--redo", tmp_path / "redo.json")
     assert run.code == 1 and run.err == ""
-    assert "What remains is whole in 635 of 636 frames." in run.out
+    assert "What remains is intact in 635 of 636 frames." in run.out
     assert "should not be used as it is: damaged position frames. Damaged position frames: 1 frame in rec" in run.out
     assert "position (z, y, x) = (0, 12, 4), recording.h5[400]: frame damaged" in run.out
     assert "Record these frames again (lfcal acquire --resume)." in run.out and "1 position to record again" in run.out

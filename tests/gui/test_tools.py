@@ -37,13 +37,13 @@ def test_a_session_and_its_damage_are_found_and_sent_to_acquire(
     assert dialog.path.text() == str(folder), "what the project has is offered"
     dialog.start.click()
     idle(window.jobs, qtbot)
-    assert dialog.found.toPlainText() == "This session is whole in 24 of 24 frames."
+    assert dialog.found.toPlainText() == "This session is intact in 24 of 24 frames."
     assert not dialog.again.isVisible()
     damage(folder / "recording.h5")
     dialog.check()
     idle(window.jobs, qtbot)
     assert (
-        "What remains is whole in 23 of 24 frames." in dialog.found.toPlainText()
+        "What remains is intact in 23 of 24 frames." in dialog.found.toPlainText()
         and "frame damaged" in dialog.found.toPlainText()
     )
     dialog.again.click()
@@ -66,7 +66,7 @@ def test_an_h_file_is_verified_and_what_is_none_is_told(window: MainWindow, qtbo
     good = save(PSFMatrix(np.random.default_rng(0).random((2, 3, 4, 9, 11), np.float32)), tmp_path / "H.h5")
     dialog = window.tools.verify()
     assert not dialog.start.isEnabled(), "there is nothing to check yet"
-    for path, words in ((good, "whole in 2 of 2 planes"), (tmp_path / "none.h5", "none.h5"), (tmp_path, "session")):
+    for path, words in ((good, "intact in 2 of 2 planes"), (tmp_path / "none.h5", "none.h5"), (tmp_path, "session")):
         dialog.path.setText(str(path))
         dialog.check()
         idle(window.jobs, qtbot)

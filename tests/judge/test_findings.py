@@ -148,7 +148,7 @@ def test_a_camera_check_finds_what_differs() -> None:
 
 def test_a_check_of_an_h_file_finds_what_is_damaged() -> None:
     whole = MatrixCheck(Path("H.h5"), 4, True, (), 0)
-    assert judgement_of(whole).verdict == "This H file is whole in 4 of 4 planes (compared with their checksums)."
+    assert judgement_of(whole).verdict == "This H file is intact in 4 of 4 planes (compared with their checksums)."
     planes = tuple(DamagedPlane("", z, what, ((z, 0, 1),)) for z, what in enumerate(("damaged", "damaged", "changed")))
     found = judgement_of(replace(whole, missing=3, deviations=("odd",), damaged=planes))
     assert [(one.kind, one.merit) for one in found.findings] == [
