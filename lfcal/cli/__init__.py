@@ -63,7 +63,7 @@ def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") 
         from lfcal.cli._console import KEPT
 
         kept = KEPT in getattr(ended, "__notes__", ())
-        said = "only complete units stay" if kept else "no incomplete output remains"
+        said = "only complete units are kept" if kept else "no incomplete output remains"
         # the exit code that shells expect after a signal
         _stop(128 + ended.number, f"stopped; {said}")
 

@@ -14,11 +14,11 @@ from lfcal.cli._lazy import LazyCommands, LazyGroup, listed_commands
 __all__ = ["build_app", "command_line"]
 
 HEADINGS = {
-    "To begin with": ("demo", "doctor"),
+    "Getting started": ("demo", "doctor"),
     "Camera and plan": ("camera", "plan", "white", "views", "depth", "simulate", "accuracy"),
     "Recording": ("acquire", "verify"),
-    "H, and how good it is": ("assemble", "inspect", "compare", "fit", "trend", "transpose", "reduce", "export"),
-    "What H is for": ("reconstruct", "multiplex"),
+    "H and its quality": ("assemble", "inspect", "compare", "fit", "trend", "transpose", "reduce", "export"),
+    "Using H": ("reconstruct", "multiplex"),
 }
 """The commands under their headings, in the order of the data; others follow at the end."""
 

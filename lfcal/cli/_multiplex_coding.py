@@ -64,7 +64,7 @@ def coding(
     frames: int | None = typer.Option(
         None, min=1, help="Number of frames of a random code; default: the number of points."
     ),
-    density: float = typer.Option(0.5, help="Share of points that are lit in a random code."),
+    density: float = typer.Option(0.5, help="Fraction of points that are lit in a random code."),
     seed: int = typer.Option(0, min=0, help="Seed of random codes and of --monte-carlo."),
     signal: float | None = typer.Option(
         None, help="Electrons in a point's brightest pixel in a frame; default: full well."
@@ -84,7 +84,7 @@ def coding(
         0, min=0, help="With --patterns: repeat the block after this distance (px in the image); 0: once."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="File for a picture of the gain of each entry and over light (.png)."
+        None, "--out", "-o", help="File for a plot of the gain of each entry and over light (.png)."
     ),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
@@ -188,7 +188,7 @@ def _show(facts: dict[str, Any], json: bool) -> None:
     headers = ["held equal", "all entries, rms (dB)", "bright (dB)", "dark (dB)", "entries better", "exposure"]
     headers += ["peak (e⁻)", *(["measured (dB)"] if "measured_db" in facts else [])]
     lit = f"{facts['frames']} frames of code {facts['code']}"
-    title = f"{facts['points']} points of {facts['source']} lit by {lit}, over one at a time"
+    title = f"{facts['points']} points of {facts['source']} lit by {lit}, compared with one point at a time"
     print_result(facts, headers, rows, title=title, json=json)
 
 
@@ -201,14 +201,14 @@ def _display(text: str) -> tuple[tuple[int, int], float]:
     except ValueError:
         pixel = math.nan
     if not (is_whole(columns) and is_whole(rows) and 0 < pixel < math.inf):
-        raise InputError.expected("display", "COLUMNSxROWS@PITCH in µm", repr(text)[:40], "such as 1920x1080@8")
+        raise InputError.expected("display", "COLUMNSxROWS@PITCH in µm", repr(text)[:40], "use for example 1920x1080@8")
     return (int(rows), int(columns)), pixel
 
 
 def _stored(source: Path, plane: int, mat_order: str) -> _Plane:
     with open_matrix(source, mat_order=mat_order) as matrix:
         if plane >= len(matrix):
-            raise InputError.expected("plane", f"0 … {len(matrix) - 1}", plane, f"{source} has {len(matrix)}")
+            raise InputError.expected("plane", f"0 … {len(matrix) - 1}", plane, f"{source} has {len(matrix)} planes")
         z = float(matrix.depths[plane])
         return _Plane(matrix[plane], z, matrix.camera, f"{source.name}, plane {plane}")
 

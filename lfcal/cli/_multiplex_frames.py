@@ -86,7 +86,7 @@ def recover(
     modulator: str | None = typer.Option(None, help=f"Such as {GRAMMAR}."),
     transmissions: Path | None = typer.Option(
         None,
-        help="Instead of --modulator: .npy (N, rows, columns) with the share of each sample that a pixel receives; "
+        help="Instead of --modulator: .npy (N, rows, columns) with the fraction of each sample that a pixel receives; "
         "solved iteratively.",
     ),
     out: Path = typer.Option(..., "--out", "-o", help="File to write: float32 TIFF, one page per sample."),
@@ -148,7 +148,7 @@ def recover(
         for name, value in others.items():
             if value is not None:
                 remedy = f"leave --{name} out, or --spacing and --transmissions"
-                raise InputError.expected(name, "none by iterations", value, remedy)
+                raise InputError.expected(name, "none for an iterative solution", value, remedy)
         known = np.ones(light.shape) if weights is None else weights
         # by default, as many nodes as pixels
         step = math.sqrt(shares.count if modulator else len(shares)) if spacing is None else spacing
@@ -270,7 +270,7 @@ def views(
     recorded = read_recorded(frame)
     if recorded.raw.shape != fit.shape:
         wanted = f"the {fit.shape} px of the lattice"
-        raise InputError.expected(str(frame), wanted, recorded.raw.shape, "use its own camera's")
+        raise InputError.expected(str(frame), wanted, recorded.raw.shape, "use the lattice of its own camera")
     level = recorded.level(sensor=described)
     weights = recorded.weights(level, described, dead, gain=gain, exposure_s=exposure)
     if weights is None and deviation is not None:

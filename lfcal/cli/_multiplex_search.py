@@ -55,7 +55,7 @@ def search(
     starts: int = typer.Option(
         6, min=0, help="Number of random masks per noise level; each is followed by six modified ones."
     ),
-    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of the frontier (.png)."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the frontier (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -102,7 +102,9 @@ def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool 
     facts["frontier"] = [{"name": name} | dict(zip(keys, row, strict=True)) for name, row in rows]
     facts |= {"best": found.best.matrix, "bound_db": found.bound, "stopped": stopped}
     cells = [[name, *(f"{gain:+.3f}" for gain in row)] for name, row in rows]
-    title = f"Gain over {found.reference}: {len(cells)} of {len(found.modulators)} candidates nothing beats"
+    title = (
+        f"Gain over {found.reference}: {len(cells)} of {len(found.modulators)} candidates that no other candidate beats"
+    )
     headers = ["modulator", f"gain at χ² = {found.chi2:.4g} (dB)", "additive (dB)", "photon (dB)"]
     print_result(facts, headers, cells, title=title, json=json)
     if found.bound is not None and not json:
@@ -119,12 +121,12 @@ def design(
     chi2: Chi2Option = None,
     camera: PresetOption = None,
     gain: GainOption = 1.0,
-    crosstalk: float = typer.Option(0.0, help="Share of the light that a pixel loses to its neighbours."),
+    crosstalk: float = typer.Option(0.0, help="Fraction of the light that a pixel loses to its neighbours."),
     letters: str = typer.Option("RGBCMYW", help="Filters to choose from."),
     kinds: int | None = typer.Option(None, min=1, help="Largest number of different filters."),
     levels: int = typer.Option(2, help="Number of transmission levels that can be printed."),
-    least_light: float = typer.Option(0.0, help="Smallest share of the light that must pass."),
-    most_light: float = typer.Option(1.0, help="Largest share of the light that a mask may transmit."),
+    least_light: float = typer.Option(0.0, help="Smallest fraction of the light that must pass."),
+    most_light: float = typer.Option(1.0, help="Largest fraction of the light that a mask may transmit."),
     starts: int = typer.Option(12, min=0, help="Number of random starts for masks too large for an exhaustive search."),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="File for the design: .npy, transmissions (rows, columns, N); .json, with its views."
@@ -140,7 +142,7 @@ def design(
     from lfcal.multiplex import best_array, best_printed_mask, save_modulator
 
     if out is not None and out.suffix.lower() not in MATRIX_SUFFIXES:
-        raise InputError.expected("output", "a file .npy or .json", out, "name it so")
+        raise InputError.expected("output", "a .npy or .json file", out, "change its extension")
     check_output(out, camera, force=force)
     ratio = _needed_chi2(context, chi2, camera, gain)
     rows, _, columns = what.partition("x")
@@ -169,7 +171,7 @@ def design(
 def filters(
     *,
     size: int = typer.Option(256, min=64, max=4096, help="Side of the scenes (px)."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of error against time (.png)."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the error against run time (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -197,12 +199,12 @@ def filters(
                 rings = (f"{100 * t.ringing.flat:.2f}", f"{100 * t.ringing.overshoot:.1f}")
             efficient = "yes" if t.efficient else ""
             rows.append([t.name, f"{1e3 * t.seconds:.1f}", f"{100 * t.error:.2f}", *rings, efficient])
-        print_table(headers, rows, title=f"{name}, Bayer, {size} x {size} px; shares of the scene's range")
+        print_table(headers, rows, title=f"{name}, Bayer, {size} x {size} px; relative to the scene's range")
 
 
 def figures(
     context: typer.Context,
-    folder: Path = typer.Argument(help="Folder for the pictures."),
+    folder: Path = typer.Argument(help="Folder for the figures."),
     *,
     raw: Path | None = typer.Option(None, help="RAW frame for figure 3, instead of the synthetic scene."),
     camera: str | None = typer.Option(None, help="Preset or camera file to mark in figure 6."),

@@ -23,7 +23,7 @@ R = TypeVar("R")
 Show = Callable[[Any], object]
 """Function that prints the result of a task."""
 
-RUN = "How it is run"
+RUN = "Execution"
 
 
 def add_task(app: typer.Typer, tasks: TaskSet, show: Show, cls: Any = None) -> None:

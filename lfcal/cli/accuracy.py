@@ -35,7 +35,7 @@ def command(
     ),
     error: str = typer.Option("1%", "--error", help="Error whose cost to report: 1% or 0.01."),
     seconds: float = typer.Option(10.0, "--seconds", help="Approximate time for each place (s)."),
-    draw: Path | None = typer.Option(None, "--draw", help="File for a picture of all curves (.png)."),
+    draw: Path | None = typer.Option(None, "--draw", help="File for a plot of all curves (.png)."),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -77,7 +77,9 @@ def command(
     if ended is not None:
         raise ended
     if not any(curve.rungs for curve in curves):
-        raise InputError(f"{measured.name}: nothing could be measured; {curves[0].stopped or 'choose other places'}")
+        raise InputError(
+            f"{measured.name}: nothing could be measured; {curves[0].stopped or 'choose other places (--place)'}"
+        )
 
 
 def _measured(
@@ -136,7 +138,7 @@ def _show(curve: Curve, share: float) -> None:
     from lfcal.accuracy import format_cost
 
     if not curve.rungs:
-        typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first rung'}\n")
+        typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first measurement'}\n")
         return
     names = list(dict.fromkeys(name for rung in curve.rungs for name in rung.others))
     picked = curve.cheapest(share)

@@ -54,7 +54,7 @@ def show_coverage(facts: Mapping[str, Any]) -> None:
     """Print which positions the frames of a target's session show."""
     shown = ", ".join(format_share(share) for share in facts["coverage_of_planes"])
     typer.echo(
-        f"  phases shown, where the target lies as planned: {shown}; {facts['mean_repeats']:.2f} times on average"
+        f"  phases shown if the target is placed as planned: {shown}; {facts['mean_repeats']:.2f} times on average"
     )
 
 

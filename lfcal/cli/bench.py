@@ -8,7 +8,7 @@ from lfcal.base import InputError
 from lfcal.cli._console import print_json
 from lfcal.cli._options import JsonOption
 
-WHERE = "run `python -m benchmarks` in the folder of lfcal's source, where uv or pip has installed it"
+WHERE = "run `python -m benchmarks` in the source folder from which uv or pip installed lfcal"
 
 
 def command(name: str = typer.Argument("", help="Name of a benchmark."), json: JsonOption = False) -> None:
@@ -21,4 +21,4 @@ def command(name: str = typer.Argument("", help="Name of a benchmark."), json: J
     if json:
         print_json({"benchmarks": WHERE})
         return
-    typer.echo(f"The benchmarks time lfcal side by side with other ways to do the same: {WHERE}.")
+    typer.echo(f"The benchmarks compare the run time of lfcal with that of other programs: {WHERE}.")

@@ -45,7 +45,7 @@ def print_camera(camera: Camera) -> None:
         rows.append(["distortion of the lattice", shown, camera.marks["lattice.distortion"]])
     print_table(["value", "", "from"], rows, title=f"camera {camera.name}")
     follows = [[one.label, one.text, "from assumed values" if one.assumed else ""] for one in derived_of(camera)]
-    print_table(["what follows", "", ""], follows)
+    print_table(["derived quantity", "", ""], follows)
     for doubt in doubts(camera):
         report(f"warning: {doubt}")
 

@@ -79,7 +79,7 @@ def _write(found: CameraCheck, out: Path | None) -> Path | None:
     if found.camera is None:
         line, remedy = found.lines[-1], "correct the camera"
         if line.label == "sensor":
-            remedy += "; if the white image shows a part of the sensor, state its place with --origin ROW,COLUMN"
+            remedy += "; if the white image shows a part of the sensor, state its position with --origin ROW,COLUMN"
         raise InputError.expected(f"{line.label} of the white image", line.expected, line.measured, remedy)
     write_text(out, found.camera.to_json())
     return out
@@ -103,14 +103,14 @@ def _show(found: CameraCheck, turned: TurnedWhite | None, written: Path | None, 
     if turned is not None:
         report(
             f"note: the frames are {turned.words}, relative to the camera; if the camera is described correctly, "
-            "turn white "
-            f"image and frames: {turned.options} here, of lfcal plan and of lfcal assemble"
+            "turn the white "
+            f"image and the frames with {turned.options}, here, in lfcal plan and in lfcal assemble"
         )
     if found.verdict != "fits" and found.camera is not None and written is None:
         report(
             "note: the camera and the white image differ; -o camera.json writes the measured camera"
             if found.verdict == "differs"
-            else "note: nothing written: camera and white image do not match, as with another camera, unit or "
-            "orientation; correct it, or write the measured camera with -o camera.json --anyway"
+            else "note: nothing written: camera and white image do not match; check camera, units and orientation, "
+            "or write the measured camera with -o camera.json --anyway"
         )
     print_written(written)

@@ -40,7 +40,7 @@ def command(
     start: str = typer.Option("", "--preset", help="Preset to start from."),
     name: str = typer.Option("", help="Name of the camera; default: the name of the file."),
     values: dict[str, Any],
-    yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing; assume values that no option states."),
+    yes: bool = typer.Option(False, "--yes", "-y", help="Do not ask; assume the values that no option states."),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -85,7 +85,10 @@ def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft
 
 def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
     """Ask for every geometric value that no option gave; an answer is stated, Enter leaves the value assumed."""
-    typer.echo("Enter keeps the value in brackets, which is then marked as assumed. Lengths: bare, or with nm, um, mm.")
+    typer.echo(
+        "Press Enter to keep the value in brackets; it is then marked as assumed. "
+        "Lengths may have a unit: nm, um or mm."
+    )
     # the sensor first: a pitch in pixels needs its pixel size
     order = sorted(quantities_of(draft.camera(title)), key=lambda quantity: not quantity.path.startswith("sensor."))
     for quantity in order:

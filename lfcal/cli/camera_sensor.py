@@ -25,7 +25,7 @@ def command(
         ..., help="Flats: a file with several pages, a folder, or a folder with a subfolder for each light level."
     ),
     darks: Path = typer.Argument(
-        ..., help="Darks with the settings of the flats; several exposures give the dark current."
+        ..., help="Darks with the settings of the flats; the dark current requires several exposures."
     ),
     *,
     camera: str = typer.Option("", "--camera", help="Camera (preset or file) whose sensor is measured."),
@@ -33,7 +33,7 @@ def command(
         "", "--cfa", help="Colour filter pattern by rows, e.g. RGGB; default: from the files or the camera."
     ),
     figure: Path | None = typer.Option(
-        None, "--figure", help="File for a picture of the photon-transfer curve (PNG, PDF, SVG)."
+        None, "--figure", help="File for a plot of the photon-transfer curve (PNG, PDF, SVG)."
     ),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured sensor as JSON."),
     workers: WorkersOption = None,

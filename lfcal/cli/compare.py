@@ -19,9 +19,7 @@ def command(
     first: Path = typer.Argument(help=MATRIX),
     second: Path = typer.Argument(help=MATRIX),
     *,
-    report: Path | None = typer.Option(
-        None, "--report", help="Folder for an HTML page with the pictures side by side."
-    ),
+    report: Path | None = typer.Option(None, "--report", help="Folder for an HTML page with the images side by side."),
     region: list[str] | None = typer.Option(
         None,
         "--region",
@@ -81,5 +79,7 @@ def command(
 def _regions(names: list[str]) -> tuple[str, str]:
     """Return the region of each H; empty selects the default one of the file."""
     if len(names) > 2:
-        raise InputError.expected("--region", "one of both H, or one of each", f"{len(names)}", "leave some out")
+        raise InputError.expected(
+            "--region", "one for both H, or one for each", f"{len(names)}", ("leave the others out")
+        )
     return (names[0], names[-1]) if names else ("", "")

@@ -99,7 +99,7 @@ def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dic
         truth = files.enter_context(simulate_psf(plan, "auto", tolerance=0.05, out=out / "truth.h5"))
         found = compare(matrix, truth)
         made.append("truth.h5")
-    with _step(steps, "a recorded session, with the darks it brings") as made:
+    with _step(steps, "a recorded session with its dark frames") as made:
         own = assembled(frames=sample_recording(), out=out / "recorded_H.h5")
         recorded = compare(own, PSFMatrix(truth.plane(0)[None], depths=own.depths))
     with _step(steps, "quality report") as made:

@@ -52,7 +52,7 @@ def command(
     devices = [[d["name"], d["title"], d["version"] or escape(f"absent: {d['reason']}")] for d in found["devices"]]
     print_table(["devices", "what", "found"], devices)
     if found["plugins"]:
-        print_table(["plug-in left out", "why"], [[p["name"], escape(p["reason"])] for p in found["plugins"]])
+        print_table(["plug-in not loaded", "why"], [[p["name"], escape(p["reason"])] for p in found["plugins"]])
 
 
 def _show_window(json: bool) -> None:

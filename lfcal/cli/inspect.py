@@ -54,7 +54,7 @@ def _show(one: InspectedMatrix) -> None:
         if metric.merit in ("bad", "fair") and not found.withdrawn(metric):
             cause = found.settled(metric)
             if cause is not None:
-                typer.echo(f"{metric.spec.title.lower()}: see {cause.title}, which makes it")
+                typer.echo(f"{metric.spec.title.lower()}: see {cause.title}, its cause")
     redo = found.redo()
     if redo:
         places = "1 position" if len(redo) == 1 else f"{len(redo)} positions"
@@ -63,7 +63,7 @@ def _show(one: InspectedMatrix) -> None:
     if comparison is not None:
         words = f"correlation {comparison.correlation:.5f}, error {100 * comparison.rms_error:.2f} %, centroid shift "
         words += f"{comparison.rms_shift_px:.3f} px rms, {comparison.max_shift_px:.3f} px at most"
-        typer.echo(f"against the reference: {words}")
+        typer.echo(f"compared with the reference: {words}")
 
 
 def _show_faults(found: Inspection) -> None:
@@ -111,7 +111,7 @@ def _show_loss(loss: RegionLoss) -> None:
             loss.names, loss.anchors.tolist(), loss.losses.tolist(), loss.shift_px.tolist(), strict=True
         )
     ]
-    title = f"regions: patterns against those of {loss.names[0]}"
+    title = f"regions: patterns compared with those of {loss.names[0]}"
     print_table(["region", "anchor (row, column)", "periodicity loss", "centroid shift (px rms)"], rows, title=title)
     typer.echo(
         f"if {loss.names[0]} represents the whole field, the largest error of a pattern is {format_share(loss.worst)}"

@@ -80,7 +80,7 @@ def compare(
     monte_carlo: int = typer.Option(
         0, min=0, help="Number of simulated super-pixels on which the gain is also measured; 0: none."
     ),
-    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of the gain over chi^2 (.png)."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for a plot of the gain over chi^2 (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
@@ -110,7 +110,7 @@ def compare(
         "gain, additive (dB)": lambda n: _text(n.gain_additive_db, "+.3f"),
         "gain, photon (dB)": lambda n: _text(n.gain_photon_db, "+.3f"),
         f"gain at χ² = {_text(ratio)} (dB)": lambda n: _text(n.gain_db, "+.3f"),
-        "not recovered whole": lambda n: _lost(n.lost),
+        "not fully recovered": lambda n: _lost(n.lost),
     }
     rows = [[cell(numbers) for cell in columns.values()] for numbers in found]
     headers = list(columns)
@@ -151,9 +151,7 @@ def _lost(lost: dict[str, float]) -> str:
 def show(
     modulator: ModulatorArgument,
     *,
-    out: Path = typer.Option(
-        ..., "--out", "-o", help="File for the picture of pattern, spectrum, Sigma and Pi (.png)."
-    ),
+    out: Path = typer.Option(..., "--out", "-o", help="File for the figure of pattern, spectrum, Sigma and Pi (.png)."),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -209,7 +207,7 @@ def map(
     modulator: ModulatorArgument,
     *,
     reference: str = typer.Option(..., help="Modulator with the same samples that gains are relative to."),
-    out: Path | None = typer.Option(None, "--out", "-o", help="File for a picture of the map (.png)."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="File for the map (.png)."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,

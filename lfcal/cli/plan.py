@@ -71,7 +71,7 @@ def _rows(one: Planned) -> list[list[str]]:
         ["order", plan.order],
         ["source positions", f"{forecast.positions}"],
         ["frames", f"{forecast.frames} ({plan.frames_averaged} per position)"],
-        ["time in all", format_seconds(forecast.hours * 3600) + unread],
+        ["total time", format_seconds(forecast.hours * 3600) + unread],
         ["  exposing", format_seconds(forecast.exposure_hours * 3600)],
         *([] if readout is None else [["  reading out", _readout(forecast.frames, readout)]]),
         ["  settling", f"{format_seconds(forecast.settle_hours * 3600)} ({format_seconds(plan.settle_s)} per move)"],
@@ -80,7 +80,7 @@ def _rows(one: Planned) -> list[list[str]]:
         ["cutouts on disk (uint16)", format_bytes(forecast.cutout_bytes)],
         ["H, float32", f"{format_bytes(forecast.h_float32_bytes)} before compression"],
         ["H, rounded", f"{format_bytes(forecast.h_rounded_bytes)} at most"],
-        ["HT, where it is exported (float32)", format_bytes(forecast.ht_float32_bytes)],
+        ["HT, if exported (float32)", format_bytes(forecast.ht_float32_bytes)],
         ["memory to assemble (two planes)", format_bytes(forecast.assembly_bytes)],
         *_noise(one.facts.get("noise")),
         *([["half-cell scan", _other_half(ny // 2, nx // 2)]] if half else []),
@@ -120,7 +120,7 @@ def _readout(frames: int, hours: float) -> str:
 
 
 def _other_half(down: int, along: int) -> str:
-    return f"rows 0 to {down - 1}; the rest is the same, {down}, {along} px away"
+    return f"rows 0 to {down - 1}; the other positions have the same patterns, {down}, {along} px away"
 
 
 def _cure(plan: ScanPlan) -> str:

@@ -22,10 +22,11 @@ def show(made: tuple[PositionsPlanned]) -> None:
     head = ["positions", "on the stage", "error of H expected", "spread evenly instead"]
     print_table(head, rows, title=f"{len(found.fitted)} positions to fit, {len(found.held_out)} held out")
     if found.start_error is not None:
-        typer.echo(f"error of H by the earlier fit: {format_share(found.start_error)}")
+        typer.echo(f"error of H in the earlier fit: {format_share(found.start_error)}")
     typer.echo(
-        f"the whole scan instead: {whole.positions} positions, {format_seconds(3600 * whole.hours)}{one.task.unread}, "
-        f"each pattern with {format_share(found.pattern_error)} of noise"
+        f"the complete scan instead: {whole.positions} positions, "
+        f"{format_seconds(3600 * whole.hours)}{one.task.unread}, "
+        f"{format_share(found.pattern_error)} noise in each pattern"
     )
     if earlier is not None and not earlier.complete:
         report("note: the model of the earlier fit is incomplete: more patterns do not correct it")

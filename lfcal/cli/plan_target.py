@@ -17,7 +17,7 @@ def show(made: tuple[TargetPlanned]) -> None:
 
     (one,) = made
     plan, facts = one.plan, one.facts
-    head = ["plane", "frames", "at least", "points a frame", "phases shown", "crosstalk"]
+    head = ["plane", "frames", "at least", "points per frame", "phases shown", "crosstalk"]
     rows = []
     for depth, found in zip(plan.scan.depths_um, facts["planes"], strict=True):
         few, many = found["points_a_frame"]
@@ -30,7 +30,7 @@ def show(made: tuple[TargetPlanned]) -> None:
         [name, str(found["frames"]), format_seconds(3600 * found["hours"])]
         for name, found in (("this target", facts), ("a single point", facts["single_point"]))
     ]
-    print_table(["source", "frames", f"time in all{one.task.unread}"], rows)
+    print_table(["source", "frames", f"total time{one.task.unread}"], rows)
     middle = len(facts["expected_error"]) // 2
     _show_expected(facts["expected_error"][middle], plan.scan.depths_um[middle])
     if "regions" in facts:
@@ -65,7 +65,7 @@ def _show_regions(found: dict[str, Any]) -> None:
         (row, column), points = one["anchor"], one["points"]
         all_of = f"{points[0]}" if len(points) == 1 else f"{min(points)} … {max(points)}"
         rows.append([one["name"], f"{row:g}, {column:g}", str(one["fewest_points"]), all_of])
-    head = ["region", "anchor (row, column)", "points a frame, at least", "points a plane"]
+    head = ["region", "anchor (row, column)", "points per frame, at least", "points per plane"]
     print_table(head, rows, title=f"{len(rows)} regions, all in the same frames")
     single = found["single_point"]
     hours = format_seconds(3600 * single["hours"])

@@ -38,7 +38,7 @@ def command(
         return
     folder = run if run.is_dir() else parts_folder(run)
     if run.is_file() and not folder.exists():
-        print_json({"path": run, "whole": True}) if json else typer.echo(f"{run}: is complete; no run is under way")
+        print_json({"path": run, "whole": True}) if json else typer.echo(f"{run}: complete; no run is in progress")
         return
     state = read_run(folder)
     print_json({"path": run, "whole": False, **state.to_dict()}) if json else _show_run(folder, state)
@@ -55,7 +55,7 @@ def _show_run(folder: Path, state: RunState) -> None:
     if found.pace:
         typer.echo(found.pace)
     elif not state.running:
-        typer.echo(f"{folder}: the command that began it continues with --resume")
+        typer.echo(f"{folder}: repeat the original command with --resume to continue")
 
 
 def _session_facts(folder: Path, session: SessionFile) -> dict[str, Any]:

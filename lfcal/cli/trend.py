@@ -31,7 +31,7 @@ def command(
     ),
     *,
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="File for a picture of every parameter over time (.png, .svg)."
+        None, "--out", "-o", help="File for a plot of every parameter over time (.png, .svg)."
     ),
     sigmas: float = typer.Option(
         SIGMAS,
@@ -143,7 +143,7 @@ def _show_fits(found: Trend) -> None:
         for jump in one.jumps:
             by = f"{jump.change:+.3g} {one.unit}".strip()
             typer.echo(f"  {one.name}: {by} from {jump.before} to {jump.after}, {abs(jump.sigmas):.1f} sigma")
-    _show_worse("moved", [one.name for one in found.worse], "nothing has moved")
+    _show_worse("moved", [one.name for one in found.worse], "no parameter has changed")
 
 
 def _show_worse(what: str, names: list[str], nothing: str) -> None:

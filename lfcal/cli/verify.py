@@ -71,5 +71,9 @@ def _is_whole(path: Path, redo: Path | None, workers: int | None, json: bool) ->
         typer.echo(f"  {line}")
     if redo is not None:
         count = format_count(len(again), "position", "positions")
-        typer.echo(f"  {redo}: {count} to record again" if again else f"  {redo}: not written, no position")
+        typer.echo(
+            f"  {redo}: {count} to record again"
+            if again
+            else (f"  {redo}: not written, because there are no positions to record again")
+        )
     return bool(report.ok)

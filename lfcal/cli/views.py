@@ -52,9 +52,9 @@ class ViewedFrame:
         turned = f"turned by {math.degrees(lattice.rotation_rad):+.3f}°"
         table = [
             ["lattice", f"{lattice.kind}, {lattice.pitch_px:.3f} px, {turned}, {self.source}"],
-            ["views", f"{count} x {count}, a pixel of the micro-images apart"],
+            ["views", f"{count} x {count}, spaced by one pixel of the micro-images"],
             *([f"samples of a view{k.replace('_type', ', type ')}", of[0].grid.described()] for k, of in found.items()),
-            ["distance of samples", f"{views.step_px[0]:.3f} px down, {views.step_px[1]:.3f} px right"],
+            ["sample spacing", f"{views.step_px[0]:.3f} px down, {views.step_px[1]:.3f} px right"],
             ["rows run along", "the frame" if views.rotation_rad == 0 else f"the lattice ({turned})"],
         ]
         if masked:
@@ -130,7 +130,9 @@ def _by_white(
     if given.file is not None:
         fit, source = load_lattice(given.file), f"of {given.file.name}, light of {white.name}"
         if fit.shape != bright.shape:
-            raise InputError.expected(str(white), f"the {fit.shape} px of the lattice", bright.shape, "use its own")
+            raise InputError.expected(
+                str(white), f"the {fit.shape} px of the lattice", bright.shape, "use the white image of this lattice"
+            )
     else:
         kind = given.kind or (camera.lattice.kind if camera else None)
         fit = fit_lattice(bright, kind=kind, pitch_px=given.pitch_px or None)
@@ -170,14 +172,14 @@ def command(
         help="Write the whole field, with NaN where nothing is seen; default: the largest box without NaN.",
     ),
     types: str = typer.Option(
-        "none", help="Lens types: none, together (the sharpest weigh most), or each (separately)."
+        "none", help="Lens types: none, together (the sharpest have the largest weight), or each (separately)."
     ),
     channel: str = typer.Option("", help="Channel of colour frames: R, G, B or each; default for a mosaic: all."),
     cfa: str = typer.Option("", help="Colour filters of a mosaic by rows, e.g. GRBG; default: from the file."),
     slopes: str = typer.Option("", help="Planes of the focal stack as slopes (about virtual depths)."),
     depths: str = typer.Option("", help="Planes of the focal stack as depths in µm or mm; needs --camera."),
     samples: int = typer.Option(4, help="Samples of the focal stack per lenslet."),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for stacks and pictures."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for stacks and images."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,

@@ -94,11 +94,11 @@ def _rows(fit: LatticeFit, fall: Vignetting, types: LensTypes | None) -> list[li
         ],
         ["centre of the middle lenslet", f"row {row:.3f}, column {column:.3f}"],
         *_distortion_rows(fit),
-        ["distance of micro-images from it", f"{fit.residual_rms_px:.3f} px rms per axis"],
+        ["residual of the micro-images", f"{fit.residual_rms_px:.3f} px rms per axis"],
         ["lenslets", f"{len(fit.index)}, {int(fit.dead.sum())} of them dead"],
         ["measured in", _extent(fit)],
-        ["light at the dimmest place", f"{100 * fall.falloff:.1f} % of the brightest"],
-        ["lenslet to lenslet", f"{100 * fall.scatter:.2f} % rms"],
+        ["light at the dimmest point", f"{100 * fall.falloff:.1f} % of the brightest"],
+        ["variation between lenslets", f"{100 * fall.scatter:.2f} % rms"],
     ]
     if types is not None:
         rows += [

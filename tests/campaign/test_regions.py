@@ -136,7 +136,7 @@ def test_the_loss_between_regions_is_that_of_their_patterns(
     capsys.readouterr()
     folder = tmp_path / "report"
     assert run("inspect", tmp_path / "H.h5", "--seconds", 0, "--report", folder, monkeypatch=monkeypatch) == 0
-    assert "patterns against those of centre" in capsys.readouterr().out
+    assert "patterns compared with those of centre" in capsys.readouterr().out
     assert (folder / "regions.png").stat().st_size > 1000
     assert run("inspect", tmp_path / "H.h5", "--seconds", 0, "--json", monkeypatch=monkeypatch) == 0
     assert json.loads(capsys.readouterr().out)["regions"]["worst"] == pytest.approx(found.worst)

@@ -79,7 +79,7 @@ def test_a_mirrored_white_image_is_called_so_and_no_camera_written(
     done = lfcal(*words)
     assert done.code == 1 and not out.exists()
     assert "the frames are mirrored left to right" in done.err and "σ" in done.err
-    assert "--orientation mirror-x here, of lfcal plan and of lfcal assemble" in done.err
+    assert "--orientation mirror-x, here, in lfcal plan and in lfcal assemble" in done.err
     assert lfcal(*words, "--json").json["turned"] == ["mirror-x"]  # type: ignore[index, call-overload]
     done = lfcal(*words, "--orientation", "mirror-x")
     assert done.code == 0 and "mirrored" not in done.err and out.exists(), done.err

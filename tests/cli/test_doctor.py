@@ -44,7 +44,7 @@ def test_json_holds_every_plugin_that_fails(broken: Path) -> None:
 def test_the_table_tells_the_reason(broken: Path) -> None:
     shown = in_a_new_process(broken, DOCTOR.format("").replace(", ]", "]"))
     rows = [line for line in shown.splitlines() if "their [driver] is missing" in line]
-    assert "plug-in left out" in shown and len(rows) >= len(KINDS)
+    assert "plug-in not loaded" in shown and len(rows) >= len(KINDS)
     assert any("solver solvers_of_theirs: RuntimeError" in line for line in rows)
 
 

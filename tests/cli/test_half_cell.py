@@ -29,7 +29,11 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_half_a_scan_makes_a_whole_h(lfcal: Lfcal, place: Path) -> None:
     run = lfcal(*PLAN, "-o", "plan.json", "--list", "half.json")
-    assert run.code == 0 and "rows 0 to 2; the rest is the same, 3, 6 px away" in run.out and "half.json" in run.out
+    assert (
+        run.code == 0
+        and "rows 0 to 2; the other positions have the same patterns, 3, 6 px away" in run.out
+        and "half.json" in run.out
+    )
     assert len(RedoList.read(place / "half.json").positions) == 36
     said = lfcal(*PLAN, "--json").json
     assert isinstance(said, dict) and len(said["half_cell"]) == 36 and said["forecast"]["frames"] == 36

@@ -41,7 +41,7 @@ def planned(lfcal: Lfcal, *more: str) -> Run:
 @pytest.mark.long
 def test_positions_are_chosen_recorded_and_fitted(lfcal: Lfcal, place: Path) -> None:
     run = planned(lfcal, "-o", "list.json", "--draw", "curve.png", "--unknowns", SOME)
-    assert run.code == 0 and "8 positions to fit, 2 held out" in run.out and "the whole scan instead: 627" in run.out
+    assert run.code == 0 and "8 positions to fit, 2 held out" in run.out and "the complete scan instead: 627" in run.out
     assert (place / "curve.png").stat().st_size > 5000
     listed = RedoList.read(place / "list.json")
     assert len(listed.positions) == 10 and len(listed.kept_aside) == 2 and "held out" in listed.reasons[-1]

@@ -64,7 +64,7 @@ def test_json_holds_what_the_table_says(lfcal: Lfcal, place: Path) -> None:
 def test_its_frames_are_read_out(lfcal: Lfcal, place: Path) -> None:
     del place
     words = (*PLAN, "array:6x6@1021.3um", "--most-frames", "3")
-    assert "time in all without readout (--frame-rate)" in lfcal(*words).out
+    assert "total time without readout (--frame-rate)" in lfcal(*words).out
     assert "without readout" not in lfcal(*words, "--frame-rate", "0.5").out
     plain, read = (lfcal(*words, *more, "--json").json for more in ((), ("--frame-rate", "0.5")))
     assert isinstance(plain, dict) and isinstance(read, dict) and plain["readout_hours"] is None

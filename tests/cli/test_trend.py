@@ -17,7 +17,9 @@ Lfcal = Callable[..., Run]
 def test_what_has_not_moved_ends_with_0_and_what_has_with_1(lfcal: Lfcal, tmp_path: Path) -> None:
     months(tmp_path / "still")
     still = lfcal("trend", tmp_path / "still")
-    assert still.code == 0 and "nothing has moved" in still.out and "6 fits, 2026-01-01 to 2026-06-02" in still.out
+    assert (
+        still.code == 0 and "no parameter has changed" in still.out and "6 fits, 2026-01-01 to 2026-06-02" in still.out
+    )
     folders = months(tmp_path / "jumped", jump=2.0)
     jumped = lfcal("trend", *folders, "-o", tmp_path / "trend.png")
     assert jumped.code == 1 and "moved: gap_um" in jumped.out and "from fit2 to fit3" in jumped.out

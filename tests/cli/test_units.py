@@ -283,7 +283,7 @@ def test_a_stop_says_what_stays_and_no_more(
     begun, last = 0, 2
     run = lfcal(*words)
     kept = "lfcal: kept: 1 of 3 units in out.parts; --resume continues with them"
-    assert (run.code, run.err.splitlines()) == (128 + number, [kept, "lfcal: stopped; only complete units stay"])
+    assert (run.code, run.err.splitlines()) == (128 + number, [kept, "lfcal: stopped; only complete units are kept"])
     monkeypatch.setattr("lfcal.work.runs.seal_of", lambda _: signal.raise_signal(number))
     run = lfcal(*words, "--resume")
     assert kept in run.err, "what an earlier run made stays, also where this one has not looked at it yet"

@@ -111,7 +111,10 @@ def test_a_redo_list_of_verify_is_recorded(lfcal: Lfcal, tmp_path: Path) -> None
     plan.write_text(small_plan().to_json())
     options = ("acquire", plan, "--out", session, "--no-check-stage")
     assert lfcal(*options).code == 0
-    assert "not written, no position" in lfcal("verify", session, "--redo", redo).out and not redo.exists()
+    assert (
+        "not written, because there are no positions" in lfcal("verify", session, "--redo", redo).out
+        and not redo.exists()
+    )
     rot_frame(session / "recording.h5", 13)
     assert lfcal("verify", session, "--redo", redo).code == 1
     assert lfcal(*options, "--redo", redo).code == 0

@@ -131,7 +131,7 @@ def test_few_large_lenslets(kind: str, count: int, pitch: float, hint: bool) -> 
     fit = fit_lattice(drawn(places, *disc(0.46 * pitch)), **given)
     assert fit.kind == kind and fit.pitch_px == pytest.approx(pitch, abs=0.01)
     assert worst(fit, places) < 0.02 and found_share(fit, places) == 1.0
-    assert sum("lenslets: distortion at most" in note for note in fit.notes) == 1
+    assert sum("lenslets: distortion is limited to" in note for note in fit.notes) == 1
 
 
 ROWS, COLUMNS = np.mgrid[: SHAPE[0], : SHAPE[1]]
