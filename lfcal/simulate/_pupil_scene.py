@@ -124,12 +124,12 @@ class PupilScene:
         return math.floor(y_um / self.pixel_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
-        """Return where the chief ray of position (y, x) meets the sensor, its offset included."""
+        """Return the point at which the chief ray of position (y, x) meets the sensor, including its offset."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
         return y * self.pixel_um + float(dy), x * self.pixel_um + float(dx)
 
     def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
-        """Return where the chief ray meets the sensor: where it paraxially does."""
+        """Return the point at which the chief ray meets the sensor: the paraxial one."""
         return y_um, x_um
 
 

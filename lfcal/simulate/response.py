@@ -36,7 +36,7 @@ class PlaneResponse:
     effects
         Effects on scene, light and response; others are ignored here.
     level, tolerance, sampling
-        Level and sampling as in `simulate_psf`; ``tolerance`` is the share for the computation. A given sampling is
+        Level and sampling as in `simulate_psf`; ``tolerance`` is the part for the computation. A given sampling is
         used unchanged. Otherwise a probe (`lfcal.simulate.accuracy.probe`) determines the sampling of the first
         engine. It is refined until the energy balances at every position. Earlier results keep their coarser
         sampling.
@@ -45,8 +45,8 @@ class PlaneResponse:
     depth_error_um
         Displacement of the plane away from the camera, relative to the plan (µm).
     on_sensor
-        Compute on the sensor's pixels if the plan resamples its frames, as `point` needs. Positions of `rows` are then
-        one sensor pixel apart, not a resampled one.
+        Whether to compute on the sensor's pixels if the plan resamples its frames, as `point` needs. Positions of
+        `rows` are then one sensor pixel apart, not a resampled one.
 
     Attributes
     ----------

@@ -289,7 +289,7 @@ class Scene:
     tilt
         Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
     defects
-        Lenslets with lower transmission, by their place in ``lattice`` (rows r, columns q).
+        Lenslets with lower transmission, by their position in ``lattice`` (rows r, columns q).
     lenslet_waves
         Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
     type_waves
@@ -495,12 +495,12 @@ class Scene:
         return math.floor(y_um / self.row_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
-        """Return where the chief ray of position (y, x) meets the sensor, including its offset."""
+        """Return the point at which the chief ray of position (y, x) meets the sensor, including its offset."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
         return self.imaged_um(y * self.row_um + float(dy), x * self.pixel_um + float(dx))
 
     def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
-        """Return where the chief ray actually meets the sensor whose paraxial position is (y, x)."""
+        """Return the actual point on the sensor of the chief ray whose paraxial position is (y, x)."""
         if self.image_map is None:
             return y_um, x_um
         dy, dx = (c + gy * y_um + gx * x_um for c, gy, gx in self.image_map)
@@ -525,7 +525,7 @@ class Scene:
         return farther
 
     def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the same for lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
+        """Return the additional distance (µm), see `farther_at`, for lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
         return self.farther_at(centres_um[:, 1], centres_um[:, 0])
 
     def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:

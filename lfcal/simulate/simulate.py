@@ -198,11 +198,11 @@ def iter_simulate_psf(
     provenance
         Further provenance to store in the file; plain JSON types.
     store_tolerance
-        For a file, instead of ``dtype``: the share (L1) that each pattern may lose relative to the computed one; see
-        `PSFWriter`.
+        For a file, instead of ``dtype``: the fraction (L1) that each pattern may lose relative to the computed one;
+        see `PSFWriter`.
     run
-        Compute into a file in units of a plane, with effects of the catalogue, with this executor and treatment of an
-        earlier run. Finished planes stay for the next run.
+        Executor, and treatment of an earlier run. The file is computed in units of a plane, with effects of the
+        catalogue; finished planes stay for the next run.
 
     Yields
     ------

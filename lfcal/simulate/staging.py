@@ -74,7 +74,7 @@ def scene_of(
     Raises
     ------
     InputError
-        For a depth given twice, an unknown field or a value out of range.
+        If a depth is given twice, a field is unknown, or a value is out of range.
     """
     # an unknown field would otherwise be ignored, and the camera's value used
     unknown = sorted(set(overrides) - {f.name for f in fields(Scene)})
@@ -130,7 +130,7 @@ ALL_LEVELS = ("auto", "microscope", *LEVELS)
 
 
 def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
-    """Return the input of estimates for plane ``z``; ``peak`` is the brightest pixel's share of the full well."""
+    """Return the input of estimates for plane ``z``; ``peak`` is the brightest pixel relative to the full well."""
     camera = plan.cell_camera
     middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
     field = (middle - np.array(camera.sensor.centre_px)) * camera.sensor.pixel_um

@@ -89,7 +89,8 @@ def iter_light_field(
 
     Returns
     -------
-    Image ``(rows, columns)``, float32, without the sensor; `lfcal.simulate.expose` makes a frame of it.
+    ndarray
+        Image ``(rows, columns)``, float32, without the sensor; `lfcal.simulate.expose` converts it to a frame.
 
     Yields
     ------

@@ -282,7 +282,7 @@ class Outlook:
 
 @dataclass(frozen=True)
 class PupilOutlook(Outlook):
-    """The same for a Fourier light-field microscope, whose lenslets image the source itself.
+    """Input of the estimates for a Fourier light-field microscope, whose lenslets image the source itself.
 
     There is no image near the lenslets: virtual depth and what follows from it raise `lfcal.camera.NoLatticeError`.
 
@@ -316,7 +316,7 @@ class PupilOutlook(Outlook):
 
     @property
     def regular(self) -> bool:
-        """Whether formulas hold: spots are separate at every depth."""
+        """Whether the formulas are valid: spots are separate at every depth."""
         return True
 
     @property

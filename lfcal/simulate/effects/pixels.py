@@ -57,7 +57,7 @@ class PixelFill(SceneEffect):
         return share
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sensitive share, and the larger of the relative loss of light and the change by less blur."""
+        """Return the sensitive fraction, and the larger of the relative loss of light and the change by less blur."""
         share = self.share(outlook.camera)
         sharper = outlook.blurred(math.sqrt((1.0 - share) / 12.0))
         error = min(2.0, max((1.0 - share) / share, sharper))
@@ -75,8 +75,8 @@ class Crosstalk(PsfEffect):
     Attributes
     ----------
     share
-        Share x that goes to each neighbour along the rows, then along the columns: each of the four nearest pixels
-        receives x (1 - 2 x), each diagonal one x².
+        Fraction x of a pixel's light that each neighbour receives, along the rows and along the columns: each of the
+        four nearest pixels receives x (1 - 2 x), each diagonal one x².
 
     Examples
     --------
@@ -152,7 +152,7 @@ class AngularResponse(SceneEffect):
         return y / away, x / away
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return light lost over light left at the rms angle of chief ray, cone, and position within a lenslet."""
+        """Return lost over remaining light at the rms angle of chief ray, cone, and position within a lenslet."""
         focal = outlook.camera.lattice.types[0].focal_length_um
         bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
         near = min(1.0, abs(outlook.virtual_depth))  # near the native plane, a lenslet receives the whole cone

@@ -84,7 +84,7 @@ class StrayLight(FrameEffect):
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with the scattered share spread over the sensor."""
+        """Return the strip with the scattered fraction spread over the sensor."""
         rows, columns = view.camera.sensor.shape
         strip *= np.float32(1.0 - self.share)
         strip += np.float32(self.share * view.total_e / (rows * columns))

@@ -87,7 +87,7 @@ def aligned(count: int) -> Reals:
 
 
 class FusedResponse:
-    """Propagates fields to the array and on to the pixels, in single precision.
+    """Propagation of fields to the array and on to the pixels, in single precision.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ SPARE = 6
 
 @lru_cache(maxsize=4096)
 def _sums(fine: int, oblong: int, step: float, fill: float, shift: float, degree: int) -> NDArray[np.float64]:
-    """Return ``(oblong, fine)``: the light of each oblong pixel, of sensitive share ``fill``, from that of fine ones.
+    """Return ``(oblong, fine)``: the light of oblong pixels, with sensitive fraction ``fill``, from that of fine ones.
 
     ``step`` fine pixels are between oblong ones, whose middle one is ``shift`` fine pixels from the fine middle. The
     running sum is a spline of ``degree``: 5 for waves, 1 for the sharp edges of rays.

@@ -1,8 +1,8 @@
 """Compiled loops of the microscope's separable path: V = A_y U A_x^T on the sensor's nodes (see `microscope.py`).
 
-Complex products use three real ones (Gauss): with parts stored as real, imaginary and their sum, re = p - q and im = s
-- p - q for p, q, s the products of like parts. Every product stays below 2^18 multiply-adds, below which BLAS
-  libraries do not start threads.
+Complex products use three real ones (Gauss): with parts stored as real, imaginary and their sum, re = p - q and
+im = s - p - q for p, q, s the products of like parts. Every product stays below 2^18 multiply-adds, below which BLAS
+libraries do not start threads.
 """
 
 from __future__ import annotations

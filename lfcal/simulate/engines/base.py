@@ -41,7 +41,7 @@ class Sampling:
     coherent
         Whether the fields of different lenslets are summed before squaring; None: the plane decides.
     double
-        Compute in complex128 instead of complex64.
+        Whether to compute in complex128 instead of complex64.
     """
 
     samples_per_px: float | None = None
@@ -81,7 +81,7 @@ class Certificate:
 
 
 class Ledger:
-    """Collects certificates from several threads."""
+    """Sum of certificates that several threads add."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -104,7 +104,7 @@ class Ledger:
 
 @runtime_checkable
 class PlaneEngine(Protocol):
-    """Computes the responses of one depth plane; safe to call from several threads.
+    """Protocol of an engine, which computes the responses of one depth plane; safe to call from several threads.
 
     Values are fractions of the light that passes the iris towards the array. The sum over an infinite cutout is the
     light that the lenslets transmit (about the fill factor).
@@ -154,7 +154,7 @@ class Displaceable(Protocol):
 
 
 class Pilot:
-    """Predicts an engine's time from a short run of it, made once at the first use.
+    """Prediction of an engine's time from a short run, which is made once, at the first use.
 
     Positions spread over the period are computed twice in the caller's thread; the second run is timed.
     """

@@ -17,7 +17,7 @@ def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None =
     Raises
     ------
     InputError
-        For an unknown level, or one that the scene does not allow.
+        If the level is unknown, or the scene does not allow it.
     """
     check_choice("level", level, LEVELS)
     chosen = sampling or Sampling()

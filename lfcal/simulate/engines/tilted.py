@@ -51,7 +51,7 @@ def orders_of(scene: Scene, reach_um: float) -> int:
 
 
 class TiltedArray:
-    """Propagates fields from a plane to a tilted array and back; both planes contain the middle of the period.
+    """Propagation of fields from a plane to a tilted array and back; both planes contain the middle of the period.
 
     Parameters
     ----------

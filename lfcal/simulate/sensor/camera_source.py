@@ -152,7 +152,7 @@ class SimulatedCamera(Frames):
         return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it, in sample values; every frame is computed whole."""
+        """Return frame ``index``, or a part of it, in sample values; the complete frame is computed either way."""
         frame = self.expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
@@ -192,16 +192,16 @@ class SimulatedCamera(Frames):
         return row, column, values * np.float32(self.electrons_per_unit(z))
 
     def light_of(self, source_um: tuple[float, float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons ``(rows, columns)`` of a source at any place; see `patch_of`."""
+        """Return the photoelectrons ``(rows, columns)`` of a source at any position; see `patch_of`."""
         return self._on_sensor(self.patch_of(source_um))
 
     def patch_of(self, source_um: tuple[float, float, float]) -> Lit:
-        """Return the patch of a source at any place, as `patch` does, with the exposure of the nearest plane.
+        """Return the patch of a source at any position, as `patch` does, with the exposure of the nearest plane.
 
         Parameters
         ----------
         source_um
-            Its place in object space: right, down and away from the camera (µm).
+            Position in object space: right, down and away from the camera (µm).
         """
         right, down, away = source_um
         z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))
@@ -228,7 +228,7 @@ class SimulatedCamera(Frames):
         return dz, dy, dx
 
     def image_px(self, index: int) -> tuple[float, float]:
-        """Return where the source's chief ray actually meets the sensor, (row, column) in pixels."""
+        """Return the actual point (row, column) (pixels) at which the source's chief ray meets the sensor."""
         position, (dz, dy, dx) = self.position(index), self.displacement_um(index)
         right, down, away = self.plan.object_um(position).tolist()
         step = self.camera.step_um(away + dz)

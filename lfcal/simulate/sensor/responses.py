@@ -144,7 +144,7 @@ class Responses:
 
 
 def joined(windows: list[Window]) -> Window:
-    """Return the sum of windows at their places, on an image that contains them all, and its first row and column."""
+    """Return the sum of windows at their positions, on an image that contains all, and its first row and column."""
     rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
     nt, ns = windows[0][2].shape
     out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
@@ -154,7 +154,7 @@ def joined(windows: list[Window]) -> Window:
 
 
 def sum_of(windows: list[Window]) -> NDArray[np.float32]:
-    """Return the sum of windows at their places, on an image that contains them all."""
+    """Return the sum of windows at their positions, on an image that contains them all."""
     return joined(windows)[2]
 
 

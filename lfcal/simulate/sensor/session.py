@@ -72,7 +72,7 @@ def iter_write_session(
 ) -> Work[int]:
     """Write a simulated session and return the number of frames.
 
-    Writes 16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
+    It contains 16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
     ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file is written atomically.
 
     Parameters
@@ -84,7 +84,7 @@ def iter_write_session(
     darks, whites
         Number of dark and white frames.
     resume
-        Keep the frames that an earlier run wrote.
+        Whether to keep the frames that an earlier run wrote.
     provenance
         Further entries of ``truth.json``; plain JSON types.
 
