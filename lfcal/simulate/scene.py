@@ -525,7 +525,7 @@ class Scene:
         return farther
 
     def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the additional distance (µm), see `farther_at`, for lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
+        """Return the additional distance (µm), as `farther_at`, of lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
         return self.farther_at(centres_um[:, 1], centres_um[:, 0])
 
     def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
