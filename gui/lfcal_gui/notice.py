@@ -34,7 +34,7 @@ class Notice(QFrame):
         row.setContentsMargins(6, 0, 0, 0)
         self.label = ElidedLabel(sentence=True)
         self.more = QPushButton("Show all")
-        self.more.setToolTip("Open the whole message, to read or copy it")
+        self.more.setToolTip("Open the full message, to read or copy it")
         self.more.clicked.connect(lambda _=False: self.show_whole())
         self.more.hide()
         self.label.elided.connect(self.more.setVisible)

@@ -60,7 +60,7 @@ class Preferences(QDialog):
         self.hint = WrappedLabel()
         self.hint.setProperty("role", "hint")
         self.reset, close = QPushButton("Reset all"), QPushButton("Close")
-        self.reset.setToolTip("Reset theme, threads, welcome, docks and window size to the defaults")
+        self.reset.setToolTip("Reset theme, threads, welcome dialog, panels and window size to the defaults")
         close.setToolTip("Close. Changes are already saved")
         form = QFormLayout()
         form.addRow("Theme", self.theme)

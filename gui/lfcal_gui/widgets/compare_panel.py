@@ -257,7 +257,7 @@ class ComparePanel(ComparedNumbers):
         return frame
 
     def _map(self) -> QFrame:
-        self.map_title = QLabel("Difference over the positions")
+        self.map_title = QLabel("Difference by position")
         frame, column = card(self.map_title)
         self.map = Picture("difference (%)", axes=("position x (px)", "position y (px)"), colour_map="cividis")
         self.map.setToolTip("Click a position to see both patterns. Positions crossed out were not compared")

@@ -172,7 +172,7 @@ class Strip(QListWidget):
         if not wrapping:
             self.setFixedHeight(self._height)
             self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane.")
+        self.setToolTip("Depth-plane sums: the aperture as seen from each depth. Click to choose a plane")
         self.currentRowChanged.connect(self._changed)
 
     def offer(self, depths_um: Sequence[float], shape: tuple[int, int]) -> None:

@@ -120,7 +120,7 @@ class DevicePanel(QWidget):
         self._reasons = {f.name: f.reason for f in findings}
         self.backend.clear()
         self.stage.clear()
-        self.stage.addItem("the camera driver's", "")
+        self.stage.addItem("from the camera driver", "")
         for finding in findings:
             self.backend.addItem(finding.title or finding.name, finding.name)
             index = self.backend.count() - 1
@@ -254,8 +254,8 @@ class FaultPanel(QWidget):
         self.at.setRange(0, MOST)
         self.times.setRange(1, MOST)
         self.at.setAccessibleName("call at which the fault begins")
-        self.times.setAccessibleName("calls that the fault lasts")
-        self.times.setToolTip("How many calls in a row are affected")
+        self.times.setAccessibleName("number of calls that are affected")
+        self.times.setToolTip("Number of consecutive calls that are affected")
         self.counted = QLabel()
         self.add = button("Add", ADD, self._add)
         self.remove = button("Remove", "Remove the selected fault from the list", self._remove)
@@ -301,8 +301,10 @@ class FaultPanel(QWidget):
     def _count(self) -> None:
         counted = COUNTED[self.kind.currentData()]
         self.counted.setText(f". {counted} from now" if self._connected else f". {counted}")
-        since = "now" if self._connected else "the time of connection"
-        self.at.setToolTip(f"The {counted} at which the fault begins, counted from 0 from {since}")
+        since = "from now" if self._connected else "after connecting"
+        self.at.setToolTip(
+            f"Number of the {counted} at which the fault begins. The first {counted} {since} is number 0"
+        )
 
     def _add(self) -> None:
         fault = DeviceFault(self.kind.currentData(), self.at.value(), self.times.value())

@@ -40,8 +40,8 @@ ORDER = Field(
     kind="choice",
     choices=(("serpentine", "serpentine"), ("raster", "raster"), ("coarse", "coarse grid first")),
     default="serpentine",
-    tip="Serpentine has no long return moves; raster scans every row in the same direction; coarse "
-    "records all planes on a coarse grid first and the rest afterwards",
+    tip="Serpentine: no long return moves. Raster: every row in the same direction. Coarse: all "
+    "planes on a coarse grid first, the rest afterwards",
 )
 AVERAGED = Field("frames_averaged", "Frames averaged", "", "Exposures averaged at each position", kind="int", default=1)
 

@@ -121,8 +121,8 @@ class SetupPanel(QWidget):
     def _tools(self) -> QWidget:
         bar = QWidget()
         self.near, self.whole = QPushButton("Cutout"), QPushButton("Sensor")
-        self.near.setToolTip("Show the cutout of the live frame, wherever the stage moves it")
-        self.whole.setToolTip("Show the whole live frame")
+        self.near.setToolTip("Show the cutout of the live frame, and follow it when the stage moves")
+        self.whole.setToolTip("Show the full live frame")
         self.looked_at = self.whole
         for one in (self.near, self.whole):
             one.toggled.connect(lambda on, one=one: self._look_at(one) if on else None)

@@ -231,7 +231,7 @@ class ImportDialog(QDialog):
     def _source(self) -> QGridLayout:
         grid = QGridLayout()
         self.frames_edit, self.list_edit = QLineEdit(), QLineEdit()
-        self.frames_edit.setPlaceholderText("a folder of images, one file of many frames, or a list of frames")
+        self.frames_edit.setPlaceholderText("a folder of images, one file with many frames, or a list of frames")
         self.list_edit.setPlaceholderText("found in the folder; none if the names contain positions")
         self.frames_edit.setToolTip("Folder or file of the frames. Press Enter to inspect it")
         self.list_edit.setToolTip(

@@ -142,7 +142,7 @@ class ChecksView(QWidget):
     def _buttons(self) -> QHBoxLayout:
         self.measure_button, self.report_button = QPushButton("Inspect again"), QPushButton("Write report …")
         self.measure_button.setToolTip("Inspect H again, and compare it with its camera (F5)")
-        self.report_button.setToolTip("Save the results: an HTML page with all figures, and JSON for programs")
+        self.report_button.setToolTip("Save an HTML page with all results, and JSON for programs")
         return line(self.measure_button, self.report_button)
 
     def _settings(self) -> QWidget:
@@ -152,9 +152,9 @@ class ChecksView(QWidget):
         self.every.setToolTip("Also list metrics that do not apply to this H")
         self.every.toggled.connect(self.every_toggled.emit)
         tip = "Camera, session, number of patterns and time of the inspection"
-        self.form = FoldedForm(more=FIELDS, title="What H is compared with", tip=tip, framed=True)
+        self.form = FoldedForm(more=FIELDS, title="Inspection settings", tip=tip, framed=True)
         folder = QPushButton("Fit folder …")
-        folder.setToolTip("Compare with the camera of a fit that was saved")
+        folder.setToolTip("Compare with the camera of a saved fit")
         folder.clicked.connect(lambda: self.folder_asked.emit())
         for part in (folder, self.every):
             self.form.fold_line(part)

@@ -23,7 +23,7 @@ from lfcal_gui.models import stamp_of as file_stamp
 STARTS = (("psf", "H's own camera"), ("window", "camera of this window"))
 """Cameras from which a fit can start."""
 
-START = Field("camera", "Start from", kind="choice", choices=STARTS, tip="Camera description that the fit starts from")
+START = Field("camera", "Start from", kind="choice", choices=STARTS, tip="Camera description from which the fit starts")
 
 CORE = ("geometry", "focal_lengths", "iris")
 """Groups of unknowns that are fitted by default."""

@@ -106,8 +106,8 @@ FIELDS = (
         "Scene",
         kind="choice",
         choices=(("edges", "sharp edges"), ("smooth", "smooth"), ("image", "opened image"), ("live", "live frames")),
-        tip="What is recorded. An opened grey image is used as the recorded frame, a colour image as the scene. "
-        "Live frames are those that Record > Rig shows",
+        tip="Scene that is recorded. An opened grey image is used as the recorded frame, a colour "
+        "image as the scene. Live frames are those that Record > Rig shows",
     ),
     Field(
         "filter",

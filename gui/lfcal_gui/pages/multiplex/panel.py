@@ -115,8 +115,8 @@ class MultiplexPanel(QWidget):
         frame, column = card("Modulator and scene")
         self.open = QPushButton("Open image …")
         self.open.setToolTip(
-            "RAW, TIFF, PNG, …. A grey image is used as a frame recorded behind this modulator, a "
-            "colour image as a scene. You can also drop a file here"
+            "RAW, TIFF, PNG and others. A grey image is used as a frame recorded behind this "
+            "modulator, a colour image as a scene. You can also drop a file here"
         )
         self.open.clicked.connect(lambda: self.open_asked.emit())
         self.file = ElidedLabel()

@@ -36,8 +36,8 @@ DEVICE = Field(
     "Device",
     kind="choice",
     choices=(("auto", "auto"), ("cpu", "cpu: processor"), ("cuda", "cuda: accelerator")),
-    tip="Where H is applied. auto: an accelerator, if it has enough memory and is predicted to be faster; "
-    "else the processor",
+    tip="Device that applies H. auto: an accelerator, if it has enough memory and is predicted "
+    "to be faster; else the processor",
 )
 
 NO_DEVICE = (

@@ -93,7 +93,7 @@ class Pairing(Comparing):
         k = place[0]
         plane = format_plane(found.planes[k].depths_um[0], found.planes[k].planes[0], "z")
         error = 100 * found.error[k]
-        panel.show_map(k, f"Difference over the positions, {plane}", error, map_levels(error))
+        panel.show_map(k, f"Difference by position, {plane}", error, map_levels(error))
         pair = self._opened()
         if pair is None:
             return

@@ -108,7 +108,7 @@ class TrendPanel(QWidget):
 
     def show_curve(self, curve: TrendCurve) -> None:
         """Show a course with the limits of good and bad."""
-        self.title.setText(f"{curve.label}\nDashed: the limits of good and of bad")
+        self.title.setText(f"{curve.label}\nDashed: the limits of good and bad")
         self.curve.clear()
         self.curve.set_labels("days since the first session", curve.label)
         ends = np.array([curve.days.min(), max(curve.days.max(), curve.days.min() + 1)])

@@ -216,7 +216,7 @@ class MagnitudeEditor(QWidget):
         self.source.setCurrentIndex(self.source.findData(mark))
         self.source.setToolTip(
             "stated or measured: given by you. camera: from the camera description. typical: a "
-            "typical value, not specific to this camera."
+            "typical value, not specific to this camera"
         )
         blocker.unblock()
 

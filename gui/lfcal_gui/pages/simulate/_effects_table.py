@@ -115,7 +115,7 @@ class EffectsTable(QTreeWidget):
         self.setAllColumnsShowFocus(True)
         self.setMinimumHeight(8 * ROW)
         self.setAccessibleName("effects")
-        self.setToolTip("Click the setting, or press Space: auto, on, off. Enter: edit the magnitudes.")
+        self.setToolTip("Click the setting, or press Space: auto, on, off. Enter: edit the magnitudes")
         header = self.header()
         header.setStretchLastSection(False)
         header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
