@@ -26,7 +26,7 @@ TITLES = {
     MAP: "gain map of the modulator",
     3: "3: Bayer, both theorems",
     5: "5: upsampled views",
-    6: "6: gain of SNR",
+    6: "6: gain in SNR",
     7: "7: four light fields",
 }
 

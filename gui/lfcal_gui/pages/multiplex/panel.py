@@ -51,7 +51,7 @@ from lfcal_gui.widgets import (
 NUMBER_HEIGHT = 22
 SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
 TITLES = ("Pattern", "Spectrum", SIGMA, PI)
-CURVES = "Gain of signal to noise"
+CURVES = "Gain in SNR"
 TIPS = (
     "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
     "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
