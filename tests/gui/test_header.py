@@ -155,8 +155,8 @@ def test_the_sample_by_the_next_button_alone(
 def test_a_folder_of_frames_by_the_next_button_alone(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     shutil.copytree(sample_session(), tmp_path / "theirs")
     window.take_files([str(tmp_path / "theirs")])
-    qtbot.waitUntil(lambda: "about" in window.next_line.words.text(), timeout=GUARD_MS)
-    assert window.next_line.words.text().startswith("assemble H from 1,254 frames, about ")
+    qtbot.waitUntil(lambda: "frames, " in window.next_line.words.text(), timeout=GUARD_MS)
+    assert window.next_line.words.text().startswith("assemble H from 1,254 frames, ")
     follow(window, "Assemble H", qtbot)
     qtbot.waitUntil(lambda: window.shown.spec.key == "h", timeout=GUARD_MS)
     assert (tmp_path / "theirs" / "H.h5").exists(), "named without a question"
