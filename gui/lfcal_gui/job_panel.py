@@ -425,18 +425,25 @@ SHORT_BAR, LINE_PX = 90, 17
 SHEET = (900, 300)
 """Greatest size of the sheet (px)."""
 
-NAMED = 2
-"""Jobs that the line names."""
+NAMED, LONGEST = 2, 44
+"""Jobs that the line names, and letters of the longest name that is not cut: messages need the room."""
+
+
+def shortened(title: str, most: int) -> str:
+    """Return a title whose middle is left out where it has more than ``most`` letters."""
+    half = (most - 1) // 2
+    return title if len(title) <= most else f"{title[:half]}…{title[-half:]}"
 
 
 def jobs_words(active: list[WindowJob], failed: list[WindowJob]) -> str:
     """Return the text of the status bar: a failed job, or the running jobs and the time left."""
     if failed:
         others = f", {len(failed) - 1} more" if len(failed) > 1 else ""
-        return f"Failed: {failed[-1].title}{others}"
+        return f"Failed: {shortened(failed[-1].title, LONGEST)}{others}"
     if not active:
         return "No jobs running"
-    names = ", ".join(job.title for job in active[:NAMED]) + (", …" if len(active) > NAMED else "")
+    most = LONGEST // min(NAMED, len(active))
+    names = ", ".join(shortened(job.title, most) for job in active[:NAMED]) + (", …" if len(active) > NAMED else "")
     first = active[0].progress
     eta = None if first is None else first.eta_seconds
     left = "" if eta is None or first is None or first.done >= first.total else f", {rough_seconds(eta, '')} left"

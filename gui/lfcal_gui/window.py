@@ -65,6 +65,9 @@ INI = QSettings.Format.IniFormat
 IMPORT_MS = 400
 """When the pages are imported after the window was shown (ms)."""
 
+STATUS = 28
+"""Height of the status bar (px): with a notice or without one."""
+
 MESSAGE_MS = 8000
 """How long a line of the log is shown in the status bar (ms)."""
 
@@ -150,7 +153,7 @@ class MainWindow(QMainWindow):
         self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()
         self.job_line = JobsLine(self.jobs, self)
-        self.message = ElidedLabel()
+        self.message = ElidedLabel(sentence=True)
         self.message.setProperty("role", "hint")
         self.message.setContentsMargins(6, 0, 0, 0)
         self._silence = QTimer(self)
@@ -165,6 +168,7 @@ class MainWindow(QMainWindow):
         row.addWidget(self.message, 1)
         self.statusBar().addWidget(holder, 1)
         self.statusBar().addPermanentWidget(self.job_line)
+        self.statusBar().setFixedHeight(STATUS)
 
     # -- pages -----------------------------------------------------------------------------------------
     @property

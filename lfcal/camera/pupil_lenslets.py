@@ -74,7 +74,7 @@ class PupilLenslets:
     7500.0 0.4
     >>> lenslets.pitch_um
     Traceback (most recent call last):
-    lfcal.camera.pupil_lenslets.NoLatticeError: lattice.pitch_um: expected a camera with a periodic lenslet array, got
+    lfcal.camera.pupil_lenslets.NoLatticeError: lenslet pitch: expected a camera with a periodic lenslet array, got
     ... this property does not exist for this camera
     """
 
@@ -118,7 +118,7 @@ class PupilLenslets:
         """Raise for what only a lattice has: Python asks here for names that this class lacks."""
         if name.startswith("__"):
             raise AttributeError(name)
-        raise NoLatticeError.of(f"lattice.{name}")
+        raise NoLatticeError.of(f"lenslet {name.removesuffix('_um').replace('_', ' ')}")
 
     @property
     def focal_um(self) -> NDArray[np.float64]:

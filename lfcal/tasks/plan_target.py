@@ -80,7 +80,7 @@ class _PlanTarget(PlanTask):
         "Largest number of frames for each plane. The command prints the fraction of positions that they show.",
         label="Largest number of frames",
         at_least=1,
-        empty="as many as all positions need",
+        empty="no limit",
     )
     regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one")
     signal: float | None = opt(

@@ -126,7 +126,7 @@ def _box(box: QComboBox) -> Iterator[str]:
 
 
 def _edit(edit: QLineEdit) -> Iterator[str]:
-    text = edit.text() or edit.placeholderText()
+    text = edit.displayText() or edit.placeholderText()
     needs = QFontMetrics(edit.font()).horizontalAdvance(text)
     has = edit.width() - 12
     if "/" not in text and less(has, needs):
@@ -156,6 +156,8 @@ def _area(area: QAbstractScrollArea) -> Iterator[str]:
 def _cells(table: QTableView) -> Iterator[str]:
     model, top = table.model(), table.horizontalHeader()
     for column in range(model.columnCount()):
+        if table.isColumnHidden(column):
+            continue
         title = str(model.headerData(column, Qt.Orientation.Horizontal) or "")
         if top.isVisible() and less(top.sectionSize(column), QFontMetrics(top.font()).horizontalAdvance(title) + 8):
             yield f"title {title!r} needs more than {top.sectionSize(column)} px"

@@ -304,7 +304,7 @@ def _white(s: Sitting) -> Step | None:
 def _unread(s: Sitting) -> Step | None:
     if s.source != "folder" or not s.unread or not s.needs_h:
         return None
-    return Step("Next", f"{_short(s.unread, 60)}.", "Show columns", "frames.columns", "record")
+    return Step("Next", f"{_short(s.unread, 60)}.", "Import …", "frames.columns", "record")
 
 
 def _plan(s: Sitting) -> Step | None:

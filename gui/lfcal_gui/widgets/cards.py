@@ -225,8 +225,12 @@ HEADS = {"good": "✓ Good", "fair": "▲ Fair", "bad": "▲ Bad", "unknown": "N
 """Headline for a merit; its mark repeats what the colour says."""
 
 
+LONGEST = 200
+"""Characters of a verdict from which only its first sentence is shown."""
+
+
 class VerdictCard(QFrame):
-    """Whether something is good: mark, colour and sentence.
+    """Whether something is good: mark, colour and sentence. A tooltip has the rest of a long one.
 
     Signals
     -------
@@ -256,7 +260,10 @@ class VerdictCard(QFrame):
     def show_verdict(self, merit: str, sentence: str, head: str = "") -> None:
         """Show a verdict of merit ``"good"``, ``"fair"``, ``"bad"``, ``"unknown"``, or that there is none (empty)."""
         self.head.setText(head or HEADS[merit])
-        self.sentence.setText(sentence)
+        first, end, _ = sentence.partition(". ")
+        short = f"{first}{end.strip()}" if len(sentence) > LONGEST else sentence
+        self.sentence.setText(short)
+        self.sentence.setToolTip("" if short == sentence else sentence)
         self.sentence.setVisible(bool(sentence))
         set_role(self.head, merit if merit in ("good", "fair", "bad") else "hint")
         set_look(self, "merit", merit)

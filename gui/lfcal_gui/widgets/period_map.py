@@ -17,7 +17,7 @@ from lfcal_gui.widgets.colours import theme_table
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.picture_menu import table_entries
 
-MISSING = "#ff5a5f"
+MISSING, CROSSED = "#ff5a5f", 50
 SIZES = {"x": 5, "o": 11, "s": 9}
 """Of symbols (px)."""
 UNKNOWN = "#222831"
@@ -55,15 +55,19 @@ class PeriodMap(Picture):
         marks: Mapping[str, NDArray[Any]] | None = None,
         **more: Any,
     ) -> None:
-        """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 are crossed out.
+        """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 have none, and a few of them are crossed out.
 
         ``marks`` are more positions (y, x) ``(n, 2)`` by their symbol, ``more`` fields of `Shot`.
         """
-        missing = np.zeros((0, 2)) if recorded is None else np.argwhere(np.asarray(recorded) == 0)
+        values, missing = np.array(values, float), np.zeros((0, 2))
+        if recorded is not None:
+            lacking = np.asarray(recorded) == 0
+            values[lacking] = np.nan
+            missing = np.argwhere(lacking) if lacking.sum() <= CROSSED else missing
         marked = [("x", missing), *(marks or {}).items()]
         overlays = tuple(Symbols(np.asarray(at, float), symbol, MISSING, SIZES[symbol]) for symbol, at in marked)
         shown = {"name": "period", "overlays": overlays, "cross": self._cross, **more}
-        self.set_shot(Shot(np.asarray(values, float), **shown))
+        self.set_shot(Shot(values, **shown))
 
     def entries(self) -> list[tuple[str, Callable[[], Any]]]:
         """Return what a menu offers."""

@@ -33,3 +33,16 @@ def test_its_values_are_copied_and_saved(qtbot: QtBot, tmp_path: Path, monkeypat
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_, **__: (str(tmp_path / "map.csv"), ""))
     actions["Save data …"].trigger()  # type: ignore[attr-defined]
     np.testing.assert_allclose(np.loadtxt(tmp_path / "map.csv", delimiter=","), values, rtol=1e-6)
+
+
+def test_positions_without_a_value_are_grey_and_only_a_few_are_crossed_out(qtbot: QtBot) -> None:
+    """Thousands of crosses covered the map of a recording that had just begun."""
+    view = PeriodMap()
+    qtbot.addWidget(view)
+    view.show()
+    recorded = np.ones((55, 95), int)
+    recorded[3, 4:7] = 0
+    view.set_values(np.ones((55, 95)), recorded)
+    assert len(view.shot.overlays[0].points) == 3
+    view.set_values(np.ones((55, 95)), 1 - recorded)
+    assert len(view.shot.overlays[0].points) == 0 and np.isnan(view.values).sum() == 55 * 95 - 3

@@ -465,7 +465,7 @@ def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> t
     if opened.left_out:
         return "fair", "Some frames are damaged", f"{len(opened.left_out)} cannot be read and are left out of H."
     if opened.missing:
-        return "fair", "Some positions have no frame", f"{opened.missing} of {opened.frames.size} are missing."
+        return "fair", "Some positions have no frame", f"{opened.missing:,} of {opened.frames.size:,} are missing."
     if not found.name:
         return "fair", "Every position has a frame", f"The orientation of the frames is unclear: {found.reason}."
     return "good", "The frames are complete", "Every position has a frame, and the frames are oriented as in the plan."

@@ -299,11 +299,15 @@ class Page(BasePage):
     def _failed(self, words: str) -> None:
         self._opening = False
         self.notice.clear()
+        folder = self.context.state.frames
+        self._unread = folder, f"import the frames again: {Path(folder).name} is not open"
+        self._tell()
         self.show_empty(words, {"Import any folder …": (IMPORT, self.choose_folder), "Try again": (AGAIN, self._open)})
         self.context.message.emit(words)
 
     def _opened(self, opened: Opened) -> None:
         self._opening = False
+        self._unread = "", ""
         self.notice.clear()
         self.opened = opened
         self._tell()

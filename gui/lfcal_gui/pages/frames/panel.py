@@ -273,7 +273,11 @@ def _found_words(mark: str, head: str, words: str, facts: Sequence[tuple[str, st
     muted = f"style='color:{theme.muted}'"
     rows = "".join(
         f"<tr><td {muted}><nobr>{name}&nbsp;&nbsp;</nobr></td>"
-        + (f"<td align='right'><b>{escape(number)}</b>&nbsp;</td><td {muted}><nobr>" if number else "<td colspan='2'>")
+        + (
+            f"<td align='right'><nobr><b>{escape(number)}</b>&nbsp;</nobr></td><td {muted}><nobr>"
+            if number
+            else "<td colspan='2'>"
+        )
         + f"{escape(remark)}</td></tr>"
         for name, number, remark in facts
     )

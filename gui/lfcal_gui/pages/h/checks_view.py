@@ -47,6 +47,9 @@ MARK, VALUE = 24, 112
 ROW, LEAST_ROWS, PICTURE = 24, 4, 118
 """Height of a row, rows that are seen at least, and height of the picture (px)."""
 
+LEAST_DETAILS = 116
+"""Least height of what belongs to the chosen check (px)."""
+
 UNLIMITED = 10_000
 """Height that no description of a check has (px)."""
 
@@ -124,6 +127,7 @@ class ChecksView(QWidget):
         column.setContentsMargins(0, 0, 4, 0)
         column.addStretch()
         area = scrolling(inner)
+        area.setMinimumHeight(LEAST_DETAILS)
         clear(area)
         return area
 

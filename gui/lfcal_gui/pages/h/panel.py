@@ -105,6 +105,7 @@ class Apertures(QDialog):
 
 
 HOVER = "Point at a pixel of H to see its HT. Click to keep it."
+HOVER_BRIEF = "Point at H to see HT; click to keep"
 Levels = tuple[float, float] | None
 
 NO_LINE = np.empty((0, 2))
@@ -131,7 +132,7 @@ LEVELS = {
 NARROW, WIDE, ROOMY = 304, 368, 1380
 """Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
-SIZES = {0: (84, 84), 600: (84, 108), 760: (120, 130)}
+SIZES = {0: (90, 90), 600: (90, 108), 760: (120, 130)}
 """Heights of depth-plane sum and map (px) by the least height of the panel."""
 
 PROFILE = 150
@@ -457,8 +458,8 @@ class HPanel(QWidget):
             apart = picture.signed and view is self.linked_view
             shot = Shot(image, title, unit, "psf", signed if apart else levels, apart, cross=cross)
             view.set_shot(replace(shot, pixel_um=self._pixel_um))
-        words = HOVER if intent.pixel is None else pixel_words(picture, intent.pixel, unit)
-        self.readout.setText(words)
+        words = (HOVER, HOVER_BRIEF) if intent.pixel is None else (pixel_words(picture, intent.pixel, unit),)
+        self.readout.setText(*words)
         self._show_profile(picture.main, intent, levels)
 
     def _show_profile(self, image: NDArray[Any], intent: HIntent, levels: Levels) -> None:

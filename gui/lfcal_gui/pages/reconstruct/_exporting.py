@@ -111,6 +111,7 @@ class ExportCard(QWidget):
         self.kind.setMinimumWidth(LEAST)
         self.kind.currentIndexChanged.connect(lambda _: self.edited.emit("suffix", self.kind.currentData()))
         self.form = FoldedForm(tuple(OPTIONS.values()))
+        self.form.own_line("interpolation")
         self.other_note = _note()
         self.other_go = QPushButton("Export …")
         self.other_go.setToolTip("Choose a file to write. The export runs as a job")

@@ -25,7 +25,7 @@ LENSLETS = 12
 
 COLUMNS = ("", "Verdict", "Difference (px)", "Camera", "White image")
 OFF_BY = 2
-SIZE, ROOMY = (990, 520), 740
+SIZE, ROOMY = (990, 460), 740
 """Size of the dialog, and least width of a table with all columns (px)."""
 
 
@@ -51,8 +51,8 @@ class CheckDialog(QDialog):
         self.words, self.about = WrappedLabel(), WrappedLabel()
         self.words.setProperty("role", "value")
         row = QHBoxLayout(self)
-        row.addLayout(column_of(self.choice, self.stack, self.legend, stretch=1, spacing=3), 1)
-        row.addLayout(column_of(self.words, self.about, self.table, stretch=2), 2)
+        row.addLayout(column_of(self.choice, self.stack, self.legend, stretch=1, spacing=3), 2)
+        row.addLayout(column_of(self.words, self.about, self.table, stretch=2), 5)
         self._found: Checked | None = None
 
     def show_check(self, found: Checked) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from lfcal.camera import ScanPlan
 from lfcal.tasks import PlanTarget
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import ProjectState, fields_of
+from lfcal_gui.models import ProjectState, fields_of, rounded
 from lfcal_gui.pages.setup.model_target import (
     HELD_OF_TARGET,
     TABLE,
@@ -68,6 +69,7 @@ PLANES = (
     "Frames of each plane and the smallest number it needs; points in each frame; fraction "
     "of the phases that are covered; crosstalk of neighbouring points"
 )
+NUMBERS = re.compile(r"\d+\.\d+")
 READY_WORDS = "There is no plan yet.\nPress Plan target to search for the fewest frames that cover all phases."
 
 
@@ -100,7 +102,7 @@ def _note(found: PlannedTarget) -> str:
     from lfcal.targets import target_words
 
     missing = sum(int((plane.shown == 0).sum()) for plane in found.planes)
-    words = target_words(found.plan.target)
+    words = NUMBERS.sub(lambda number: rounded(number[0]), target_words(found.plan.target))
     if missing:
         words += (
             f". {missing} phases are not covered: allow more frames, or fit the optics to the phases that are covered"
@@ -161,7 +163,7 @@ class TargetDialog(QDialog):
 
     # -- building --------------------------------------------------------------------------------------
     def _form_card(self) -> QWidget:
-        frame, column = card("Target")
+        frame, column = card()
         self.plan_button = button("Plan target", PLAN, self.plan_target)
         self.stop_button = button("Stop", STOP, lambda: self.context.jobs.cancel(self._job))
         self.save_button = button("Save target plan …", SAVE, self.save_target)

@@ -37,7 +37,7 @@ HELD_OF_TARGET = frozenset({"plan", "out", *RATES})
 """Fields of `lfcal.tasks.PlanTarget` that are not in the form of the target."""
 
 ROWS = {row.name: row for kind in (PlanScan, PlanTarget) for row in rows(kind)}
-TABLE = ("plane", "frames", "at least", "points", "phases", "crosstalk")
+TABLE = ("Plane", "Frames", "At least", "Points", "Phases", "Crosstalk")
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class PlannedTarget:
             "  reading out": "readout_hours",
         }
         return [
-            ("Frames", f"{ours.frames}", f"{single.frames}"),
+            ("Frames", f"{ours.frames:,}", f"{single.frames:,}"),
             *(
                 (name, format_seconds(3600 * getattr(ours, key)), format_seconds(3600 * getattr(single, key)))
                 for name, key in parts.items()

@@ -319,14 +319,15 @@ class MagnitudeForm(QWidget):
             editor.given.connect(lambda field, value, mark, name=row.name: self.given.emit(name, field, value, mark))
             label = QLabel(one.title)
             label.setBuddy(editor.value)
-            wide = one.kind == "terms"  # a table below its name, over the whole width
-            grid.addWidget(label, 3 * k, 0)
-            grid.addWidget(editor.value, 3 * k + wide, 0 if wide else 1, 1, 4 if wide else 1)
-            grid.addWidget(QLabel(one.unit), 3 * k, 2)
-            grid.addWidget(editor.source, 3 * k, 3)
-            grid.addWidget(editor.error, 3 * k + 2, 0, 1, 4)
+            row_of_value = 4 * k + 1
+            terms = one.kind == "terms"  # a table over the whole width, below its source
+            grid.addWidget(label, 4 * k, 0, 1, 3)
+            grid.addWidget(editor.value, row_of_value + terms, 0, 1, 3 if terms else 1)
+            grid.addWidget(QLabel(one.unit), row_of_value, 1)
+            grid.addWidget(editor.source, row_of_value, 2)
+            grid.addWidget(editor.error, 4 * k + 3, 0, 1, 3)
             self.editors[one.field] = editor
-        grid.setColumnStretch(1, 1)
+        grid.setColumnStretch(0, 1)
 
     def focus_first(self) -> None:
         """Put the keyboard into the first magnitude."""

@@ -83,9 +83,9 @@ class PlaceLine(QWidget):
             box.setAccessibleName(f"position {axis}")
             box.setToolTip(f"Source position {axis} in the period (px)")
             box.setKeyboardTracking(False)
-            box.setMinimumWidth(44)
+            box.setMinimumWidth(52)
             box.valueChanged.connect(lambda _: self.changed.emit())
-        row: QHBoxLayout = line("Plane", self.plane_box, "y", self.row_box, "x", self.column_box, stretch=1)
+        row: QHBoxLayout = line("z", self.plane_box, "y", self.row_box, "x", self.column_box, stretch=1)
         row.setContentsMargins(0, 0, 0, 0)
         self.setLayout(row)
 
