@@ -38,6 +38,7 @@ from lfcal_gui.models.display import (
     DisplaySettings,
     colour_table,
     depth_colours,
+    level_words,
     levels_of,
     shades,
     tinted,

@@ -59,6 +59,12 @@ class DisplaySettings:
             raise InputError.expected("colour map", " or ".join(COLOUR_MAPS), self.colour_map, "choose one")
 
 
+def level_words(value: float, levels: tuple[float, float]) -> str:
+    """Return one of the ends of the colours in words; what is far smaller than their distance is zero."""
+    low, high = levels
+    return f"{value:.4g}" if abs(value) > 1e-4 * abs(high - low) else "0"
+
+
 def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[float, float]:
     """Return the lowest and highest level that show all of ``image``; symmetric about zero if ``signed``."""
     finite = image[np.isfinite(image)] if image.dtype.kind == "f" else image

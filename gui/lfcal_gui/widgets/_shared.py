@@ -15,6 +15,7 @@ from lfcal_gui.widgets.cards import (
     column_area,
     column_of,
     heading,
+    inspector_width,
     line,
     scrolling,
     split,

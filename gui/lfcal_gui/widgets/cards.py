@@ -24,8 +24,16 @@ from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_rol
 INSPECTOR = "inspector"
 """Property of what stands right of the pictures of a page: it can be hidden."""
 
+NARROW, WIDE, ROOMY = 304, 368, 1380
+"""Two widths of an inspector, and the least width of its panel for the wider one (px)."""
+
 SPACING = 5
 """Between the parts of a card (px)."""
+
+
+def inspector_width(room: int) -> int:
+    """Return the width of the inspector in a panel that is ``room`` wide (px)."""
+    return WIDE if room >= ROOMY else NARROW
 
 
 def heading(text: str) -> QLabel:

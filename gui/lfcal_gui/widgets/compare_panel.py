@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
     QLabel,
-    QPushButton,
     QVBoxLayout,
     QWidget,
 )
@@ -31,7 +29,7 @@ from lfcal_gui.models import (
     Symbols,
 )
 from lfcal_gui.widgets._blank import NOTHING
-from lfcal_gui.widgets.cards import card, choice_box, line, told_or_shown
+from lfcal_gui.widgets.cards import button, card, choice_box, line, told_or_shown
 from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
@@ -79,15 +77,15 @@ class ComparedNumbers(QWidget):
         super().__init__()
         self.second = ElidedLabel("Second H: none")
         self.second.setProperty("role", "value")
-        self.choose_button = _button("Choose …", "Choose the H with which this one is compared", self.choose_asked)
+        self.choose_button = button("Choose …", "Choose the H with which this one is compared", self.choose_asked.emit)
         self.pairing = choice_box(PAIRING, "Compare planes of the same depth, or of the same number")
         self.pairing.setAccessibleName("pairing of the planes")
         self.pairing.currentIndexChanged.connect(
             lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
         )
         tip = "Write an HTML page with the images side by side, and files with all numbers"
-        self.report_button = _button("Write report …", tip, self.report_asked)
-        self.compare_button = _button("Compare", "Compare all positions of both H (F5)", self.compare_asked)
+        self.report_button = button("Write report …", tip, self.report_asked.emit)
+        self.compare_button = button("Compare", "Compare all positions of both H (F5)", self.compare_asked.emit)
         self.verdict, self.notes = WrappedLabel(), WrappedLabel()
         self.verdict.setProperty("role", "value")
         self.notes.setProperty("role", "hint")
@@ -170,13 +168,6 @@ class ComparedNumbers(QWidget):
         number = self.table.chosen()
         if number >= 0:
             self.row_chosen.emit(number)
-
-
-def _button(text: str, tip: str, signal: Any) -> QPushButton:
-    button = QPushButton(text)
-    button.setToolTip(tip)
-    button.clicked.connect(lambda _=False: signal.emit())
-    return button
 
 
 class ComparePanel(ComparedNumbers):

@@ -38,6 +38,7 @@ from lfcal_gui.models import (
     Symbols,
     depth_colours,
     lattice_points,
+    level_words,
     render_tile,
     scale_bar,
     tinted,
@@ -620,7 +621,7 @@ class _Legend(QWidget):
         font.setPixelSize(11)
         painter.setFont(font)
         metrics = painter.fontMetrics()
-        low, high = (f"{value + 0.0:.4g}" for value in picture.levels)  # no -0
+        low, high = (level_words(value, picture.levels) for value in picture.levels)
         ends = metrics.horizontalAdvance(low) + metrics.horizontalAdvance(high) + 4 * GAP
         length = max(0, min(RAMP, self.width() - ends))
         x, flags = float(GAP), Qt.AlignmentFlag.AlignVCenter

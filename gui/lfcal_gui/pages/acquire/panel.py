@@ -8,10 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLay
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_panel import SetupPanel
-from lfcal_gui.widgets import Folded, column_area, column_of, line
-
-NARROW, WIDE, ROOMY = 304, 368, 1400
-"""Width of the inspector, and of a page from which it is wide (px)."""
+from lfcal_gui.widgets import Folded, column_area, column_of, inspector_width, line
 
 SESSION = "Progress of the session: depth-plane sum, error of H, curves"
 
@@ -41,7 +38,7 @@ class AcquirePanel(QWidget):
         row.setSpacing(8)
         row.addLayout(left, 1)
         parts = (self.setup.pair, self.setup.stage, self.record.progress, self.record.map_box)
-        self.inspector = inspector = column_area(NARROW, *parts, *self._folds(), dense=True)
+        self.inspector = inspector = column_area(inspector_width(0), *parts, *self._folds(), dense=True)
         column = inspector.widget().layout()
         assert isinstance(column, QVBoxLayout)
         column.insertStretch(len(parts), 1)  # what is folded is at the foot
@@ -52,7 +49,7 @@ class AcquirePanel(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the inspector more room in a large window."""
         super().resizeEvent(event)
-        self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+        self.inspector.setFixedWidth(inspector_width(self.width()))
 
     def _folds(self) -> tuple[Folded, ...]:
         self.devices = Folded("Devices", "Choose camera and stage, and their settings")

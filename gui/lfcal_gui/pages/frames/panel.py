@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
@@ -38,6 +39,7 @@ from lfcal_gui.widgets import (
     card,
     column_area,
     column_of,
+    inspector_width,
     line,
     name_controls,
     share_contrast,
@@ -52,8 +54,8 @@ LATTICE = (
     "Micro-image centres of the described camera, coloured by lens type. If the description "
     "is right, they coincide with the micro-images"
 )
-INSPECTOR, MAP, CROP = 304, 112, 112
-"""Width of what stands right of the pictures, and heights in it (px)."""
+MAP, CROP = 112, 112
+"""Heights in the inspector (px)."""
 
 
 class FramesPanel(QWidget):
@@ -97,7 +99,13 @@ class FramesPanel(QWidget):
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
         row.addLayout(column_of(self._bar(), self.pictures, self.contrast, below, spacing=2, stretch=1), 1)
-        row.addWidget(self._inspector())
+        self.inspector = self._inspector()
+        row.addWidget(self.inspector)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the inspector more room in a large window."""
+        super().resizeEvent(event)
+        self.inspector.setFixedWidth(inspector_width(self.width()))
 
     @cached_property
     def three(self) -> ImportPreviews:
@@ -145,7 +153,7 @@ class FramesPanel(QWidget):
         cut, column = card("Cutout")
         column.addWidget(self.crop)
         column.addWidget(self.crop_words)
-        return column_area(INSPECTOR, found, place, cut, self.choices)
+        return column_area(inspector_width(0), found, place, cut, self.choices)
 
     def _plane_line(self) -> QHBoxLayout:
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)

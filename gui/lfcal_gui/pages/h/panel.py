@@ -49,6 +49,7 @@ from lfcal_gui.widgets import (
     card,
     clear,
     heading,
+    inspector_width,
     legend_words,
     line,
     link,
@@ -128,9 +129,6 @@ LEVELS = {
     ),
 }
 """Levels below the verdict: titles, and when one would open them."""
-
-NARROW, WIDE, ROOMY = 304, 368, 1380
-"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
 SIZES = {0: (90, 90), 600: (90, 108), 760: (120, 130)}
 """Heights of depth-plane sum and map (px) by the least height of the panel."""
@@ -263,7 +261,7 @@ class HPanel(QWidget):
         column.addWidget(self.levels, 1)
         column.addWidget(self._position())
         column.addWidget(self.row_holder)
-        inspector.setFixedWidth(NARROW)
+        inspector.setFixedWidth(inspector_width(0))
         inspector.setProperty(INSPECTOR, True)
         return inspector
 
@@ -332,7 +330,7 @@ class HPanel(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the inspector more room in a large window."""
         super().resizeEvent(event)
-        self.inspector.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+        self.inspector.setFixedWidth(inspector_width(self.width()))
         height = max(least for least in SIZES if self.height() >= least)
         for widget, px in zip((self.sum_place, self.map), SIZES[height], strict=True):
             widget.setFixedHeight(px)
@@ -567,7 +565,7 @@ class LevelRow(QPushButton):
     def say(self, title: str, state: str) -> None:
         """Show what it opens, and how that stands."""
         self.name.setText(title)
-        self.state.setText(state)
+        self.state.setText(state, state.rpartition(", ")[0])
         self.setAccessibleName(f"{title}: {state}" if state else title)
 
 

@@ -193,4 +193,4 @@ def _titles(found: Reconstructions, signed: bool) -> tuple[str, str]:
     if not signed:
         return found.fourier.words, "Truth"
     rms = float(np.sqrt(np.mean((found.spatial.samples - found.fourier.samples) ** 2)))
-    return found.fourier.words, f"Spatial − Fourier: {rms:.2e} rms, all samples"
+    return found.fourier.words, f"Spatial − Fourier: {rms:.2g} rms, all samples"

@@ -113,7 +113,7 @@ class FiguresView(QWidget):
             head, legend = QLabel(""), QLabel("")
             head.setMinimumWidth(60)
             frame, column = card(head)
-            plot = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
+            plot = LinePlot("χ²: photon / additive noise", "gain (dB)")
             plot.set_decades(x=True)
             marker = pg.InfiniteLine(angle=90)
             plot.plot.addItem(marker, ignoreBounds=True)

@@ -220,7 +220,7 @@ class MultiplexPanel(QWidget):
     @cached_property
     def curve(self) -> LinePlot:
         """The gains; made with the first modulator, as `views` are."""
-        made = LinePlot("χ² = photon / additive noise variance (1)", "gain (dB)")
+        made = LinePlot("χ²: photon / additive noise", "gain (dB)")
         made.set_decades(x=True)
         made.blank.words = "The reason is given below."
         made.setToolTip("Read noise dominates on the left, photon noise on the right. Dashed: the project's camera")

@@ -112,11 +112,10 @@ class VolumePanes(QWidget):
             return
         self.shown = sides(intent, prepared)
         for key, side in self.shown.items():
-            across, down = AXES[key]
             own = intent.own_scale and key == "xy" and intent.mode == MODES[1]
             shot = side_shot(intent, prepared, key, side, None if own else levels)
             self.pictures[key].set_display(intent.display)
-            self.pictures[key].set_shot(replace(shot, caption=f"{self.short}{down} over {across}"))
+            self.pictures[key].set_shot(replace(shot, caption=f"{self.short}{key}"))
 
 
 def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, side: Side, levels: Levels | None) -> Shot:

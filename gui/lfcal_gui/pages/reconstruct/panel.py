@@ -37,6 +37,7 @@ from lfcal_gui.widgets import (
     choice_box,
     clear,
     heading,
+    inspector_width,
     line,
     name_controls,
     scrolling,
@@ -66,9 +67,6 @@ GO = {
     "stop": "Stop after the current iteration. The volume is kept, and you can continue",
 }
 """What the button does, by what it is."""
-
-NARROW, WIDE, ROOMY = 304, 368, 1380
-"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
 PLOT, CURVE = 150, 240
 """Heights of charts in the inspector (px)."""
@@ -124,7 +122,7 @@ class ReconstructPanel(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the inspector more room in a large window."""
         super().resizeEvent(event)
-        self.area.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+        self.area.setFixedWidth(inspector_width(self.width()))
 
     # -- building --------------------------------------------------------------------------------------
     def _inspector(self) -> QWidget:

@@ -11,6 +11,7 @@ from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog
 
+from lfcal.base import format_count
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
@@ -194,7 +195,9 @@ class Page(BasePage):
         found = shown(self.results, self.settings, self.panel.words.text(), self.verdicts)
         self.panel.tiles.show_results(found, self.verdicts)
         total = len(self.results)
-        self.panel.counted.setText(str(total) if len(found) == total else f"{len(found)} of {total}")
+        self.panel.counted.setText(
+            format_count(total, "result", "results") if len(found) == total else f"{len(found)} of {total}"
+        )
         if found:
             words = ""
         elif not self.folders:

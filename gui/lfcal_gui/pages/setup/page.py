@@ -27,7 +27,7 @@ from lfcal_gui.pages.setup.model_picture import expected_light, light_key
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
 from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text, moved
 from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan
-from lfcal_gui.pages.setup.panel import PlanningPanel
+from lfcal_gui.pages.setup.panel import VIEWS, PlanningPanel
 from lfcal_gui.pages.setup.step import camera_step, scan_step
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.widgets import expected_apertures
@@ -66,6 +66,7 @@ class Page(BasePage):
         for button in self.panel.segments:
             self.segments.addWidget(button)
         self.tools.addWidget(self.panel.overlay)
+        self.panel.views.currentChanged.connect(lambda k: self.hint.setText(VIEWS[k][1] if k else spec.hint))
         inspector = self.panel.inspector
         inspector.preset_chosen.connect(lambda name: self._set(preset(name), f"preset {name}"))
         inspector.edited.connect(self._edited)

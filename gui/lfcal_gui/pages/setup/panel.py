@@ -37,6 +37,7 @@ from lfcal_gui.widgets import (
     button,
     clear,
     column_of,
+    inspector_width,
     line,
     outline_tones,
     scrolling,
@@ -55,9 +56,6 @@ VIEWS = (
 )
 
 OVERLAYS = ("Lattice centres", "Scan path", "Cutout")
-
-NARROW, WIDE, ROOMY = 304, 368, 1380
-"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
 BIG = 20
 """Size of a big number (pt)."""
@@ -283,7 +281,7 @@ class PlanningPanel(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the inspector more room in a large window."""
         super().resizeEvent(event)
-        self.area.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
+        self.area.setFixedWidth(inspector_width(self.width()))
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_state(self, state: ProjectState, checked: Checked | None, light: ExpectedLight | None) -> None:

@@ -90,7 +90,7 @@ def spoken(page: Page, name: str) -> str:
 
 def test_what_is_found_has_its_verdict_and_date(page: Page) -> None:
     assert set(names(page)) == {"may.h5", "june.h5", "recorded_may", "recorded_june", "report", "torn.h5"}
-    assert page.panel.counted.text() == "6" and page.panel.stack.currentIndex() == 1
+    assert page.panel.counted.text() == "6 results" and page.panel.stack.currentIndex() == 1
     assert NOT_JUDGED in spoken(page, "may.h5"), "nothing is judged without being asked to"
     assert spoken(page, "report") == "report, 2026-05-01, Report, This PSF is good."
     assert "unfinished: 100 of 627 positions" in spoken(page, "recorded_june")
