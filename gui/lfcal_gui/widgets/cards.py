@@ -102,9 +102,8 @@ def button(text: str, tip: str, action: Callable[[], object]) -> QPushButton:
 
 def wrapped(role: str = "hint", text: str = "") -> QLabel:
     """Return a label whose words are wrapped, in the look of a role."""
-    label = QLabel(text)
+    label = WrappedLabel(text, rich=True)
     label.setProperty("role", role)
-    label.setWordWrap(True)
     return label
 
 

@@ -47,19 +47,28 @@ def set_look(widget: QWidget, name: str, value: object) -> None:
 
 
 class WrappedLabel(QLabel):
-    """Plain text, wrapped. A long name is broken at the end of a line, but copied unchanged."""
+    """Text, wrapped. A long name is broken at the end of a line, but copied unchanged.
 
-    def __init__(self, text: str = "", parent: QWidget | None = None) -> None:
+    Parameters
+    ----------
+    text
+        What is shown.
+    rich
+        Whether a text may be HTML, which is shown as it is.
+    """
+
+    def __init__(self, text: str = "", parent: QWidget | None = None, *, rich: bool = False) -> None:
         super().__init__(parent)
         self._whole = ""
-        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setTextFormat(Qt.TextFormat.AutoText if rich else Qt.TextFormat.PlainText)
         self.setWordWrap(True)
         self.setText(text)
 
     def setText(self, text: str) -> None:
         """Show ``text``."""
         self._whole = text
-        super().setText(breakable(unbroken(text)))
+        html = self.textFormat() != Qt.TextFormat.PlainText and "<" in text
+        super().setText(text if html else breakable(unbroken(text)))
 
     def text(self) -> str:
         """Return the text as it was given."""

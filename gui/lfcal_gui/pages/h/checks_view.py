@@ -44,10 +44,10 @@ MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
 MARK, VALUE = 24, 112
 """Widths of the columns of marks and values (px)."""
 
-ROW, LEAST_ROWS, PICTURE = 24, 4, 118
+ROW, LEAST_ROWS, PICTURE = 24, 3, 118
 """Height of a row, rows that are seen at least, and height of the picture (px)."""
 
-LEAST_DETAILS = 116
+LEAST_DETAILS = 84
 """Least height of what belongs to the chosen check (px)."""
 
 UNLIMITED = 10_000

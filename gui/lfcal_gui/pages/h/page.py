@@ -325,7 +325,7 @@ class Page(BasePage):
         self.context.attention.emit("simulate", stale)
         if stale:
             notes.append("the reference was simulated for another camera than the one described now; simulate it again")
-        self.hint.setText("; ".join(notes))
+        self.hint.setText("; ".join(notes), Path(state.psf).name)
 
     def _comparable(self, matrix: PSFMatrix, path: str) -> Pair | None:
         """Return H and the reference, paired by plane and position, if they can be compared."""

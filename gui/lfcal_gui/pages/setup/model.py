@@ -410,4 +410,5 @@ def facts(camera: Camera) -> str:
 
 
 def _fact(item: Derived) -> str:
-    return f"<i>≈ {item.text}</i>" if item.assumed else f"<b>{item.text}</b>"
+    text = item.text.replace(" ", "&nbsp;")
+    return f"<i>≈&nbsp;{text}</i>" if item.assumed else f"<b>{text}</b>"

@@ -113,7 +113,9 @@ class EffectsTable(QTreeWidget):
         self.setIndentation(9)
         self.setUniformRowHeights(True)
         self.setAllColumnsShowFocus(True)
-        self.setMinimumHeight(8 * ROW)
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        for changed in (self.expanded, self.collapsed):
+            changed.connect(lambda _: self._fit_height())
         self.setAccessibleName("effects")
         self.setToolTip("Click the setting, or press Space: auto, on, off. Enter: edit the magnitudes")
         header = self.header()
@@ -150,7 +152,14 @@ class EffectsTable(QTreeWidget):
             item.setText(EFFECT, group_title(group, found[group], verdict.settings.tolerance))
         for row in rows:
             self._fill(self._items[row.name], row)
+        self._fit_height()
         self.viewport().update()
+
+    def _fit_height(self) -> None:
+        """Be as high as the rows that are open: the column around it scrolls."""
+        shown = [item for item in self.groups.values() if not item.isHidden()]
+        rows = len(shown) + sum(item.childCount() for item in shown if item.isExpanded())
+        self.setFixedHeight(rows * ROW + 2 * self.frameWidth())
 
     @staticmethod
     def _names(group: QTreeWidgetItem) -> list[str]:
