@@ -206,6 +206,11 @@ def current_theme() -> Theme:
     return _current[0]
 
 
+def canvas_fair() -> str:
+    """Return the colour of a warning on the black of a picture, which is the same in the light theme."""
+    return (current_theme() if current_theme().red else DARK).fair
+
+
 FONT_PT = 10.0
 
 STYLED = "lfcal_styled"

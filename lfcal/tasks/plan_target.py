@@ -180,7 +180,7 @@ class PlanTarget(_PlanTarget):
     pose: str = opt(
         "",
         "Pose of the target: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
-        empty="as in the file of the target, else not rotated or tilted",
+        empty="as in its file, else not rotated or tilted",
     )
     pose_within: str = opt("", "Uncertainty of the pose, written like the pose.", empty="known", more=True)
 

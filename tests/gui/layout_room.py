@@ -47,7 +47,9 @@ def squeezed(widget: QWidget) -> Iterator[str]:
         yield from _lines(widget)
     elif isinstance(widget, CONTROLS):
         needs = min(widget.minimumHeight() or widget.minimumSizeHint().height(), widget.maximumHeight())
-        if not isinstance(widget.parentWidget(), QAbstractSpinBox | QComboBox) and less(widget.height(), needs):
+        if not isinstance(widget.parentWidget(), QAbstractSpinBox | QComboBox | QLineEdit) and less(
+            widget.height(), needs
+        ):
             yield f"needs a height of {needs} px, has {widget.height()}"
     elif isinstance(widget, QHeaderView):
         pass  # its table is looked at

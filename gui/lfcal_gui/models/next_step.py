@@ -6,6 +6,7 @@ not hold it up.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -33,6 +34,10 @@ JOBS: dict[str, tuple[str, Place]] = {
     "export": ("Exporting H", "use"),
 }
 """Kinds of jobs that the line shows, each with its lead and its place."""
+
+
+DEVICE = re.compile(r"^(?:stopped )?at position .*? by the [a-z ]+: ")
+"""Where a recording was stopped, in front of the reason."""
 
 
 @dataclass(frozen=True)
@@ -226,7 +231,13 @@ def _count(many: int, one: str) -> str:
 def _short(text: str, most: int) -> str:
     """Return ``text`` as one line of at most ``most`` characters."""
     words = " ".join(text.split()).rstrip(".")
-    return words if len(words) <= most else f"{words[: most - 1].rstrip()}…"
+    return words if len(words) <= most else f"{words[: most - 1].rpartition(' ')[0].rstrip(' ,;:')}…"
+
+
+def _cause(stopped: str, most: int) -> str:
+    """Return why a recording stopped as a sentence: neither where, nor what to do, both of which the page says."""
+    words = _short(DEVICE.sub("", stopped).partition(";")[0], most)
+    return words if words.endswith("…") else f"{words}."
 
 
 def _scan(s: Sitting) -> str:
@@ -237,7 +248,7 @@ def _scan(s: Sitting) -> str:
 def _stopped(s: Sitting) -> Step | None:
     if not s.stopped or s.recording:
         return None
-    return Step("Stopped", f"{_short(s.stopped, 56)}. Recorded data are safe.", "Resume", "acquire.resume", "record")
+    return Step("Stopped", f"{_cause(s.stopped, 56)} Recorded data are safe.", "Resume", "acquire.resume", "record")
 
 
 def _recording(s: Sitting) -> Step | None:

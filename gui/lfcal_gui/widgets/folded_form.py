@@ -118,6 +118,9 @@ LEAST = 52
 LONGEST = 16
 """Letters of the longest label or unit that is not wrapped."""
 
+LONG_EMPTY = 20
+"""Letters of the meaning of an empty field that needs a line below its label."""
+
 SEARCHED = 12
 """Folded fields from which they can be searched."""
 
@@ -355,6 +358,8 @@ class FoldedForm(QFrame):
         self._grid.addWidget(editor, self._next, EDITOR, 1, 1 + wide)
         self._rows[field.key] = _Row(field, label, editor, unit, self._next, rare)
         self._next += LINES
+        if len(field.empty) > LONG_EMPTY:
+            self.own_line(field.key)
 
     def _editor(self, field: Field) -> QWidget:
         key = field.key

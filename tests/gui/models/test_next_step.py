@@ -26,6 +26,23 @@ TABLE = (
         {"record": "stopped"},
     ),
     (
+        replace(
+            RIG,
+            stopped="at position (z, y, x) = (1, 12, 7) by the device: simulated camera: no answer; check the cable",
+            done=4119,
+            total=5643,
+        ),
+        "Stopped: simulated camera: no answer. Recorded data are safe.",
+        "acquire.resume",
+        {"record": "stopped"},
+    ),
+    (
+        replace(RIG, stopped="the stage " + "moves and " * 12, done=4119, total=5643),
+        "Stopped: the stage moves and moves and moves and moves and… Recorded data are safe.",
+        "acquire.resume",
+        {"record": "stopped"},
+    ),
+    (
         replace(RIG, recording=True, done=4120, total=5643, plane=6, left_s=183),
         "Recording: plane 7 of 9: 4,120 of 5,643 positions, 3 min 03 s left.",
         "acquire.pause",

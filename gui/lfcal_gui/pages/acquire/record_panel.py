@@ -77,7 +77,7 @@ EXTENT_TIP = (
     "ones are added until H reaches the error you set"
 )
 
-SIDE, MAP, LEAST_MAP = 52, 116, 90
+SIDE, MAP, LEAST_MAP = 52, 104, 90
 """Side of a tile of the strip, and height and least width of the map (px)."""
 
 

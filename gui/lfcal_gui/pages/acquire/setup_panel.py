@@ -14,7 +14,7 @@ from lfcal_gui.models import CUTOUT, Overlay, Shot, Symbols, cutout_of
 from lfcal_gui.pages.acquire._devices import DevicePanel, FaultPanel
 from lfcal_gui.pages.acquire._stage import StagePanel
 from lfcal_gui.pages.acquire.model_live import LivePicture, age_words, expected_words, plane_to_go
-from lfcal_gui.theme import current_theme
+from lfcal_gui.theme import canvas_fair, current_theme
 from lfcal_gui.widgets import (
     AxisArrows,
     Contrast,
@@ -268,7 +268,7 @@ class SetupPanel(QWidget):
         picture = self._last[0]
         age = now_s - picture.taken_s
         words, moved = age_words(age, picture.stage_um, stage_um)
-        self.view.set_note(words, current_theme().fair if moved or age > picture.due_s else "")
+        self.view.set_note(words, canvas_fair() if moved or age > picture.due_s else "")
 
     def _show_overlays(self) -> None:
         """Draw what is switched on over the frame, also where no frame follows."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QComboBox,
@@ -48,6 +48,9 @@ from lfcal_gui.widgets import (
 
 WORDS = {"": "unit found", "index": "position number"}
 NO_UNIT = (("", "no unit"),)
+SIZE = QSize(1120, 740)
+"""Of the dialog, in a window that is as large (px)."""
+
 SHOWN_ROWS = 3
 """Rows of the list that are shown."""
 
@@ -225,7 +228,6 @@ class ImportDialog(QDialog):
         self.previews = ImportPreviews(jobs)
         column.addWidget(self.previews, 1)
         column.addLayout(self._buttons())
-        self.resize(1120, 740)
 
     # -- building --------------------------------------------------------------------------------------
     def _source(self) -> QGridLayout:
@@ -322,6 +324,8 @@ class ImportDialog(QDialog):
         self.choice = ImportChoice("")
         self._show_nothing()
         self._show_choice()
+        if not self.isVisible():
+            self.resize(SIZE.boundedTo(self.parentWidget().window().size()))
         self.open()
 
     # -- asking ----------------------------------------------------------------------------------------

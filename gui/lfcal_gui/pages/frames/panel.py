@@ -280,7 +280,7 @@ def _found_words(mark: str, head: str, words: str, facts: Sequence[tuple[str, st
     sign = {"good": "✓ ", "fair": "▲ ", "bad": "▲ "}.get(mark, "")
     muted = f"style='color:{theme.muted}'"
     rows = "".join(
-        f"<tr><td {muted}><nobr>{name}&nbsp;&nbsp;</nobr></td>"
+        f"<tr><td {muted}><nobr>{name}&nbsp;</nobr></td>"
         + (
             f"<td align='right'><nobr><b>{escape(number)}</b>&nbsp;</nobr></td><td {muted}><nobr>"
             if number
@@ -292,7 +292,7 @@ def _found_words(mark: str, head: str, words: str, facts: Sequence[tuple[str, st
     return (
         f"<p style='color:{colour}; margin-bottom:2px'><b>{sign}{escape(head)}</b></p>"
         f"<p style='margin-top:2px'>{escape(words)}</p>"
-        f"<table cellspacing='1'>{rows}</table>"
+        f"<table cellspacing='0'>{rows}</table>"
     )
 
 

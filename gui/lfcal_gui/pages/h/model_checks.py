@@ -189,7 +189,7 @@ def _of_fault(inspection: Inspection, one: FoundFault) -> CheckRow:
     parts.append(f"<b>What to do:</b> {one.fault.advice} {_atlas_link(one.name)}")
     merit = "bad" if is_bad(one) else "fair" if is_fair(one) else "unknown"
     value = f"{share} of light" if one.cost is None else cost
-    return CheckRow(one, one.title, value, "", "", merit, sure, cost, "<br>".join(parts))
+    return CheckRow(one, capital(one.title), value, "", "", merit, sure, cost, "<br>".join(parts))
 
 
 def _atlas_link(name: str) -> str:

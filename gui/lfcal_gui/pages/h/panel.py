@@ -130,7 +130,7 @@ LEVELS = {
 }
 """Levels below the verdict: titles, and when one would open them."""
 
-SIZES = {0: (90, 90), 600: (90, 108), 760: (120, 130)}
+SIZES = {0: (90, 90), 600: (90, 98), 760: (120, 130)}
 """Heights of depth-plane sum and map (px) by the least height of the panel."""
 
 PROFILE = 150
@@ -266,7 +266,7 @@ class HPanel(QWidget):
         return inspector
 
     def _position(self) -> QWidget:
-        self.map_title, self.map_range = ElidedLabel(), QLabel()
+        self.map_title, self.map_range = ElidedLabel(sentence=True), QLabel()
         self.place_label, self.position_label = QLabel(), ElidedLabel()
         self.map_range.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.map_title.setProperty("role", "heading")

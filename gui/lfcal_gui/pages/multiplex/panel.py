@@ -192,8 +192,8 @@ class MultiplexPanel(QWidget):
         self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
         self.table.verticalHeader().setMinimumSectionSize(16)
         self.table.verticalHeader().setDefaultSectionSize(NUMBER_HEIGHT)
-        # all rows where the window is high enough, ten at least
-        self.table.setMinimumHeight(10 * NUMBER_HEIGHT + 4)
+        # all rows where the window is high enough, nine at least
+        self.table.setMinimumHeight(9 * NUMBER_HEIGHT + 4)
         self.table.setSizeAdjustPolicy(QTableWidget.SizeAdjustPolicy.AdjustToContents)
         self.table.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.table.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)

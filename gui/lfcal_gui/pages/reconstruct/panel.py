@@ -291,7 +291,7 @@ class ReconstructPanel(QWidget):
         if errors:
             known = [100 * error for error in errors]
             self.misfit.set_curve("error relative to the truth", at[-len(known) :], known, symbol=symbol, dashed=True)
-        self.misfit.set_labels("iteration", "misfit, error (%)" if errors else "misfit (%)")
+        self.misfit.set_labels("iteration", "error (%)" if errors else "misfit (%)")
         values = [record.likelihood / max(1, pixels) for record in history]
         self.likelihood.set_curve("likelihood", at, values, symbol=symbol)
 

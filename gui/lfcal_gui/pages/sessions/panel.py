@@ -63,8 +63,8 @@ class SessionsPanel(QTabWidget):
     def _gallery(self) -> QWidget:
         inner = QWidget()
         column = QVBoxLayout(inner)
-        column.setContentsMargins(0, 8, 0, 0)
-        column.setSpacing(8)
+        column.setContentsMargins(0, 2, 0, 0)
+        column.setSpacing(4)
         column.addLayout(self._where())
         column.addLayout(self._which())
         self.tiles = ResultTiles()
