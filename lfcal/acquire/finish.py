@@ -45,7 +45,7 @@ def iter_assemble_session(
     settings
         As in `lfcal.psf.iter_assemble_plan`.
     skip_damaged
-        Exclude damaged frames and list them in report and file, instead of raising an error.
+        Whether to exclude damaged frames and list them in report and file, instead of raising an error.
     make
         Function that makes H from upright frames, with the arguments of `lfcal.psf.iter_assemble_plan`: plane by
         plane, for a session in progress.

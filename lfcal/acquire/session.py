@@ -118,9 +118,9 @@ def iter_record(
         Plan to record (a scan, or a `lfcal.targets.TargetPlan` of whole frames), devices, and settings; by default the
         options of the session that is continued, or `Options()`.
     resume
-        Continue an interrupted run, after checking that plan, options, devices and the stage's origin and scale are
-        unchanged. Every frame is checked first, and damaged ones are taken again: in place, or in a separate file if
-        the recording was packed.
+        Whether to continue an interrupted run, after checking that plan, options, devices and the stage's origin and
+        scale are unchanged. Every frame is checked first, and damaged ones are taken again: in place, or in a separate
+        file if the recording was packed.
     redo
         Record these positions of a finished session again, into a separate file; the later frame counts. Positions
         that the session does not have are added. Whole frames are named as in `lfcal.acquire.frame_plan`.

@@ -110,7 +110,7 @@ def iter_record_regions(
     plan, rig, options, control, preview, task
         As in `lfcal.acquire.iter_record`, which raises the same errors.
     resume
-        Continue with the first incomplete region, after a check of all of them.
+        Whether to continue with the first incomplete region, after a check of all regions.
     observers
         Function from the number of a region to the observers of its frames.
 

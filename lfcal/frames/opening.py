@@ -77,7 +77,7 @@ def open_frames(
     nan, blank
         As in `lfcal.frames.FolderSource`.
     skip_damaged
-        Do not let damaged frames prevent opening, because `lfcal.frames.iter_undamaged` removes them later; damaged
+        Whether to open sources with damaged frames, because `lfcal.frames.iter_undamaged` removes them later; damaged
         dark frames of a recorded session are left out of their mean.
     columns
         Assignment of a list's columns, ``"file=Name,y_um=PosY,x_um=PosX"``; others are guessed from their names.

@@ -88,16 +88,18 @@ def pair(
 ) -> Pair:
     """Return the common parts of two H.
 
-    Planes are matched by their depths. Positions are matched by where they are on the sensor, if both H state a camera.
+    Planes are matched by their depths. Source positions are matched by their position on the sensor, if both H state a
+    camera.
 
     Parameters
     ----------
     a, b
         Matrices; for a transposed view, its H is used.
     by_number
-        Match planes by their numbers instead of by their depths.
+        Whether to match planes by their numbers instead of by their depths.
     by_index
-        Match planes and positions by their numbers, wherever they are on the sensor; the shapes must be equal.
+        Whether to match planes and positions by their numbers, whatever their positions on the sensor; the shapes must
+        be equal.
 
     Raises
     ------

@@ -86,19 +86,19 @@ class MatOptions:
     Attributes
     ----------
     include_transpose
-        Also write ``Ht``, which doubles the file size.
+        Whether to write ``Ht`` too, which doubles the file size.
     rows_first
-        Store ``H(t, s, y, x, z)`` instead of ``H(s, t, x, y, z)``, for codes that read images with ``imread`` as
-        arrays with rows first. With the default order, such an image must be transposed first.
+        Whether to store ``H(t, s, y, x, z)`` instead of ``H(s, t, x, y, z)``, for codes that read images with
+        ``imread`` as arrays with rows first. With the default order, such an image must be transposed first.
     compress
         Whether to compress with gzip; otherwise data are contiguous.
     lens_centred
-        Roll the positions so that a micro-image centre is on pixel ceil(Nnum/2) of the period.
+        Whether to roll the positions so that a micro-image centre is on pixel ceil(Nnum/2) of the period.
     interpolation
         With ``lens_centred``: interpolation for the remaining fraction of a pixel; ``"nearest"`` leaves it
         uncorrected.
     cells
-        Store ``H{y,x,z}(t, s)``, a cell array of patterns, as oLaF does.
+        Whether to store ``H{y,x,z}(t, s)``, a cell array of patterns, as oLaF does.
     quality
         Quality of H in words, written as the variable ``quality``; empty: none.
     """

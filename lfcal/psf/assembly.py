@@ -90,7 +90,7 @@ class Assembly:
         ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
         stated by the source, which may come from its manifest.
     strict
-        Treat missing and repeated positions as errors.
+        Whether to treat missing and repeated positions as errors.
     noise
         Noise of the samples, if the frames do not state it.
     measured
@@ -436,7 +436,7 @@ def iter_assemble(
         ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
         stated by the source, which may come from its manifest.
     strict
-        Treat missing and repeated positions as errors, instead of recording them in the file.
+        Whether to treat missing and repeated positions as errors, instead of recording them in the file.
     fill
         Source of missing positions, which stay marked as never recorded; None: they are 0.
     dtype, compression, workers, store_tolerance

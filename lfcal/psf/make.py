@@ -165,7 +165,7 @@ def iter_write(
         Make it in units of a plane, with this executor and treatment of an earlier run. Finished planes stay for the
         next run.
     keep
-        With a ``run``, keep the files of its units, as in `lfcal.work.iter_made`.
+        Whether to keep the files of the units of a ``run``, as in `lfcal.work.iter_made`.
     workers
         Number of threads of this process, without a ``run``; None: all processors.
 

@@ -70,7 +70,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     region
         Region of the field, in a file with several regions; empty: the default region of the file.
     check
-        Read every plane and compare it with its checksum (files of lfcal since version 2).
+        Whether to read every plane and compare it with its checksum (files of lfcal since version 2).
     mat_order
         Order of the axes of H in a ``.mat`` file that does not state it: ``"rows-first"``, ``H(t, s, y, x, z)``, or
         ``"columns-first"``, ``H(s, t, x, y, z)``. Empty: inferred from its variables; `opening_notes` reports how.

@@ -120,8 +120,8 @@ def iter_series(
     weights
         Weight of each pixel ``(Y, X)``.
     warm
-        Start each frame from the volume of the previous one, which needs fewer iterations if little moves between
-        frames. Voxels that became zero stay zero with multiplicative solvers.
+        Whether to start each frame from the volume of the previous one, which needs fewer iterations if little moves
+        between frames. Voxels that became zero stay zero with multiplicative solvers.
     missing
         Function called with the name of a frame without a volume, instead of ``save``.
 

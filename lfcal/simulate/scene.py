@@ -174,7 +174,7 @@ class Specimen:
         check_number("depth of the focal plane below the interface (µm)", self.depth_um, at_least=0)
 
     def source_um(self, z_um: float) -> float:
-        """Return the depth of a source below the interface; negative in front of it."""
+        """Return the depth (µm) of a source below the interface; negative in front of it."""
         return self.depth_um + z_um
 
     def focus_um(self, z_um: float, medium_index: float) -> float:

@@ -170,9 +170,9 @@ class Task:
         Parameters
         ----------
         absolute
-            Make all paths absolute.
+            Whether to make all paths absolute.
         outputs
-            Include the files to write.
+            Whether to include the files to write.
         """
         found = {"task": self.name, **to_dict(self)}
         for row in rows_of(self):

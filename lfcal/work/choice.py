@@ -121,7 +121,8 @@ def iter_made(
     join
         Function that makes ``out`` atomically from the units' files, in order.
     keep
-        Keep the units' files when ``out`` is complete, because the caller adds to it and discards them afterwards.
+        Whether to keep the units' files when ``out`` is complete, because the caller adds to it and discards them
+        afterwards.
     in_order
         Whether ``join`` needs one file in each step, after a first step that needs none. Joining then begins while
         units run.

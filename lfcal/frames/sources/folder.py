@@ -126,7 +126,7 @@ class FolderSource(Frames):
     blank
         As in `check_frame`.
     skip_damaged
-        Take shape and dtype from the first frame that can be read.
+        Whether to take shape and dtype from the first readable frame, instead of the first one.
     notes, facts
         Notes on what was guessed, and further facts about all frames; both are added to the metadata.
     origin

@@ -146,7 +146,7 @@ class Obstruction:
     share: float
 
     def is_central(self, centre: tuple[float, float], radius_px: float) -> bool:
-        """Return whether it is in the middle of an aperture, like the central mirror of a mirror lens."""
+        """Return whether the obstruction is in the middle of an aperture, like the central mirror of a mirror lens."""
         return math.dist(self.centre, centre) < CENTRAL * radius_px
 
 

@@ -64,7 +64,7 @@ class ProjectionProblem:
     dtype
         float32 or float64.
     workers
-        Number of threads; None: all processors.
+        Number of threads.
     density
         Fraction of non-zero entries of H.
     read_s

@@ -105,7 +105,7 @@ class Executor(Protocol):
 
 @dataclass(frozen=True)
 class ExecutorKind:
-    """An executor's name and how to make it.
+    """Name and constructor of an executor.
 
     Attributes
     ----------
