@@ -32,7 +32,7 @@ def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Eviden
     >>> faults, rest = drain(iter_search(evidence))
     >>> for one in faults:
     ...     print(f"{one.title}: {one.detail}")
-    hot line of the sensor: column 40 of the scanned part: 200 counts too high
+    hot line of the sensor: column 40 of the scanned region: 200 counts too high
     """
     found: list[FoundFault] = []
     explained: set[str] = set()

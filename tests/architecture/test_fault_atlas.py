@@ -30,7 +30,7 @@ def test_a_fault_s_chapter_is_up_to_date(page: str, name: str) -> None:
     assert len(own) == 1, REMEDY
     for line in parts(FAULTS.get(name)):
         assert line in own[0], REMEDY
-    assert "**Found:**" in own[0] and f"({IMAGES}/{name}.png)" in own[0]
+    assert "**Report:**" in own[0] and f"({IMAGES}/{name}.png)" in own[0]
 
 
 def test_every_chapter_is_that_of_a_fault_in_the_order_of_the_search(page: str) -> None:

@@ -36,7 +36,7 @@ def test_a_hot_column_is_named_and_not_a_step_of_the_stage(
     one_plane = PSFMatrix(H[:1], depths=H.depths[:1], camera=H.camera, anchor=H.anchor)
     save(one_plane, place / "H.h5")
     run = lfcal("inspect", "H.h5", "--patterns", 24, "--strict")
-    assert run.code == 1 and "hot line of the sensor" in run.out and "column 25 of the scanned part" in run.out
+    assert run.code == 1 and "hot line of the sensor" in run.out and "column 25 of the scanned region" in run.out
     assert "stage step: see hot line of the sensor, its cause" in run.out
     asked = lfcal("inspect", "H.h5", "--patterns", 24, "--json", "--report", "report")
     told = asked.json

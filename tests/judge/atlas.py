@@ -32,6 +32,8 @@ __all__ = ["INJECTIONS", "chapter", "document", "parts"]
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE, IMAGES = "faults.md", "images/faults"
+MOST = 999
+"""Largest significance that the page states (standard deviations)."""
 
 
 # -- what is found -----------------------------------------------------------------------------------------
@@ -64,7 +66,9 @@ def parts(fault: Fault) -> tuple[str, ...]:
 def numbers(found: FoundFault) -> str:
     """Return what was found of it."""
     share = format_share(min(found.share, 1.0))
-    return f"**Found:** {found.detail}; {share} of the light, {min(found.sigmas, 999):.0f} sigma."
+    sure = f"more than {MOST}" if found.sigmas > MOST else f"{found.sigmas:.0f}"
+    said = f"*{found.fault.title}: {found.detail}.*"
+    return f"**Report:** {said} This affects {share} of the light, with a significance of {sure} sigma."
 
 
 def chapter(fault: Fault, found: FoundFault) -> str:
@@ -79,8 +83,9 @@ HEAD = """# Fault atlas
 These are the faults that `lfcal inspect` finds by comparison with the camera, in the order of its search. Each fault
 was added to a simulated recording of the preset `bench` (two planes, 3,000 counts at the peak, photon and read noise,
 0.5 % of lamp noise), and searched for in 60 patterns. Each figure shows a pattern without the fault, the same pattern
-with it (both as the square root of the light), and the measurement that reveals the fault. [Quality of H](quality.md)
-explains the numbers. `python -m tests.judge.atlas` makes this page.
+with it (both as the square root of the light), and the measurement that reveals the fault. The report is
+the line that `lfcal inspect` prints. [Quality of H](quality.md) explains the numbers.
+`python -m tests.judge.atlas` makes this page.
 """
 
 

@@ -177,7 +177,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "compression": Injection(
         "every frame is stored as a JPEG of 8 bits and quality 75",
-        "neighbouring pixels in different blocks of 8 x 8 pixels differ more than those within a block",
+        "neighbours in different blocks of 8 x 8 pixels differ more than within a block, or blocks lack fine structure",
         lambda: compressed(clean(), 75),
     ),
     "dead_line": Injection(

@@ -104,7 +104,7 @@ class Lamp(Fault):
     """Light that rises or falls during the scan, or jumps."""
 
     name = "lamp"
-    title = "lamp that changes during the scan"
+    title = "lamp drift during the scan"
     subject = "light"
     rank = 41
     advice = "Let the lamp warm up, or record reference frames for its correction."
@@ -158,7 +158,7 @@ class Flicker(Fault):
     """Light that differs from frame to frame."""
 
     name = "flicker"
-    title = "lamp that flickers"
+    title = "flickering lamp"
     subject = "light"
     rank = 42
     advice = "Stabilise the current of the lamp, or expose for a whole number of mains periods."
@@ -204,7 +204,7 @@ class FocusDrift(Fault):
     """Depth that changes during the scan of a plane."""
 
     name = "focus_drift"
-    title = "focus that drifts during the scan"
+    title = "focus drift during the scan"
     subject = "light"
     rank = 52
     advice = "Let camera and stage warm up, check that the focus is stable, and record the plane again."

@@ -90,7 +90,7 @@ class WrongOrder(Fault):
     """Planes with a reversed axis of positions, or with frames that are late or early."""
 
     name = "order"
-    title = "patterns in another order"
+    title = "patterns in the wrong order"
     subject = "frames"
     rank = 3
     needs_camera = False

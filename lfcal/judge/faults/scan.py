@@ -144,7 +144,7 @@ class BacklashFault(Fault):
     """Backlash: sources are displaced in rows that are scanned backwards."""
 
     name = "backlash"
-    title = "play of the stage"
+    title = "backlash of the stage"
     subject = "stage"
     rank = 31
     advice = (

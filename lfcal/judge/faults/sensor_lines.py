@@ -160,7 +160,7 @@ class DeadLine(Fault):
             gains = np.where(np.isin(np.arange(off.size), bad), np.maximum(1 + off, 0), 1.0)
             yield FoundFault(
                 self,
-                f"{_named(axis, bad)} of the scanned part: {100 * min(lost, 1):.0f} % of the light is missing",
+                f"{_named(axis, bad)} of the scanned region: {100 * min(lost, 1):.0f} % of the light is missing",
                 float(-told[worst]),
                 share,
                 pixels=_pixels(axis, bad, total.weight.shape),
@@ -206,7 +206,7 @@ class HotLine(Fault):
             clean = np.where(np.isin(np.arange(off.size), bad), off, 0.0)
             yield FoundFault(
                 self,
-                f"{_named(axis, bad)} of the scanned part: {off[worst]:.3g} counts too high",
+                f"{_named(axis, bad)} of the scanned region: {off[worst]:.3g} counts too high",
                 float(told[worst]),
                 _added(evidence, off[bad]),
                 pixels=_pixels(axis, bad, total.weight.shape),
