@@ -64,7 +64,7 @@ def test_frames_that_come_late_are_told_with_their_number() -> None:
 def test_a_stuck_blade_darkens_its_side() -> None:
     found = faults_of(put_in("blade stuck", 0.3))
     assert "pupil" in found and not {"ghost", "type_light", "depth_label"} & set(found)
-    side = float(found["pupil"].detail.split("light at ")[1].split("°")[0])
+    side = float(found["pupil"].detail.split("angle of ")[1].split("°")[0])
     assert side == pytest.approx(np.degrees(0.6), abs=25)
     picture = found["pupil"].picture
     assert picture is not None and picture.values.shape == plan().cutout and picture.values.min() < 50
