@@ -52,7 +52,7 @@ def test_values_of_the_geometry_are_repeated_alone(lfcal: Callable[..., Run], tm
     if k == 1:
         lfcal(*words[0])
     said = lfcal(*words[k]).err
-    assert said.count("gap from lenslets to sensor") == 1 and "light and noise" not in said
+    assert said.count("gap between lenslets and sensor") == 1 and "light and noise" not in said
 
 
 def test_simulations_name_the_values_of_light(lfcal: Callable[..., Run], tmp_path: Path) -> None:
