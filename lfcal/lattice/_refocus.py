@@ -12,7 +12,7 @@ from lfcal.base import check_number
 from lfcal.camera import Camera
 from lfcal.lattice.views import Views
 
-__all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "virtual_depth_of_slope"]
+__all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "slope_of_virtual_depth", "virtual_depth_of_slope"]
 
 Image = NDArray[np.float32]
 MIN_WEIGHT = 0.05
@@ -34,12 +34,15 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
     >>> [round(sensor_slope(camera, z_um), 2) for z_um in (-20e3, 0.0, 20e3)]
     [2.97, 0.0, -2.6]
     """
-    a = camera.image_shift_um(z_um)
-    v = a / camera.lattice.gap_um
+    return slope_of_virtual_depth(camera, camera.image_shift_um(z_um) / camera.lattice.gap_um)
+
+
+def slope_of_virtual_depth(camera: Camera, virtual_depth: float) -> float:
+    """Return the slope of the plane with a virtual depth: inverse of `virtual_depth_of_slope`."""
     if camera.optics.telecentric:
-        return v
-    b = camera.optics.image_distance_um
-    return v * (b + camera.lattice.gap_um) / (b + a)
+        return virtual_depth
+    b, gap = camera.optics.image_distance_um, camera.lattice.gap_um
+    return virtual_depth * (b + gap) / (b + virtual_depth * gap)
 
 
 def virtual_depth_of_slope(camera: Camera, slope: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.lattice._refocus import slope_of_virtual_depth
 from lfcal.lattice.camera_check import DIFFERS, FIT_PX, FITS, WRONG, CameraCheck, CheckLine, check_camera
 from lfcal.lattice.lattice_file import lattice_dict, lattice_files
 from lfcal.lattice.lattice_fit import LatticeErrors
@@ -33,6 +34,7 @@ __all__ = [
     "save_focal_stack",
     "save_total_focus",
     "save_views",
+    "slope_of_virtual_depth",
     "stack_names",
     "view_names",
 ]

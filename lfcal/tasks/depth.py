@@ -193,7 +193,7 @@ class Depth(Task):
         measured: Sequence[tuple[float, float]] = ()
         if self.psf is not None:
             with open_matrix(self.psf) as matrix:
-                measured = yield from _measured(matrix, workers)
+                measured = yield from _measured(matrix, camera, workers)
         found = yield from iter_depth_map(**scene.given, method=self.method, slopes=self.slopes, workers=workers)
         found, scale = self._calibrated(found, camera, measured)
         return MeasuredDepth(found=found, lattice=scene.source, scale=scale, seconds=time.perf_counter() - start)
@@ -316,13 +316,17 @@ def _types(white: NDArray[np.float32], fit: LatticeFit, camera: Camera | None) -
     return classify_lens_types(white, fit, expected_blur(camera)).type_of
 
 
-def _measured(matrix: PSFMatrix, workers: int | None) -> Work[tuple[tuple[float, float], ...]]:
+def _measured(matrix: PSFMatrix, camera: Camera | None, workers: int | None) -> Work[tuple[tuple[float, float], ...]]:
     """Return depth and slope of each plane of H whose virtual depth can be measured in its patterns."""
     from lfcal.judge import iter_inspect
+    from lfcal.lattice import slope_of_virtual_depth
 
     report = yield from iter_inspect(matrix.T if matrix.is_transposed else matrix, workers=workers)
     pairs = zip(matrix.depths, report.virtual_depths, strict=True)
-    found = tuple((float(z), float(v)) for z, v in pairs if math.isfinite(v))
+    # the patterns were judged by the camera of H, if it has one
+    known = matrix.camera or camera
+    assert known is not None  # the task has looked for it
+    found = tuple((float(z), slope_of_virtual_depth(known, float(v))) for z, v in pairs if math.isfinite(v))
     if not found:
         note(
             f"{matrix}: the virtual depths cannot be measured in the patterns; the depths follow from the camera alone"

@@ -130,7 +130,7 @@ def test_h_corrects_a_wrong_camera(lfcal: Any, files: Path, tmp_path: Path) -> N
         }.items()
     }
     off = {name: abs(depth - found["true"]) for name, depth in found.items()}
-    assert off["corrected"] < 0.3 * off["wrong"] and off["H alone"] < 0.3 * off["wrong"]
+    assert off["corrected"] < 0.3 * off["wrong"] and off["H alone"] < 0.3 * off["wrong"], off
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(lfcal: Any, files: Path, tmp_path: Path) -> None:

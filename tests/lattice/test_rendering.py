@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, LensletLattice, LensType, Microscope, Sensor
 from lfcal.lattice import lattice_of, render, sharpness_shares, total_focus
-from lfcal.lattice._refocus import sensor_slope, virtual_depth_of_slope
+from lfcal.lattice._refocus import sensor_slope, slope_of_virtual_depth, virtual_depth_of_slope
 from tests.lattice.test_micro_images import camera_of
 
 SHAPE, PITCH, GAP, PIXEL = (260, 300), 24.0, 600.0, 5.0
@@ -142,6 +142,7 @@ def test_the_white_frame_divides_its_light_out(camera: Camera) -> None:
 def test_depths_and_slopes_are_each_other_s_inverse() -> None:
     camera = camera_of("hexagonal")
     for v in (-5.0, 2.0, 5.5):
+        assert slope_of_virtual_depth(camera, v) == pytest.approx(sensor_slope(camera, camera.depth_of(v)))
         assert virtual_depth_of_slope(camera, sensor_slope(camera, camera.depth_of(v))) == pytest.approx(v)
     with pytest.raises(InputError, match="slope"):
         virtual_depth_of_slope(camera, 1e4)
