@@ -177,7 +177,7 @@ class SetupPanel(QWidget):
             view.setFixedHeight(PAIR)
             view.blank.words = NO_FRAME
             pictures.addWidget(view, 1)
-        self.correlation, self.near_words = QLabel(""), wrapped()
+        self.correlation, self.near_words = ElidedLabel(), wrapped()
         self.correlation.setToolTip(
             "Normalised correlation of the two images; 1 for the same pattern at any brightness"
         )
