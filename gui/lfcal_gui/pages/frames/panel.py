@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
@@ -99,13 +98,7 @@ class FramesPanel(QWidget):
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
         row.addLayout(column_of(self._bar(), self.pictures, self.contrast, below, spacing=2, stretch=1), 1)
-        self.inspector = self._inspector()
-        row.addWidget(self.inspector)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the inspector more room in a large window."""
-        super().resizeEvent(event)
-        self.inspector.setFixedWidth(inspector_width(self.width()))
+        row.addWidget(self._inspector())
 
     @cached_property
     def three(self) -> ImportPreviews:
