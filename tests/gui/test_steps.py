@@ -121,7 +121,7 @@ def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> 
     assert acquire["option"] == ["optics=pattern"] and (acquire["darks"], acquire["reference_every"]) == ("2", "0")
 
 
-@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "h", "h checks", "h fit", "reconstruct"])
+@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "h", "h checks", "h fit", "reconstruct", "depth"])
 def test_a_page_says_what_its_command_lacks(key: str) -> None:
     page, _, part = key.partition(" ")
     with pytest.raises(InputError, match="expected"):

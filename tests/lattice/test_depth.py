@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.camera import preset
-from lfcal.lattice import DepthMap, depth_map, lattice_of, metric_depth, save_depth, save_points, sensor_slope
+from lfcal.lattice import (
+    DepthMap,
+    depth_map,
+    depth_seconds,
+    lattice_of,
+    metric_depth,
+    save_depth,
+    save_points,
+    sensor_slope,
+)
 from tests.lattice.lattices import Straight
 from tests.lattice.plenoptic_scenes import Drawn, Surface, ball, draw, plane, step, texture
 
@@ -256,6 +265,8 @@ def test_bad_input(flat: Drawn) -> None:
     field = lattice(SHAPE, 24.0)
     with pytest.raises(InputError, match="shape"):
         depth_map(flat.frame[1:], field)
+    with pytest.raises(InputError, match="shape"):
+        depth_seconds(flat.frame[1:], field)
     with pytest.raises(InputError, match="mask"):
         depth_map(flat.frame, field, mask=np.zeros((3, 3)))
     with pytest.raises(InputError, match="method"):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfcal.camera import preset
-from lfcal_gui.models.display import DisplaySettings, to_uint8
+from lfcal_gui.models.display import UNTINTED, DisplaySettings, tinted, to_uint8
 from lfcal_gui.models.frame_view import MAX_PIXELS, frame_numbers, lattice_points, render_tile, visible_tile
 
 
@@ -40,6 +40,20 @@ def test_a_visible_tile_shows_what_is_asked_for() -> None:
     np.testing.assert_array_equal(picture, to_uint8(part, DisplaySettings(), (0, 4000)))
     far = visible_tile((400, 600), (0, 400), (0, 600), (100, 150))
     assert far.step == 4
+
+
+def test_a_tinted_tile_takes_light_and_depth_of_the_same_pixels() -> None:
+    frame = np.arange(70.0).reshape(7, 10)
+    tint = np.where(frame % 3 == 0, np.nan, frame / 70)
+    tile = visible_tile(frame.shape, (0, 7), (0, 10), (3, 5))
+    assert tile.step == 2
+    shown = render_tile(frame, tile, DisplaySettings(colour_map="gray"), (0, 70), tint)
+    display = DisplaySettings(colour_map="gray")
+    np.testing.assert_array_equal(shown, tinted(frame[:6:2, ::2], tint[:6:2, ::2], display, (0, 70)))
+    grey = shown[np.isnan(tint[:6:2, ::2])]
+    light = to_uint8(frame, display, (0, 70))[:6:2, ::2][np.isnan(tint[:6:2, ::2])]
+    assert len(grey) and (grey == grey[:, :1]).all(), "unknown depths have no colour"
+    np.testing.assert_allclose(grey[:, 0], light * (UNTINTED / 255), atol=1.5)
 
 
 def test_every_pixel_is_counted() -> None:

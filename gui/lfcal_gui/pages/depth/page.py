@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ class Page(BasePage):
         """The project of which a map is, or is being made."""
         self._opened = self._problem = ""
         self._ready: tuple[str, NDArray[Any]] | None = None  # read before the project changes
-        self._job = 0
+        self._job = self._turn = 0
         self._seconds: float | None = None
         for segment in self.panel.segments.values():
             self.segments.addWidget(segment)
@@ -184,6 +185,8 @@ class Page(BasePage):
         return task_of(settings, state, state.light_field), camera_of(settings, state)
 
     def _forecast(self) -> None:
+        self._turn += 1
+        turn = self._turn
         if self.image is None or self._job:
             return
         try:
@@ -191,8 +194,18 @@ class Page(BasePage):
         except InputError as error:
             self._refused(str(error))
             return
+
+        def newest(report: Callable[[Any], None], found: Any) -> None:
+            if turn == self._turn:  # else the settings have been refused since
+                report(found)
+
         self.panel.show_status("forecasting …")
-        self.context.jobs.compute("depth forecast", lambda: task.forecast(camera), self._forecasted, self._refused)
+        self.context.jobs.compute(
+            "depth forecast",
+            lambda: task.forecast(camera),
+            partial(newest, self._forecasted),
+            partial(newest, self._refused),
+        )
 
     def _forecasted(self, found: DepthForecast) -> None:
         workers = worker_count()
@@ -276,7 +289,6 @@ class Page(BasePage):
         """Show the map or the frame."""
         made, panel = self.made, self.panel
         if made is None or not panel.shows_map:
-            self.context.jobs.drop("depth picture")
             shot = None if self.image is None else Shot(self.image, "Light-field frame", name="light_field")
             panel.view.set_shot(shot)
             return

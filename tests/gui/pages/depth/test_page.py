@@ -154,6 +154,14 @@ def test_what_is_missing_is_one_message(opened: Callable[..., Any], words: str) 
     assert panel.status.property("role") == "error" and not panel.go.isEnabled()
 
 
+def test_a_late_forecast_does_not_hide_a_refusal(opened: Callable[..., Any], context: Context, qtbot: QtBot) -> None:
+    page = opened()
+    context.edit(page.settings, "slopes", "1.5,9")  # a forecast begins
+    context.edit(page.settings, "use_camera", False)
+    idle(context.jobs, qtbot)
+    assert "got none" in page.panel.status.text() and not page.panel.go.isEnabled()
+
+
 def test_a_white_image_gives_slopes(opened: Callable[..., Any], files: Path, context: Context, qtbot: QtBot) -> None:
     page = opened(use_camera=False)
     typed(page, "white", str(files / "white.tif"))
