@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base import write_text
+from lfcal.base import InputError, write_text
 from lfcal.cli._console import print_result, print_written
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 from lfcal.multiplex import read_white
 from lfcal.tasks import check_outputs, load_camera
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from lfcal.camera import Camera
     from lfcal.lattice import LatticeErrors, LatticeFit, LensTypes, Vignetting
 
 
@@ -42,6 +45,8 @@ def command(
 ) -> None:
     """Measure the lenslet lattice from a white image; `lfcal views` then makes views of a frame with it.
 
+    With a Fourier light-field microscope as --camera, the centres of its lenslets are measured instead.
+
     Example: `lfcal white white.tif --dark dark.tif --camera r29 -o out`
     """
     from lfcal.lattice import (
@@ -56,9 +61,14 @@ def command(
 
     described = load_camera(camera, light=False) if camera else None
     if out is not None:
-        made = [*lattice_files(out), *([] if described is None else [out / "camera.json"])]
+        lattice = described is None or described.has_lattice
+        made = [*(lattice_files(out) if lattice else []), *([] if described is None else [out / "camera.json"])]
         check_outputs(made, image, dark, camera, force=force)
     light = read_white(image, dark, channel, cfa or (described.sensor.cfa if described is not None else ""))
+    if described is not None and not described.has_lattice:
+        _check_discs(kind, pitch)
+        _discs(light, described, image, out, json=json)
+        return
     wanted = kind or (described.lattice.kind if described is not None else None)
     fit = fit_lattice(light, kind=wanted, pitch_px=pitch or None)
     fall, found = vignetting_map(fit), None
@@ -74,6 +84,36 @@ def command(
     facts = {**lattice_dict(fit), "falloff": fall.falloff, "scatter": fall.scatter, "lens_types": found}
     facts |= {"camera": described and described.to_dict(), "written": written}
     print_result(facts, ["white image", image.name], _rows(fit, fall, found), json=json)
+    if not json:
+        print_written(*written)
+
+
+def _check_discs(kind: str, pitch: float) -> None:
+    """Raise `InputError` for an option that only a lattice has."""
+    for name, given in (("--kind", bool(kind)), ("--pitch", bool(pitch))):
+        if given:
+            got = "a Fourier light-field microscope"
+            raise InputError.expected(name, "a camera with a periodic lenslet array", got, "leave it out")
+
+
+def _discs(light: NDArray[Any], described: Camera, image: Path, out: Path | None, *, json: bool) -> None:
+    """Measure the centres of single lenslets, and write the camera with them."""
+    from lfcal.lattice import fit_discs
+
+    found, written = fit_discs(light, described), []
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        written = [out / "camera.json"]
+        write_text(written[0], found.camera.to_json())
+    facts = {"centres_px": found.centres_px, "errors_px": found.errors_px, "radii_px": found.radii_px}
+    rows = [
+        [f"lenslet {k}", f"row {row:.3f}, column {column:.3f} ± {error:.3f} px, radius {radius:.1f} px"]
+        for k, ((row, column), error, radius) in enumerate(
+            zip(found.centres_px.tolist(), found.errors_px, found.radii_px, strict=True)
+        )
+    ]
+    values = {**facts, "camera": found.camera.to_dict(), "written": written}
+    print_result(values, ["white image", image.name], rows, json=json)
     if not json:
         print_written(*written)
 

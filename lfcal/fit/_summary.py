@@ -291,9 +291,8 @@ def summarised(
         for k, one, sigma, own in zip(which, unknowns, sigmas, alone, strict=True)
     }
     size = np.sqrt(np.maximum(np.diag(spread)[: len(which)], 1e-300))
-    nt, ns = problem.measured.plan.cutout
     measured, nz = problem.measured, problem.measured.plan.shape[0]
-    images = point.seen.residual.reshape(-1, nt, ns)
+    images = measured.images(point.seen.residual)
     setup = vector.setup_at(point.u)
     order = order_of_types(measured.plan.camera, setup.camera)
     whole = Fit(

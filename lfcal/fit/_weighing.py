@@ -133,7 +133,7 @@ class Weighed:
 def flat(measured: Measured) -> tuple[F4, NDArray[np.bool_]]:
     """Return patterns and valid pixels in the shape ``(n, m)``."""
     # with an explicit number, because there may be no patterns
-    shape = (len(measured), measured.plan.cutout[0] * measured.plan.cutout[1])
+    shape = (len(measured), math.prod(measured.sampled))
     return measured.patterns.reshape(shape), measured.valid.reshape(shape)
 
 

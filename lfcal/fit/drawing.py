@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import COLOURS, LINES, draw_image, figure, save_figure
-from lfcal.camera import Camera, ScanPlan
+from lfcal.camera import Camera, PupilLenslets, ScanPlan
 from lfcal.fit._weighing import BEND
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
@@ -38,9 +38,12 @@ class FitResiduals:
     by_plane
         Mean square of the residuals of each plane ``(nz,)``; NaN without a measurement.
     by_type
-        Mean square of the residuals of the pixels behind each lens type.
+        Mean square of the residuals of the pixels behind each lens type, or each lenslet of a Fourier
+        light-field microscope.
     maps
         Mean square of the residuals of each plane's patterns ``(nz, nt, ns)``, NaN without a measurement.
+    type_name
+        What ``by_type`` counts, for people.
     """
 
     index: NDArray[np.intp]
@@ -51,6 +54,7 @@ class FitResiduals:
     by_plane: NDArray[np.float64]
     by_type: NDArray[np.float64]
     maps: NDArray[np.float64]
+    type_name: str
 
 
 def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
@@ -65,11 +69,13 @@ def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
     residual = np.stack(list(fit.residuals.values()))
     constant, slope = (measured.noise[own, k, None, None] for k in (0, 1))
     bright = slope * np.maximum(light, 0)
-    weight = np.where(measured.valid[own], bright / (constant + bright + 1e-300), 0.0)
+    # pixels that are not valid, or outside the elemental images of a Fourier microscope, have no residual
+    weight = np.where(measured.valid[own] & (residual != 0), bright / (constant + bright + 1e-300), 0.0)
     size = np.abs(residual, dtype=np.float64)
     loss = weight * np.where(size <= BEND, size * size, BEND * (2 * size - BEND))
     types = np.stack([lens_types(fit.camera, measured.plan, int(y), int(x)) for _, y, x in index.tolist()])
-    planes, kinds = range(measured.plan.shape[0]), range(len(fit.camera.lattice.types))
+    lattice, planes = fit.camera.lattice, range(measured.plan.shape[0])
+    kinds = range(len(lattice.lens_centres_um if isinstance(lattice, PupilLenslets) else lattice.types))
     empty = np.full(residual.shape[1:], np.nan)
     return FitResiduals(
         index,
@@ -80,6 +86,7 @@ def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
         np.array([float(_ratio(loss[z == k].sum(), weight[z == k].sum())) for k in planes]),
         np.array([float(_ratio(loss[types == k].sum(), weight[types == k].sum())) for k in kinds]),
         np.stack([np.square(residual[z == k], dtype=np.float64).mean(0) if (z == k).any() else empty for k in planes]),
+        "lens type" if fit.camera.has_lattice else "lenslet",
     )
 
 
@@ -92,11 +99,19 @@ def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.int
     """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of a source position.
 
     ``camera`` is the fitted camera, ``plan`` the scan with the described camera.
+
+    In a Fourier light-field microscope, the type is the number of the lenslet nearest to the pixel.
     """
     nt, ns = plan.cutout
     rows = round(plan.anchor[0] + y) + np.arange(nt) - (nt - 1) // 2
     columns = round(plan.anchor[1] + x) + np.arange(ns) - (ns - 1) // 2
     points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
+    if isinstance(camera.lattice, PupilLenslets):
+        # the images are about the source's place, as the lenslets are about the axis
+        centres = np.array(camera.lattice.lens_centres_um) + camera.sensor_um((plan.anchor[0] + y, plan.anchor[1] + x))
+        away: NDArray[np.float64] = np.square(points[..., None, :] - centres).sum(-1)
+        nearest: NDArray[np.intp] = away.argmin(-1)
+        return nearest
     return camera.lattice.type_at(points)
 
 
@@ -139,7 +154,7 @@ def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
         places.invert_yaxis()
         places.set(title="χ² of each position", xlabel="source x (px)", ylabel="source y (px)")
         fig.colorbar(dots, ax=places, shrink=0.85)
-        for panel, values, name in ((planes, left.by_plane, "depth plane"), (types, left.by_type, "lens type")):
+        for panel, values, name in ((planes, left.by_plane, "depth plane"), (types, left.by_type, left.type_name)):
             panel.bar(np.arange(len(values)), np.nan_to_num(values), color=LINES[0], width=0.6)
             panel.axhline(1.0, color=COLOURS["muted"], linewidth=0.8)
             panel.set(title=f"χ² by {name}", xlabel=name)

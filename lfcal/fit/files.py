@@ -95,6 +95,7 @@ def fit_dict(fit: Fit) -> dict[str, Any]:
             "depth_errors_um": fit.setup.depth_errors_um,
             "stage_scale": fit.setup.stage_scale,
             "aside_px": fit.setup.aside_px,
+            "travel_rad": fit.setup.travel_rad,
             "gains": fit.levels.gains,
             "planes_without_patterns": fit.unseen,
             "backgrounds": fit.levels.backgrounds,

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError, Progress, Work, check_number, drained, format_share
-from lfcal.camera import Camera
+from lfcal.camera import Camera, Microscope, PupilLenslets
 from lfcal.fit._summary import Degeneracies, iter_degeneracies, summarised
 from lfcal.fit._weighing import unlike_others
+from lfcal.fit.elemental import elemental_of
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
 from lfcal.fit.model_error import chi_square
@@ -197,8 +198,12 @@ def iter_fit_camera(
     check_stage(stage)
     if not isinstance(unknowns, str):
         check_groups(setup, measured.plan, core)
+    changes: dict[str, float] | None = None
+    if not measured.plan.camera.has_lattice:
+        measured, changes = elemental_of(measured)
     problem = problem_of(measured, setup, (*core, *candidates), workers)
-    finished = yield from iter_retrieved(problem, core, candidates, stage=stage)
+    start = None if changes is None else problem.vector.at(changes)
+    finished = yield from iter_retrieved(problem, core, candidates, stage=stage, start=start)
     return (yield from iter_summarised(*finished, candidates))[0]
 
 
@@ -265,14 +270,44 @@ def iter_retrieved(
     core = tuple(group.name for group in problem.vector.groups if group.name in core)
     record_round = rounds()
     point = yield from as_described(problem, core, record_round, start=start, local=local)
-    if misfit(problem, point) > STRANGE:
+    # centroids of elemental images show mirrored axes and the sign of depth at once
+    questions = problem.measured.plan.camera.has_lattice
+    if questions and misfit(problem, point) > STRANGE:
         yield from asked(problem, core)
+    point = with_cut_pupil(problem, point, core)
     point, groups = yield from _approached(problem, point, core, candidates, record_round=record_round)
-    if misfit(problem, point) > PLAIN:
+    if questions and misfit(problem, point) > PLAIN:
         # a large residual that no unknown explains: the description may be wrong in other ways
         yield from asked(problem, core)
     check_explained(problem, point)
     return (yield from _finished(problem, point, groups, core, candidates, stage=stage, record_round=record_round))
+
+
+CUT_PUPIL = (0.98, 0.96, 0.93, 0.9)
+"""Numerical apertures that are tried, as shares of the aperture at which the pupil's edge touches the lenslets."""
+
+
+def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point:
+    """Return the point, or a better one at which the edge of the pupil cuts lenslets of a Fourier microscope.
+
+    While the edge of a pupil that is described too large cuts no lenslet, derivatives by the aperture are zero.
+    """
+    camera = problem.vector.setup_at(point.u).camera
+    which = problem.vector.of_groups(["iris"])
+    if not isinstance(camera.lattice, PupilLenslets) or not isinstance(camera.optics, Microscope):
+        return point
+    if "iris" not in core or not which.size:
+        return point
+    lenslets, aperture = camera.lattice, camera.optics.numerical_aperture
+    reach = max(math.hypot(*one) for one in lenslets.lens_centres_um) + lenslets.clear_um / 2
+    touching = aperture * reach / (lenslets.pupil_um(camera.optics) / 2)
+    best, unknown = point, problem.vector.unknowns[which[0]]
+    for share in CUT_PUPIL if touching < aperture else ():
+        u = point.u.copy()
+        u[which[0]] = (share * touching - unknown.start) / unknown.scale
+        trial = problem.point(problem.vector.clipped(u), point.local, point.sampling, doubtful=point.doubtful)
+        best = trial if problem.cost(trial, point) < problem.cost(best, point) else best
+    return best
 
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:

@@ -79,7 +79,7 @@ class Measured:
 
     def __post_init__(self) -> None:
         """Check that everything belongs together."""
-        n, cutout = len(self.index), self.plan.cutout
+        n, cutout = len(self.index), self.sampled
         wanted = {
             "index": (n, 3),
             "patterns": (n, *cutout),
@@ -115,6 +115,15 @@ class Measured:
     def __len__(self) -> int:
         """Return the number of patterns."""
         return len(self.index)
+
+    @property
+    def sampled(self) -> tuple[int, ...]:
+        """Shape of the samples of a pattern: those of the cutout."""
+        return self.plan.cutout
+
+    def images(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return samples ``(n, m)`` of the patterns in their places in the cutout ``(n, nt, ns)``."""
+        return samples.reshape(-1, *self.plan.cutout)
 
     @property
     def level(self) -> NDArray[np.intp]:

@@ -15,16 +15,18 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.setup import Setup
 from lfcal.psf import Facts, Header, Plane, PlaneSource, Reopening, Stored, Zeros
 from lfcal.simulate import (
+    AnyScene,
     PlaneResponse,
+    PupilScene,
     Sampling,
     at_wavelength,
     effects_from_records,
     effects_to_records,
     filtered,
-    lattice_scene_for,
     resolve_level,
+    scene_for,
 )
-from lfcal.simulate.accuracy import grid_margin
+from lfcal.simulate.accuracy import grid_margin, step_for
 from lfcal.simulate.engines import Displaceable, PlaneEngine, engine_for
 
 __all__ = ["LEVEL", "Fineness", "ModelPlanes", "PlaneModel", "predict"]
@@ -51,6 +53,10 @@ LIGHT_OUTSIDE = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 
 """Fraction of the light that may be outside a grid's margin; coarse patterns of a main lens use the default."""
 
 
+PUPIL_ERROR = {Fineness.coarse: 0.05, Fineness.fine: 0.02, Fineness.finest: 0.01}
+"""Error (relative L1) of whole patterns behind single lenslets; see `elemental` for those of a fit."""
+
+
 class PlaneModel:
     """Patterns of one depth plane of a setup; tables are made once.
 
@@ -65,19 +71,21 @@ class PlaneModel:
     def __init__(self, setup: Setup, planned: ScanPlan, z: int, sampling: Sampling) -> None:
         plan = setup.plan(planned)
         further = setup.depth_errors_um[z]
-        response = PlaneResponse(plan, z, setup.effects, level=LEVEL, sampling=sampling, depth_error_um=further)
+        self._level = LEVEL if plan.camera.has_lattice else "wave"
+        response = PlaneResponse(plan, z, setup.effects, level=self._level, sampling=sampling, depth_error_um=further)
         self._samples, self._kernel = response.samples, response.kernel
         # the same margin with and without a filter, because another grid would have another error
         self._halo = max(response.halo, 1)
         rows, columns = plan.cutout
-        lit = lattice_scene_for(plan, z, setup.effects, depth_error_um=further)
-        scene = replace(resolve_level(lit, LEVEL)[0], cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
-        margin = grid_margin(scene, LIGHT_OUTSIDE.get(sampling, 1.0))
+        scene, self._sampling = _resolved(plan, z, setup, sampling)
+        scene = replace(scene, cutout=(rows + 2 * self._halo, columns + 2 * self._halo))
+        if not isinstance(scene, PupilScene):
+            margin = grid_margin(scene, LIGHT_OUTSIDE.get(sampling, 1.0))
+            self._sampling = replace(sampling, margin_px=max(sampling.margin_px, margin))
         self._pixel = scene.pixel_um
-        self._sampling = replace(sampling, margin_px=max(sampling.margin_px, margin))
         self._planned = np.zeros((*scene.period, 2)) if scene.offsets_um is None else np.array(scene.offsets_um)
         self._middle = (np.array(scene.period) - 1) / 2
-        self._scale, self._aside = setup.stage_scale, np.array(setup.aside_px)
+        self._scale, self._aside = setup.stage_scale, np.array(setup.aside_px) + setup.drift_px(plan.depths_um[z])
         source = max(max(abs(s.rows), abs(s.columns)) for s in self._samples)
         self._reach = (REACH_PX + source) * self._pixel
         self._engines: dict[float, PlaneEngine] = {}
@@ -101,15 +109,23 @@ class PlaneModel:
 
     def _run(self, wave: float, places: NDArray[np.intp], moved_px: NDArray[np.float64]) -> NDArray[np.float32]:
         if wave not in self._engines:
-            self._engines[wave] = engine_for(at_wavelength(self._scene, wave), LEVEL, self._sampling)
+            self._engines[wave] = engine_for(at_wavelength(self._scene, wave), self._level, self._sampling)
         engine = self._engines[wave]
         offsets = self._planned.copy()
         offsets[places[:, 0], places[:, 1]] += moved_px * self._pixel
         if isinstance(engine, Displaceable):
             engine = engine.displaced(offsets)
         else:
-            engine = engine_for(replace(engine.scene, offsets_um=offsets), LEVEL, self._sampling)
+            engine = engine_for(replace(engine.scene, offsets_um=offsets), self._level, self._sampling)
         return np.stack([engine.rows([y], [x], workers=1)[0, 0] for y, x in places.tolist()])
+
+
+def _resolved(plan: ScanPlan, z: int, setup: Setup, sampling: Sampling) -> tuple[AnyScene, Sampling]:
+    """Return the scene of a plane and the sampling of its engine; behind single lenslets that of `PUPIL_ERROR`."""
+    scene = scene_for(plan, z, setup.effects, depth_error_um=setup.depth_errors_um[z])
+    if isinstance(scene, PupilScene):
+        return scene, step_for(scene, "wave", PUPIL_ERROR.get(sampling, 0.01)).sampling
+    return resolve_level(scene, LEVEL)[0], sampling
 
 
 def _once_each(places: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:

@@ -214,7 +214,11 @@ def held_out_error(
     whole = replace(point, local=replace(point.local, stage_px=0.0, lamp=0.0))
     normal = problem.normal(columns, replace(whole, seen=_placed(point.seen, plain, aside)), aside)
     used = shared_of(problem, which)
-    made = float(np.trace(normal.matrix[np.ix_(used, used)] @ spread)) / whole_power
+    # gain and background of a plane without fitted patterns are found from its held-out ones
+    known = np.isin(np.arange(measured.levels), problem.planes[problem.fitted])
+    counted = np.r_[np.ones(len(which), np.bool_), known, known]
+    inner = np.ix_(counted, counted)
+    made = float(np.trace(normal.matrix[np.ix_(used, used)][inner] @ spread[inner])) / whole_power
     return ModelError(found, scatter, math.sqrt(max(0.0, made)), int(judged.sum()), beside, skew)
 
 

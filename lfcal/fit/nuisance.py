@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.fit._weighing import Response, flat, variance
+from lfcal.fit.elemental import Elemental
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.problem import Point, Problem
 
@@ -60,7 +61,11 @@ def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
     errors = _errors(problem, free, only)
     # gains and displacements common to all patterns are not included
     values = own + now
-    values = values - _plane_means(values, errors, problem.planes[problem.fitted])
+    means = _plane_means(values, errors, problem.planes[problem.fitted])
+    if isinstance(problem.measured, Elemental):
+        # each plane has a single pattern: its gain is that of the lamp, but its displacement is the stage's
+        means[:, :2] = 0.0
+    values = values - means
     stage = _excess(values[:, :2], errors[:, :2])
     return Spread(stage, _excess(values[:, 2], errors[:, 2]))
 
@@ -165,6 +170,8 @@ def response_of(problem: Problem, point: Point) -> Response:
 def _pixels(problem: Problem) -> tuple[NDArray[np.intp], int]:
     """Return which pixel of the sensor each sample of the patterns is, and how many there are."""
     measured = problem.measured
+    if isinstance(measured, Elemental):
+        return measured.pixels.ravel(), math.prod(measured.plan.cutout)
     nt, ns = measured.plan.cutout
     corners = np.zeros((len(measured), 2), np.intp)
     for plan, own, _ in measured.parts():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, for_each_chunk, one_blas_thread, worker_count
 from lfcal.fit._weighing import PatternLevels, Weighed, levels_of, weighed
+from lfcal.fit.elemental import Elemental
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local, Normal, normal_equations
@@ -95,6 +96,8 @@ class Problem:
         measured = self.measured
         offsets = offsets_px + measured.places_px
         setup = self.vector.setup_at(u)
+        if isinstance(measured, Elemental):
+            return measured.predicted(setup, offsets, sampling)
         found = np.empty((len(measured), *measured.plan.cutout), np.float32)
         for plan, own, k in measured.parts():
             found[own] = predict(setup.of_region(k), plan, measured.index[own], offsets[own], sampling)

@@ -191,6 +191,8 @@ def order_of_types(described: Camera, found: Camera) -> str:
 
     It compares the fitted focal lengths: with a wrong order, the same values are found, but for other types.
     """
+    if not described.has_lattice:
+        return ""
     was, now = (np.log([kind.focal_length_um for kind in c.lattice.types]) for c in (described, found))
     far = {order: float(np.abs(now - was[list(order)]).sum()) for order in itertools.permutations(range(len(was)))}
     best, own = min(far, key=lambda order: far[order]), far[tuple(range(len(was)))]

@@ -126,7 +126,7 @@ def parameters(fit: Fit) -> str:
 
 def _chi2(left: FitResiduals) -> str:
     rows = [(f"plane {z}", f"{value:.3f}") for z, value in enumerate(left.by_plane) if value == value]
-    rows += [(f"lens type {k}", f"{value:.3f}") for k, value in enumerate(left.by_type) if value == value]
+    rows += [(f"{left.type_name} {k}", f"{value:.3f}") for k, value in enumerate(left.by_type) if value == value]
     return html_table(("", "χ²"), rows, escape=True)
 
 

@@ -252,7 +252,7 @@ class Fit:
     @property
     def ideal_places(self) -> Setup:
         """The setup with sources at the positions of H: fitted depths, but the planned steps of the stage."""
-        return replace(self.setup, stage_scale=0.0)
+        return replace(self.setup, stage_scale=0.0, travel_rad=(0.0, 0.0))
 
     def iter_hybrid(
         self,

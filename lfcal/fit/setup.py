@@ -6,6 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lfcal.base import InputError, check_number
 from lfcal.camera import Camera, ScanPlan
 from lfcal.simulate import outlook_of
@@ -70,6 +73,8 @@ class Setup:
     hole_um
         Diameter of the holes of a target whose patterns contain their light separately
         (`lfcal.fit.measured.Measured.blur`) (µm); None: the effects describe the sources.
+    travel_rad
+        Tilt (down the rows, along the columns) of the source's travel in depth against the optical axis (rad).
 
     Examples
     --------
@@ -88,6 +93,7 @@ class Setup:
     aside_px: tuple[float, float] = (0.0, 0.0)
     regions: tuple[RegionPlace, ...] = ()
     hole_um: float | None = None
+    travel_rad: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -106,6 +112,14 @@ class Setup:
         """Return the plan with this camera; positions on the sensor stay as planned."""
         return replace(planned, camera=self.camera)
 
+    def drift_px(self, z_um: float) -> NDArray[np.float64]:
+        """Return the displacement (rows, columns) on the sensor of a source at a depth, because its travel is tilted.
+
+        The depth is that of the plan, from the stage's zero; the displacement is that of a telecentric camera.
+        """
+        found: NDArray[np.float64] = np.tan(self.travel_rad) * z_um / self.camera.step_um()
+        return found
+
     def effect(self, kind: type[E]) -> E | None:
         """Return the effect of a kind; None if the setup has none."""
         return next((effect for effect in self.effects if type(effect) is kind), None)
@@ -122,6 +136,8 @@ class Setup:
 
 def described_effects(camera: Camera) -> tuple[Effect, ...]:
     """Return the effects in a camera's description, whatever their size, from which a fit starts."""
+    if not camera.has_lattice:  # waves through single lenslets have all of them
+        return (PixelFill(),) if camera.sensor.fill_factor < 1 else ()
     found: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape())
     # a microscope's Debye integral has exact angles, and its pupil is at infinity
     if not camera.optics.telecentric:
@@ -131,6 +147,8 @@ def described_effects(camera: Camera) -> tuple[Effect, ...]:
 
 def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
     """Return the initial effects of a fit: the described ones, and the vector field if it matters."""
+    if not plan.camera.has_lattice:
+        return described_effects(plan.camera)
     vectorial = VectorialPupil()
     shown = any(vectorial.estimate(outlook_of(plan, z)).error > SHOWN for z in range(plan.shape[0]))
     effects = described_effects(plan.camera)

@@ -19,7 +19,7 @@ def held_out_rows(
     test a model at only one position behind a lenslet. The chosen positions are therefore also far apart relative to
     the lenslets.
     """
-    cell = plan.camera.lattice.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um
+    cell = plan.camera.periodic.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um if plan.camera.has_lattice else None
     return spread_out(index, count, plan.period, earlier, cell)
 
 

@@ -73,6 +73,8 @@ class StoredFit:
         Relative error of the stage's step length.
     response
         Relative rms of the pixels' response.
+    travel_rad
+        Tilt of the source's travel against the optical axis.
     """
 
     folder: Path
@@ -86,6 +88,7 @@ class StoredFit:
     fitted_planes: frozenset[int] = frozenset()
     stage_scale: float = 0.0
     response: float = 0.0
+    travel_rad: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, fit: Fit) -> StoredFit:
@@ -103,12 +106,13 @@ class StoredFit:
             fitted_planes=frozenset(z for z, _, _ in fit.residuals),
             stage_scale=fit.setup.stage_scale,
             response=fit.spread.response,
+            travel_rad=fit.setup.travel_rad,
         )
 
     @property
     def whole_setup(self) -> Setup:
         """The setup with sources at the stage's actual positions."""
-        return replace(self.setup, stage_scale=self.stage_scale)
+        return replace(self.setup, stage_scale=self.stage_scale, travel_rad=self.travel_rad)
 
     def is_of(self, plan: ScanPlan) -> bool:
         """Return whether a plan has the same positions as the scan that was fitted."""
@@ -188,6 +192,7 @@ def read_fit(folder: Path) -> StoredFit:
     try:
         rows, columns = (float(v) for v in found.get("aside_px", (0.0, 0.0)))
         depth_errors = tuple(float(v) for v in found["depth_errors_um"])
+        down, right = (float(v) for v in found.get("travel_rad", (0.0, 0.0)))
         setup = Setup(camera, given, depth_errors, aside_px=(rows, columns))
         gains = np.array([float(v) for v in found["gains"]])
         fitted = frozenset(_position(at) for at in found["positions"])
@@ -198,7 +203,7 @@ def read_fit(folder: Path) -> StoredFit:
         scale, response = float(found.get("stage_scale", 0.0)), float(found.get("spread", {}).get("response", 0.0))
         good = (
             len(gains) == len(depths) == len(setup.depth_errors_um)
-            and np.isfinite([*gains, *depths, error, rows, columns, scale, response]).all()
+            and np.isfinite([*gains, *depths, error, rows, columns, scale, response, down, right]).all()
         )
         (ny, nx), (row, column) = (int(v) for v in period), (float(v) for v in anchor)
     except (KeyError, IndexError, TypeError, ValueError, AttributeError):
@@ -217,6 +222,7 @@ def read_fit(folder: Path) -> StoredFit:
         fitted_planes=frozenset(z for z, _, _ in fitted),
         stage_scale=scale,
         response=response,
+        travel_rad=(down, right),
     )
 
 

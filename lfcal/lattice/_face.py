@@ -6,6 +6,7 @@ from lfcal.lattice._refocus import refocus, sensor_slope
 from lfcal.lattice._view_grid import ViewGrid, view_grid
 from lfcal.lattice.depth import DepthMap, depth_map, depth_seconds, iter_depth_map, metric_depth
 from lfcal.lattice.depth_files import save_depth, save_points
+from lfcal.lattice.discs import LensletDiscs, fit_discs
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lattice_file import load_lattice, save_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
@@ -19,6 +20,7 @@ __all__ = [
     "FrameLattice",
     "LatticeFit",
     "LensTypes",
+    "LensletDiscs",
     "MicroImageLattice",
     "RenderedPlanes",
     "TypeLattice",
@@ -31,6 +33,7 @@ __all__ = [
     "depth_seconds",
     "expected_blur",
     "extract_views",
+    "fit_discs",
     "fit_lattice",
     "iter_depth_map",
     "lattice_of",

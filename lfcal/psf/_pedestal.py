@@ -21,6 +21,9 @@ SAMPLED = 8
 CERTAIN = 4.0
 """Number of standard errors above which a level counts as different from zero."""
 
+CERTAIN_OF_BLOCKS = 5.0
+"""The same for the darkest of all blocks, which noise alone makes darker than the others."""
+
 BLOCKS = 8
 """Blocks along each axis into which cutouts are divided to find their darkest part."""
 
@@ -77,8 +80,11 @@ def _surroundings(gatherer: Gatherer, index: int) -> NDArray[np.float64] | None:
 
 
 def _darkest_block(mean: NDArray[np.float64]) -> float:
+    """Return the level of the darkest block; 0 if it is within the noise of a block."""
     rows, columns = (np.array_split(np.arange(n), min(BLOCKS, n)) for n in mean.shape)
-    return min(float(mean[np.ix_(r, c)].mean()) for r in rows for c in columns)
+    darkest = min((mean[np.ix_(r, c)] for r in rows for c in columns), key=lambda block: float(block.mean()))
+    level, error = float(darkest.mean()), float(darkest.std()) / math.sqrt(darkest.size)
+    return level if abs(level) > CERTAIN_OF_BLOCKS * error else 0.0
 
 
 def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, subtracted: bool = False) -> None:

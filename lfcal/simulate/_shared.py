@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.cutout_light import light_in_cutout
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted, tolerance_for
 from lfcal.simulate.response import PlaneResponse, at_wavelength
@@ -11,9 +12,11 @@ from lfcal.simulate.staging import filtered, lattice_scene_for, origin_of, outlo
 
 __all__ = [
     "LAWS",
+    "AnyScene",
     "Budget",
     "EffectsLike",
     "PlaneResponse",
+    "PupilScene",
     "at_wavelength",
     "budgeted",
     "effects_from_records",

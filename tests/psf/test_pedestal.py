@@ -65,3 +65,19 @@ def test_noise_alone_is_no_level(scan):
     values = np.rint(100 + 2 * rng.standard_normal((len(frames), *frames.shape))).astype(np.uint16)
     dark = ArraySource(values, [frames.info(k).position for k in range(len(frames))])
     find_plan_cutout(corrected_view(dark, CorrectionRecipe(black_level=100.0), plan), plan, AssemblySettings())
+
+
+@pytest.mark.parametrize(("off", "refused"), [(0.0, False), (-1.5, True)])
+def test_the_darkest_part_of_dim_cutouts_is_noise_unless_it_is_certain(off, refused):
+    # frames that are cutouts have no place without light: the darkest of 64 blocks counts, and noise makes it negative
+    plan = a_plan((200, 200), (1, 1), (100.0, 100.0), 3, (181, 181))
+    frames, places = upright(plan, width=2.0, noise=3.0)
+    dim = (frames - 100.0) * 0.5 + 100.0 + off
+    rng = np.random.default_rng(0)
+    frames = [np.rint(np.clip(one + 3.0 * rng.standard_normal(one.shape), 0, None)).astype(np.uint16) for one in dim]
+    view = corrected_view(ArraySource(np.stack(frames), places), CorrectionRecipe(black_level=100.0), plan)
+    cutout = find_plan_cutout(view, plan, AssemblySettings(keep_pedestal=True))
+    gatherer = Gatherer(view, tuple(view.info(k) for k in range(len(view))), cutout)
+    found = [pedestal_share(gatherer, [k]) for k in range(len(view))]
+    assert not any(seen for _, _, seen in found)
+    assert all((level < 0) == refused for level, _, _ in found)

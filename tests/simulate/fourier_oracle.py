@@ -23,9 +23,12 @@ def native_image(r, z, *, magnification, na, index, wavelength):
     )
 
 
-def light_on_sensor(z, *, optics, fourier, centres, focal, gap, width, pixel, pixels, per=3, pad=49, square=False):
+def light_on_sensor(
+    z, *, optics, fourier, centres, focal, gap, width, pixel, pixels, per=3, pad=49, square=False, aside=(0.0, 0.0)
+):
     """Light in pixels x pixels about the axis, in units of the light through the pupil.
 
+    ``aside`` (x, y) is where the chief ray of the point meets the sensor: a linear phase over the pupil.
     ``per`` samples to a pixel, odd, on lenslets and sensor alike; ``pad`` pixels more before light comes back in.
     """
     magnification, na, index, wavelength = optics
@@ -39,6 +42,7 @@ def light_on_sensor(z, *, optics, fourier, centres, focal, gap, width, pixel, pi
     image = native_image(radii, z, magnification=magnification, na=na, index=index, wavelength=wavelength)
     image = image[where].reshape(count, count)
     pupil = np.fft.fftshift(np.fft.fft2(np.fft.ifftshift(image)))
+    pupil = pupil * np.exp(2j * np.pi / (wavelength * gap) * (x[None, :] * aside[0] + x[:, None] * aside[1]))
     pupil /= np.sqrt((np.abs(pupil) ** 2).sum() * step**2)
     lens = np.zeros_like(pupil)
     for (cx, cy), f in zip(centres, focal, strict=True):

@@ -1,6 +1,7 @@
 """Groups of unknowns, one concept per module; each module lists its groups in ``GROUPS``.
 
 - ``array``: gap, rotation, offset, pitch and tilt of the lenslet array
+- ``pupil``: lenslets of a Fourier light-field microscope, its axis, and the tilt of the source's travel
 - ``lenslets``: focal length and spherical aberration of each lens type
 - ``iris``: size, rotation, curvature of the blades; the second stop of a cat's eye
 - ``depths``: distances of the planes

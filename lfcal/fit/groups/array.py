@@ -15,6 +15,8 @@ from lfcal.simulate.effects import ArrayTilt
 
 __all__ = ["ArrayTiltGroup", "Geometry", "Pitch"]
 
+NEEDS = "a periodic lenslet array"
+
 STEP_PX = 0.05
 """Noticeable displacement of lenslets at the cutout's edge (pixels)."""
 
@@ -48,9 +50,12 @@ class Geometry(Group):
     title = "gap, rotation and offset of the array"
     rank = 10
     core = True
+    needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return gap, rotation about the region's middle, and the change of the offset."""
+        if not setup.camera.has_lattice:
+            return ()
         lattice, pixel = setup.camera.lattice, setup.camera.sensor.pixel_um
         gap, aside = lattice.gap_um, 0.5 * lattice.pitch_um
         held = "the wavefront's tilt is fixed at 0"
@@ -79,9 +84,12 @@ class Pitch(Group):
     name = "pitch"
     title = "pitch of the array"
     rank = 12
+    needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the pitch of the array."""
+        if not setup.camera.has_lattice:
+            return ()
         pitch = setup.camera.lattice.pitch_um
         scale = STEP_PX / frame.reach_px * pitch
         return (Unknown("pitch_um", self.name, "µm", pitch, scale, None, 0.8 * pitch, 1.25 * pitch),)
@@ -103,9 +111,12 @@ class ArrayTiltGroup(Group):
     title = "tilt of the array relative to the sensor"
     rank = 14
     late = True
+    needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the increase of the gap down the rows and along the columns."""
+        if not setup.camera.has_lattice:
+            return ()
         own, camera = setup.effect(ArrayTilt), setup.camera
         start = (0.0, 0.0) if own is None else (own.rows_rad, own.columns_rad)
         scale = min(0.02, STEP_GAP * camera.lattice.gap_um / (frame.reach_px * camera.sensor.pixel_um))

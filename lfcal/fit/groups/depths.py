@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from lfcal.camera import Camera, MainLens
+import numpy as np
+
+from lfcal.camera import Camera, MainLens, PupilLenslets
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import DepthError
@@ -13,12 +15,22 @@ from lfcal.simulate.effects import DepthError
 __all__ = ["CommonDepth", "PlaneDepths"]
 
 HELD = "defocus of the wavefront is included in the distance of the planes"
+IMAGES_PX = 0.3
+"""Noticeable displacement of an elemental image (pixels)."""
+
 WORKING_SHARE = 0.005
 """Prior uncertainty of a working distance."""
 
 
 def depth_scale(camera: Camera) -> float:
-    """Return the displacement of the source (µm) that moves its image by a fiftieth of the gap."""
+    """Return the displacement of the source (µm) that moves its image by a fiftieth of the gap.
+
+    In a Fourier light-field microscope, it moves the outermost elemental image by `IMAGES_PX`.
+    """
+    if isinstance(camera.lattice, PupilLenslets):
+        assert not isinstance(camera.optics, MainLens)
+        radius = max(float(np.hypot(*np.array(camera.lattice.lens_centres_um).T).max()), camera.lattice.clear_um)
+        return IMAGES_PX * camera.sensor.pixel_um / (radius * abs(camera.lattice.spread(camera.optics, 1.0)))
     small = 1e-4 * (camera.optics.working_distance_um if isinstance(camera.optics, MainLens) else 1e4)
     rate = abs(camera.image_shift_um(small) - camera.image_shift_um(0.0)) / small
     return 0.02 * camera.lattice.gap_um / rate

@@ -7,13 +7,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from lfcal.camera import Camera, MainLens, Microscope
+from lfcal.camera import Camera, MainLens, Microscope, PupilLenslets
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 from lfcal.simulate import LAWS
 from lfcal.simulate.effects import ExactAngles, LensLaw, MechanicalVignetting
 
 __all__ = ["ApertureGroup", "BladeCurvature", "Law", "SecondStop"]
+
+NEAR_EDGE = 0.1
+"""Share of its radius that a described pupil may be too large by, for its edge to cut lenslets."""
 
 LAW = 0.5
 """Prior uncertainty of the lens law: the tangent law is two standard deviations from the sine condition."""
@@ -36,6 +39,15 @@ def _law_held(setup: Setup) -> str:
     return words.get(law, f"the lens law is fixed at {law:g}")
 
 
+def _cuts(camera: Camera) -> bool:
+    """Return whether the edge of an objective's pupil shows: behind lenslets in a pupil plane, it must cut one."""
+    lattice, optics = camera.lattice, camera.optics
+    if not isinstance(lattice, PupilLenslets) or not isinstance(optics, Microscope):
+        return True
+    reach = max(math.hypot(*c) for c in lattice.lens_centres_um) + lattice.clear_um / 2
+    return reach > (1 - NEAR_EDGE) * lattice.pupil_um(optics) / 2
+
+
 class ApertureGroup(Group):
     """Size of the pupil, and rotation of its blades."""
 
@@ -43,6 +55,7 @@ class ApertureGroup(Group):
     title = "size and rotation of the iris"
     rank = 30
     core = True
+    needs = "lenslets that the edge of the pupil cuts"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return f-number and rotation of the iris, or a microscope's numerical aperture."""
@@ -50,6 +63,8 @@ class ApertureGroup(Group):
         optics = setup.camera.optics
         if isinstance(optics, Microscope):
             na, most = optics.numerical_aperture, 0.999 * optics.medium_index
+            if not _cuts(setup.camera):
+                return ()
             return (Unknown("numerical_aperture", self.name, "", na, 0.02 * na, None, 0.3 * na, min(most, 2 * na)),)
         n = optics.f_number
         size = Unknown("f_number", self.name, "", n, 0.025 * n, None, 0.4 * n, 2.5 * n, gauge=_law_held(setup))

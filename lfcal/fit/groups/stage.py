@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from lfcal.fit.groups.array import NEEDS
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 
@@ -24,10 +25,13 @@ class StageZero(Group):
     name = "stage_zero"
     title = "lateral displacement of all sources"
     rank = 38
+    needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement on the sensor."""
+        """Return the displacement on the sensor; in a Fourier light-field microscope it is part of the axis's place."""
         del frame
+        if not setup.camera.has_lattice:
+            return ()
         held = "tilt of the wavefront is included in the displacement of all sources"
         return tuple(
             Unknown(f"zero_{axis}_px", self.name, "px", start, 0.1, BESIDE_PX, -20.0, 20.0, gauge=held)
@@ -46,9 +50,12 @@ class StageScale(Group):
     name = "stage_scale"
     title = "length of the stage steps"
     rank = 80
+    needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the scale minus 1, with a prior of 2 % for the pitch of a stage's screw."""
+        if not setup.camera.has_lattice:  # it has one position
+            return ()
         return (Unknown("stage_scale", self.name, "", setup.stage_scale, 0.1 / frame.reach_px, 0.02, -0.3, 0.3),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:

@@ -60,6 +60,8 @@ class WavefrontGroup(Group):
 
     def _terms_of(self, setup: Setup) -> tuple[tuple[int, int], ...]:
         """Return the terms that the camera's simulation has: of an objective those of rotational symmetry."""
+        if not setup.camera.has_lattice:
+            return ()
         lens = not setup.camera.optics.telecentric
         return tuple((n, m) for n, m in self.terms if lens or m == 0)
 

@@ -9,7 +9,7 @@ from lfcal.simulate.engines.field import choose_mode, field_modes
 from lfcal.simulate.engines.grid import extent_of, largest_angle
 from lfcal.simulate.engines.masks import MAX_CACHED, MAX_TABLE, bent_fineness, fineness
 from lfcal.simulate.engines.microscope import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
-from lfcal.simulate.engines.pupil import PUPIL_LEVELS, pupil_bytes, pupil_cost, pupil_error, pupil_passed
+from lfcal.simulate.engines.pupil import PUPIL_LEVELS, PupilPlane, pupil_bytes, pupil_cost, pupil_error, pupil_passed
 from lfcal.simulate.engines.reference import REFERENCE_CACHE_BYTES
 from lfcal.simulate.engines.tables import aperture_radius, aperture_width, table_reach, window_of
 from lfcal.simulate.engines.tilted import orders_of
@@ -32,6 +32,7 @@ __all__ = [
     "EnergyError",
     "Extent",
     "PlaneEngine",
+    "PupilPlane",
     "Sampling",
     "aperture_radius",
     "aperture_width",

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,6 +41,10 @@ PERIODS = 1.5
 FEWEST, ROWS_PER_SAMPLE = 48, 8
 """Samples over a lenslet, at least; rows by which the area of its samples within the aperture is found."""
 
+FINER, IN_STEPS_OF = 2.5, 16
+"""For a fixed box: factor on the samples over a lenslet, and what they are a multiple of, so that small changes of the
+camera do not change their number."""
+
 BLOCK_NODES = 1 << 22
 """Nodes on the sensor whose field is in memory at a time (complex64)."""
 
@@ -49,6 +53,9 @@ SPARE_ENERGY = 0.01
 
 F8 = NDArray[np.float64]
 Complex = NDArray[Any]
+
+Box = tuple[slice, slice]
+"""Rows and columns of the cutout."""
 
 
 @dataclass(frozen=True)
@@ -99,14 +106,18 @@ def _half_um(scene: PupilScene, sampling: Sampling, focal: float, *, whole: bool
     return sampling.margin_px * scene.pixel_um + _blur_um(scene, focal)
 
 
+def _samples(scene: PupilScene, half: float) -> int:
+    """Return the samples over a lenslet for light within ``half`` of its spot (µm)."""
+    spread = scene.wavelength_um * scene.lenslets.gap_um
+    return max(FEWEST, math.ceil(scene.lenslets.clear_um * 2 * PERIODS * half / spread))
+
+
 def _sizes(scene: PupilScene, sampling: Sampling, focal: float, *, whole: bool) -> tuple[int, int, int]:
     """Return the samples over a lenslet, and the nodes of its window in rows and columns."""
     half = _half_um(scene, sampling, focal, whole=whole)
-    spread = scene.wavelength_um * scene.lenslets.gap_um
-    samples = max(FEWEST, math.ceil(scene.lenslets.clear_um * 2 * PERIODS * half / spread))
     window = 2 * half / scene.pixel_um + 1
     rows, columns = (math.ceil(min(window, n)) * sampling.nodes_per_px for n in scene.cutout)
-    return samples + 2, rows, columns
+    return _samples(scene, half) + 2, rows, columns
 
 
 def pupil_cost(scene: PupilScene, level: str, sampling: Sampling) -> float:
@@ -185,20 +196,52 @@ class PupilPlane:
         """Return the cutout ``(nt, ns)`` about `PupilScene.nearest_pixel` of a chief ray anywhere on the sensor."""
         return self._response(self.scene.nearest_pixel(y_um, x_um), (y_um, x_um))
 
+    def light_in(self, box: Box, chief_um: tuple[float, float]) -> NDArray[np.float32]:
+        """Return the light of a chief ray (y, x) in the pixels of a box of the cutout of position (0, 0).
+
+        The fields of all lenslets are computed in the whole box, at places that do not depend on the lenslets. The
+        light is therefore smooth in every parameter of the camera, as a fit needs.
+        """
+        rows, columns = self._axes((0, 0))
+        tilt = self._tilt(chief_um)
+        field: Complex | None = None
+        for place, focal in zip(
+            self.scene.lenslets.lens_centres_um, self.scene.lenslets.focal_um.tolist(), strict=True
+        ):
+            raise_if_abandoned()
+            _, behind = self._behind((place[1], place[0]), focal, tilt, rows, columns, box)
+            if behind is not None:
+                own = behind.along_y @ behind.half_done
+                field = own if field is None else field + own
+        shape = (box[0].stop - box[0].start, box[1].stop - box[1].start)
+        if field is None:
+            return np.zeros(shape, np.float32)
+        light = self._on_pixels(field, *shape)
+        return (light * (self.scene.pixel_um * self.scene.pixel_fill) ** 2).astype(np.float32)
+
     # -- one response ------------------------------------------------------------------------------------
+    def _axes(self, pixel: tuple[int, int]) -> tuple[F8, F8]:
+        """Return the centres of the rows and columns of the cutout about a pixel, from the optical axis (µm)."""
+        scene = self.scene
+        rows, columns = (
+            np.asarray((np.arange(n) - centre(n) + k) * scene.pixel_um - axis, np.float64)
+            for n, k, axis in zip(scene.cutout, pixel, scene.axis_um, strict=True)
+        )
+        return rows, columns
+
+    def _tilt(self, chief: tuple[float, float]) -> tuple[float, float]:
+        """Return the slope of a chief ray that meets the sensor at a place (µm)."""
+        (y, x), (ay, ax), gap = chief, self.scene.axis_um, self.scene.lenslets.gap_um
+        return (y - ay) / gap, (x - ax) / gap
+
     def _response(self, pixel: tuple[int, int], chief: tuple[float, float]) -> NDArray[np.float32]:
         """Return the light of a chief ray, as it meets the sensor (µm), in the cutout about a pixel."""
         scene, (nt, ns) = self.scene, self.scene.cutout
-        # pixel centres from the optical axis
-        rows, columns = (
-            np.asarray((np.arange(n) - centre(n) + k) * scene.pixel_um - axis, np.float64)
-            for n, k, axis in zip((nt, ns), pixel, scene.axis_um, strict=True)
-        )
-        tilt = tuple((c - a) / scene.lenslets.gap_um for c, a in zip(chief, scene.axis_um, strict=True))
+        (rows, columns), tilt = self._axes(pixel), self._tilt(chief)
         passed, parts = 0.0, []
         for place, focal in zip(scene.lenslets.lens_centres_um, scene.lenslets.focal_um.tolist(), strict=True):
             raise_if_abandoned()
-            light, behind = self._behind((place[1], place[0]), focal, (tilt[0], tilt[1]), rows, columns)
+            light, behind = self._behind((place[1], place[0]), focal, tilt, rows, columns)
             passed += light
             parts += [behind] if behind is not None else []
         found = np.zeros((nt, ns), np.float32)
@@ -214,17 +257,31 @@ class PupilPlane:
         return found
 
     def _behind(
-        self, at: tuple[float, float], focal: float, tilt: tuple[float, float], rows: F8, columns: F8
+        self,
+        at: tuple[float, float],
+        focal: float,
+        tilt: tuple[float, float],
+        rows: F8,
+        columns: F8,
+        box: Box | None = None,
     ) -> tuple[float, _Behind | None]:
-        """Return the light that a lenslet at (y, x) passes, and that light in its window; None if there is none."""
-        scene, whole = self.scene, self.level == "reference"
-        half = _half_um(scene, self.sampling, focal, whole=whole)
-        count = _sizes(scene, self.sampling, focal, whole=whole)[0]
+        """Return the light that a lenslet at (y, x) passes, and that light in its window or ``box``; None: no light."""
+        scene, gap = self.scene, self.scene.lenslets.gap_um
+        spot = [c + gap * (s + t) for c, s, t in zip(at, scene.slope(*at), tilt, strict=True)]
+        if box is None:
+            half = _half_um(scene, self.sampling, focal, whole=self.level == "reference")
+            count = _samples(scene, half) + 2
+            windows = self._windows(spot, half, rows, columns)
+        else:
+            windows = box
+            ends = zip((rows, columns), box, spot, strict=True)
+            half = max(float(abs(axis[k] - c)) for axis, w, c in ends for k in (w.start, w.stop - 1)) + scene.pixel_um
+            count = math.ceil(_samples(scene, FINER * half) / IN_STEPS_OF) * IN_STEPS_OF + 2
         step = scene.lenslets.clear_um / (count - 2)
         v: F8 = np.asarray((np.arange(count) - (count - 1) / 2) * step, np.float64)
         within = _within(scene, at, v, step)
         y, x = at[0] + v[:, None], at[1] + v[None, :]
-        gap, k = scene.lenslets.gap_um, 2 * np.pi / scene.wavelength_um
+        k = 2 * np.pi / scene.wavelength_um
         bend = np.exp(0.5j * k * (1 / gap - 1 / focal) * v * v)
         field = scene.field(y, x)
         light = float((within * np.abs(field) ** 2).sum()) * step**2
@@ -232,19 +289,22 @@ class PupilPlane:
             within * (bend * np.exp(1j * k * tilt[0] * y[:, 0]))[:, None] * (bend * np.exp(1j * k * tilt[1] * x[0]))
         )
         held = float((np.abs(field) ** 2).sum()) * step**2
-        spot = tuple(c + gap * (s + t) for c, s, t in zip(at, scene.slope(*at), tilt, strict=True))
-        if not held or whole:
-            windows = (slice(0, len(rows)), slice(0, len(columns)))
-        else:
-            windows = tuple(_part(axis, c, half) for axis, c in zip((rows, columns), spot, strict=True))  # type: ignore[assignment]
         if not held or any(w.start >= w.stop for w in windows):
             return light, None
-        # samples cut by the edge pass their share of the light, not its square
-        field *= step**2 / (scene.wavelength_um * gap) * math.sqrt(light / held)
+        field *= step**2 / (scene.wavelength_um * gap)
+        if box is None:
+            # samples cut by the edge pass their share of the light, not its square
+            field *= math.sqrt(light / held)
         along_y, along_x = (
             self._transform(axis[w], c, v) for axis, w, c in zip((rows, columns), windows, at, strict=True)
         )
         return light, _Behind(windows[0], windows[1], along_y, field.astype(self._kind) @ along_x.T)
+
+    def _windows(self, spot: Sequence[float], half: float, rows: F8, columns: F8) -> Box:
+        """Return the rows and columns within ``half`` of a spot; at level reference all."""
+        if self.level == "reference":
+            return slice(0, len(rows)), slice(0, len(columns))
+        return _part(rows, spot[0], half), _part(columns, spot[1], half)
 
     def _transform(self, pixels: F8, at: float, v: F8) -> Complex:
         """Return the kernel ``(nodes, n)`` of the Fresnel integral from samples of a lenslet to the nodes of pixels."""
@@ -267,9 +327,16 @@ class PupilPlane:
                     own = one.along_y[(first - one.rows.start) * per : (last - one.rows.start) * per]
                     columns = slice(one.columns.start * per, one.columns.stop * per)
                     field[(first - top) * per : (last - top) * per, columns] += own @ one.half_done
-            light = field.real**2 + field.imag**2
-            w = self._weights.astype(light.dtype)
-            yield top, np.einsum("aibj,i,j->ab", light.reshape(bottom - top, per, ns, per), w, w, optimize=True)
+            yield top, self._on_pixels(field, bottom - top, ns)
+
+    def _on_pixels(self, field: Complex, rows: int, columns: int) -> NDArray[np.float32]:
+        """Return the mean light of each pixel ``(rows, columns)`` of a field at its nodes."""
+        light, per = field.real**2 + field.imag**2, self.sampling.nodes_per_px
+        w = self._weights.astype(light.dtype)
+        found: NDArray[np.float32] = np.einsum(
+            "aibj,i,j->ab", light.reshape(rows, per, columns, per), w, w, optimize=True
+        )
+        return found
 
 
 def _part(axis: F8, middle: float, half: float) -> slice:

@@ -1,0 +1,185 @@
+"""Lenslets of a Fourier light-field microscope, its optical axis, and the travel of the source along it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from lfcal.camera import Camera, PupilLenslets
+from lfcal.fit.parameters import Group, ScanScales, Unknown
+from lfcal.fit.setup import Setup
+
+__all__ = ["ClearGap", "FourierLens", "LensletPlaces", "OpticalAxis", "TravelTilt"]
+
+NEEDS = "a Fourier light-field microscope"
+
+STEP_PX = 0.1
+"""Noticeable displacement of an elemental image (pixels)."""
+
+MOST_TILT = 0.3
+"""Largest tilt of the travel (rad)."""
+
+
+def lenslets_of(setup: Setup) -> PupilLenslets | None:
+    """Return the lenslets in the pupil plane; None for a camera with a lattice."""
+    lattice = setup.camera.lattice
+    return lattice if isinstance(lattice, PupilLenslets) else None
+
+
+def _changed(setup: Setup, **values: object) -> Setup:
+    def changed(camera: Camera) -> Camera:
+        return replace(camera, lattice=replace(camera.lattice, **values))  # type: ignore[arg-type]
+
+    return setup.edited(changed)
+
+
+class LensletPlaces(Group):
+    """Place of each lenslet on the sensor; its centre from the optical axis follows from that and the axis."""
+
+    name = "lens_centres"
+    title = "centre of each lenslet"
+    rank = 10
+    core = True
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
+        """Return the place (x, y) of each lenslet, from the sensor's centre."""
+        del frame
+        lenslets, px = lenslets_of(setup), setup.camera.sensor.pixel_um
+        if lenslets is None:
+            return ()
+        places = np.array(lenslets.lens_centres_um) + np.array(lenslets.offset_um)
+        apart = min(lenslets.spacing_um, 100 * lenslets.clear_um)
+        return tuple(
+            Unknown(f"lenslet_{k}_{axis}_um", self.name, "µm", v, STEP_PX * px, None, v - apart, v + apart)
+            for k, place in enumerate(places.tolist())
+            for axis, v in zip("xy", place, strict=True)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
+        """Return the setup with the lenslets at these places."""
+        del frame
+        lenslets = lenslets_of(setup)
+        assert lenslets is not None
+        places = np.array(list(values.values())).reshape(-1, 2) - np.array(lenslets.offset_um)
+        return _changed(setup, lens_centres_um=tuple(map(tuple, places.tolist())))
+
+
+class OpticalAxis(Group):
+    """Where the optical axis meets the sensor; lenslets stay at their places on the sensor.
+
+    A pattern is the same everywhere in the field, so only a source on the axis shows where the axis is.
+    """
+
+    name = "optical_axis"
+    title = "place of the optical axis on the sensor"
+    rank = 11
+    core = True
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
+        """Return the place (x, y) of the axis, from the sensor's centre."""
+        del frame
+        lenslets, px = lenslets_of(setup), setup.camera.sensor.pixel_um
+        if lenslets is None:
+            return ()
+        far, held = lenslets.clear_um, "the source is on the optical axis at depth 0"
+        return tuple(
+            Unknown(f"axis_{axis}_um", self.name, "µm", v, 10 * STEP_PX * px, None, v - far, v + far, gauge=held)
+            for axis, v in zip("xy", lenslets.offset_um, strict=True)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
+        """Return the setup with this axis, and with the source on it."""
+        del frame
+        lenslets = lenslets_of(setup)
+        assert lenslets is not None
+        offset = np.array([values["axis_x_um"], values["axis_y_um"]])
+        moved = offset - np.array(lenslets.offset_um)
+        centres = np.array(lenslets.lens_centres_um) - moved
+        x, y = (moved / setup.camera.sensor.pixel_um).tolist()
+        rows, columns = setup.aside_px
+        found = replace(setup, aside_px=(rows + y, columns + x))
+        return _changed(found, lens_centres_um=tuple(map(tuple, centres.tolist())), offset_um=tuple(offset.tolist()))
+
+
+class FourierLens(Group):
+    """Focal length of the Fourier lens; patterns depend only on its ratio to the objective's magnification."""
+
+    name = "fourier_lens"
+    title = "focal length of the Fourier lens"
+    rank = 12
+    core = True
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
+        """Return the focal length."""
+        del frame
+        lenslets = lenslets_of(setup)
+        if lenslets is None:
+            return ()
+        f = lenslets.fourier_um
+        held = (
+            "magnification (focal lengths of objective and tube lens), index and depths are fixed: patterns show the "
+            "ratio of the magnification to the focal length of the Fourier lens"
+        )
+        return (Unknown("fourier_um", self.name, "µm", f, 1e-3 * f, None, 0.5 * f, 2 * f, gauge=held),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
+        """Return the setup with this Fourier lens."""
+        del frame
+        return _changed(setup, fourier_um=values["fourier_um"])
+
+
+class ClearGap(Group):
+    """Gap between lenslets and sensor, from the width of the spots and the parallax."""
+
+    name = "lenslet_gap"
+    title = "gap between the lenslets and the sensor"
+    rank = 13
+    core = True
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
+        """Return the gap."""
+        del frame
+        lenslets = lenslets_of(setup)
+        if lenslets is None:
+            return ()
+        gap, held = lenslets.gap_um, "wavelength and clear diameter of the lenslets are fixed"
+        return (Unknown("gap_um", self.name, "µm", gap, 2e-3 * gap, None, 0.5 * gap, 2 * gap, gauge=held),)
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
+        """Return the setup with this gap."""
+        del frame
+        return _changed(setup, gap_um=values["gap_um"])
+
+
+class TravelTilt(Group):
+    """Tilt of the source's travel in depth against the optical axis."""
+
+    name = "travel_tilt"
+    title = "tilt of the source's travel against the optical axis"
+    rank = 14
+    core = True
+    needs = NEEDS
+
+    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
+        """Return the tilt down the rows and along the columns."""
+        del frame
+        if lenslets_of(setup) is None:
+            return ()
+        return tuple(
+            Unknown(f"travel_{axis}_rad", self.name, "rad", v, 2e-3, None, -MOST_TILT, MOST_TILT)
+            for axis, v in zip(("rows", "columns"), setup.travel_rad, strict=True)
+        )
+
+    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
+        """Return the setup with this tilt."""
+        del frame
+        return replace(setup, travel_rad=(values["travel_rows_rad"], values["travel_columns_rad"]))
+
+
+GROUPS = (LensletPlaces(), OpticalAxis(), FourierLens(), ClearGap(), TravelTilt())

@@ -1,0 +1,177 @@
+"""Fourier light-field microscopes: lenslets, axis, focal lengths and tilt from a z stack of a point."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.ndimage import fourier_shift
+
+from lfcal.base import InputError
+from lfcal.camera import Camera, Microscope, PupilLenslets, ScanPlan, Sensor
+from lfcal.fit import Fit, Measured, Setup, fit_camera
+from lfcal.fit.elemental import elemental_of
+from lfcal.fit.model import Fineness, predict
+from lfcal.simulate import PlaneResponse, simulate_psf
+from lfcal.simulate.effects import Crosstalk, FiniteSource
+from tests.simulate.fourier_oracle import light_on_sensor
+
+CENTRES = np.array([(-470.0, 20.0), (250.0, -290.0), (200.0, 350.0), (0.0, 10.0)])
+FOURIER, GAP, FOCAL, NA, PIXEL, SIDE = 30e3, 1e4, 1e4, 0.4, 5.5, 251
+DEPTHS = (-40.0, -20.0, 0.0, 20.0, 40.0)
+TILT = np.radians((0.6, -0.8))
+ASKED = ("lens_centres", "optical_axis", "fourier_lens", "lenslet_gap", "travel_tilt", "focal_lengths", "iris")
+TRUE = {f"lenslet_{k}_{axis}_um": c for k, one in enumerate(CENTRES) for axis, c in zip("xy", one, strict=True)} | {
+    "axis_x_um": 0.0,
+    "axis_y_um": 0.0,
+    "fourier_um": FOURIER,
+    "gap_um": GAP,
+    "focal_um": FOCAL,
+    "numerical_aperture": NA,
+    "travel_rows_rad": TILT[0],
+    "travel_columns_rad": TILT[1],
+}
+
+
+def camera_of(centres=CENTRES, fourier=FOURIER, gap=GAP, focal=FOCAL, na=NA) -> Camera:
+    lenslets = PupilLenslets(tuple(map(tuple, np.asarray(centres).tolist())), fourier, gap, (focal,), 400.0)
+    return Camera("small", Microscope(20.0, na, 1.0), lenslets, Sensor((281, 281), PIXEL, 12, 20e3, 5.0), 0.55)
+
+
+def described(seed: int) -> Camera:
+    """Return a description that is wrong everywhere: turned by 1°, centres off by pixels, 1 to 5 % in the rest."""
+    turn, rng = np.radians(1.0), np.random.default_rng(seed)
+    turned = CENTRES @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return camera_of(turned + rng.normal(0, 8, CENTRES.shape), FOURIER * 1.02, GAP * 0.99, FOCAL * 1.02, NA * 1.05)
+
+
+def measured(camera: Camera, light: np.ndarray, seed=0, peak=12e3, depths=DEPTHS, held=1, valid=None) -> Measured:
+    n, rng = len(light), np.random.default_rng(seed)
+    clean = peak * light / light.max()
+    data = rng.poisson(clean) + 5.0 * rng.standard_normal(clean.shape)
+    plan = ScanPlan.for_camera(camera, depths_um=depths, cutout=light.shape[1])
+    index = np.stack([np.arange(n), np.zeros(n, int), np.zeros(n, int)], axis=1)
+    good = np.ones(data.shape, bool) if valid is None else valid
+    noise = np.tile([25.0, 1.0], (n, 1))
+    return Measured(plan, index, data.astype(np.float32), noise, np.zeros((n, 2)), good, np.isin(np.arange(n), [held]))
+
+
+@cache
+def brute_force() -> np.ndarray:
+    """Return the light of the true camera, simulated by code that shares nothing with lfcal."""
+    found = []
+    for z in DEPTHS:
+        down, right = np.tan(TILT) * z * 20.0 * GAP / FOURIER
+        how = {"centres": CENTRES.tolist(), "focal": (FOCAL,) * 4, "gap": GAP, "width": 400.0, "pad": 99}
+        how |= {"pixel": PIXEL, "pixels": SIDE, "aside": (right, down)}
+        found.append(light_on_sensor(z, optics=(20.0, NA, 1.0, 0.55), fourier=FOURIER, **how))
+    return np.stack(found)
+
+
+@cache
+def simulated(lenslets: int = 4) -> np.ndarray:
+    """Return the light of the true camera, or of its first lenslets, without tilt, by the simulator."""
+    plan = ScanPlan.for_camera(camera_of(CENTRES[:lenslets]), depths_um=DEPTHS, cutout=SIDE)
+    H = simulate_psf(plan, (), tolerance=0.005)
+    return np.stack([H.plane(z)[0, 0] for z in range(len(DEPTHS))]).astype(float)
+
+
+def pulls(fit: Fit, true=TRUE) -> dict[str, float]:
+    return {name: (one.value - true[name]) / one.sigma for name, one in fit.parameters.items()}
+
+
+@pytest.mark.long
+def test_every_parameter_is_recovered_from_brute_force_within_its_error():
+    found = [pulls(fit_camera(measured(described(seed), brute_force(), seed), unknowns=ASKED)) for seed in range(4)]
+    every = np.array([list(one.values()) for one in found])
+    assert np.abs(every).max() < 4.5
+    assert 0.6 < np.sqrt(np.square(every).mean()) < 1.6
+
+
+def test_displaced_lenslets_and_a_tilted_travel_are_found_in_seconds():
+    centres = np.array(described(0).lattice.lens_centres_um[:2])
+    off, moved = np.tan(TILT) * 40.0 * 20.0 * GAP / FOURIER / PIXEL, []
+    some = simulated(2)[::2]
+    for light, share in zip(some, (-1, 0, 1), strict=True):
+        # the travel moves the whole pattern, by part of a pixel
+        moved.append(np.abs(np.fft.ifft2(fourier_shift(np.fft.fft2(light), share * off))))
+    given = measured(camera_of(centres), np.stack(moved), peak=4e3, depths=DEPTHS[::2], held=[])
+    fit = fit_camera(given, unknowns=["lens_centres", "travel_tilt"])
+    far = pulls(fit)
+    assert max(map(abs, far.values())) < 4.5, far
+    assert fit.parameters["travel_rows_rad"].sigma < 3e-3 and fit.parameters["lenslet_1_x_um"].sigma < 1.0
+    assert len(fit.residuals) == 3 and fit.residual(1, 0, 0).shape == (SIDE, SIDE)
+
+
+@pytest.mark.long
+def test_the_wrong_description_is_corrected():
+    start = described(0)
+    fit = fit_camera(measured(start, simulated(), peak=4e3), unknowns=ASKED)
+    true = {**TRUE, "travel_rows_rad": 0.0, "travel_columns_rad": 0.0}
+    off = pulls(fit, true)
+    assert max(map(abs, off.values())) < 4.5, off
+    assert fit.complete
+    assert fit.held_out_error.limit < 0.1
+    # the errors are much smaller than those of the description
+    sigma = {name: one.sigma for name, one in fit.parameters.items()}
+    assert sigma["fourier_um"] < 1e-3 * FOURIER and sigma["focal_um"] < 5e-3 * FOCAL
+    assert sigma["numerical_aperture"] < 0.01 * NA and sigma["lenslet_3_x_um"] < 0.2
+    assert any("objective" in words for words in fit.held)
+    # H of the fitted camera is without noise, and as measured
+    model = fit.model()
+    own = np.asarray(model[2, 0, 0], float)
+    true_light = simulated()[2]
+    assert np.abs(own / own.sum() - true_light / true_light.sum()).sum() < 0.03
+
+
+def test_elemental_images_have_the_light_of_the_whole_pattern():
+    camera = camera_of()
+    own, changes = elemental_of(measured(camera, simulated(), peak=1e6))
+    assert own.patterns.shape[1] < SIDE**2 / 3
+    assert abs(changes["fourier_um"]) < 0.01 * FOURIER
+    setup = Setup(camera, (Crosstalk(0.02), FiniteSource(0.8)), (0.0,) * 5)
+    windows = own.predicted(setup, np.full((5, 2), 0.3), Fineness.finest)
+    whole = predict(setup, own.plan, own.index, np.full((5, 2), 0.3), Fineness.finest)
+    images = own.images(windows)
+    where = own.images(np.ones_like(windows)) > 0
+    assert np.abs(images - whole)[where].sum() < 0.02 * whole[where].sum()
+    assert whole[~where].sum() < 0.03 * whole.sum()
+
+
+def test_a_box_has_the_light_of_the_reference():
+    plan = ScanPlan.for_camera(camera_of(), depths_um=(20.0,), cutout=SIDE)
+    whole = PlaneResponse(plan, 0, (), level="reference").rows([0], [0])[0, 0].astype(float)
+    engine = PlaneResponse(plan, 0, (), level="wave", tolerance=0.01).engine()
+    box = (slice(105, 150), slice(100, 150))
+    assert np.abs(engine.light_in(box, (0.0, 0.0)) - whole[box]).sum() < 0.005 * whole[box].sum()
+
+
+def test_what_does_not_suffice_is_refused_with_one_message():
+    camera, light = camera_of(), simulated()
+    with pytest.raises(InputError, match="a z stack of a point, 3 planes or more, got 2; record more planes"):
+        fit_camera(measured(camera, light[:2], depths=DEPTHS[:2]), unknowns=ASKED)
+    with pytest.raises(InputError, match=r"move by 2 px or more, got 0\.04 µm; record planes farther apart"):
+        fit_camera(measured(camera, light, depths=(-0.02, -0.01, 0.0, 0.01, 0.02)), unknowns=ASKED)
+    with pytest.raises(InputError, match=r"sign of depth.*change the sign of the depths"):
+        fit_camera(measured(camera, light[::-1]), unknowns=ASKED)
+    dark = replace(measured(camera, light), patterns=measured(camera, 0 * light + 1e-9, peak=1e-9).patterns)
+    with pytest.raises(InputError, match="light of the patterns: expected more than their noise, got none"):
+        fit_camera(dark, unknowns=ASKED)
+    saturated = measured(camera, light, valid=light < 0.02 * light.max())
+    with pytest.raises(InputError, match=r"lenslet at .* expose shorter: pixels are saturated"):
+        fit_camera(saturated, unknowns=ASKED)
+    elsewhere = camera_of([*CENTRES.tolist(), (-480.0, 500.0)])
+    with pytest.raises(
+        InputError, match=r"lenslet at \(-480, 500\) µm: .* got 0 of 5 planes; correct lattice.lens_centres_um"
+    ):
+        fit_camera(measured(elsewhere, light), unknowns=ASKED)
+
+
+def test_groups_of_a_lattice_are_refused_and_a_pupil_that_cuts_nothing_is_named():
+    light = simulated()
+    with pytest.raises(InputError, match="geometry, which needs a periodic lenslet array"):
+        fit_camera(measured(camera_of(), light), unknowns=["geometry"])
+    with pytest.raises(InputError, match="iris, which needs lenslets that the edge of the pupil cuts"):
+        fit_camera(measured(camera_of(na=0.6), light), unknowns=["iris"])
