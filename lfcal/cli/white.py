@@ -61,8 +61,8 @@ def command(
 
     described = load_camera(camera, light=False) if camera else None
     if out is not None:
-        lattice = described is None or described.has_lattice
-        made = [*(lattice_files(out) if lattice else []), *([] if described is None else [out / "camera.json"])]
+        in_pupil = described is not None and not described.has_lattice
+        made = [*([] if in_pupil else lattice_files(out)), *([] if described is None else [out / "camera.json"])]
         check_outputs(made, image, dark, camera, force=force)
     light = read_white(image, dark, channel, cfa or (described.sensor.cfa if described is not None else ""))
     if described is not None and not described.has_lattice:

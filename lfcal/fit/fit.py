@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, Progress, Work, check_number, drained, format_share
 from lfcal.camera import Camera, Microscope, PupilLenslets
+from lfcal.fit._elemental import elemental_of
 from lfcal.fit._summary import Degeneracies, iter_degeneracies, summarised
 from lfcal.fit._weighing import unlike_others
-from lfcal.fit.elemental import elemental_of
 from lfcal.fit.measured import Measured, measured_of
 from lfcal.fit.model import Fineness
 from lfcal.fit.model_error import chi_square

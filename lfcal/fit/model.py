@@ -54,7 +54,7 @@ LIGHT_OUTSIDE = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 
 
 
 PUPIL_ERROR = {Fineness.coarse: 0.05, Fineness.fine: 0.02, Fineness.finest: 0.01}
-"""Error (relative L1) of whole patterns behind single lenslets; see `elemental` for those of a fit."""
+"""Error (relative L1) of whole patterns behind single lenslets; see `_elemental` for those of a fit."""
 
 
 class PlaneModel:

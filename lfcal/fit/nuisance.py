@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.fit._elemental import Elemental
 from lfcal.fit._weighing import Response, flat, variance
-from lfcal.fit.elemental import Elemental
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.problem import Point, Problem
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, for_each_chunk, one_blas_thread, worker_count
+from lfcal.fit._elemental import Elemental
 from lfcal.fit._weighing import PatternLevels, Weighed, levels_of, weighed
-from lfcal.fit.elemental import Elemental
 from lfcal.fit.measured import Measured
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.normal import Columns, Local, Normal, normal_equations

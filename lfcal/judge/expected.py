@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import InputError
-from lfcal.camera import ScanPlan
+from lfcal.camera import NoLatticeError, ScanPlan
 from lfcal.fit import Fineness, PlaneModel, Setup, described_effects, predict, read_fit
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.effects import effect_from
@@ -67,6 +67,8 @@ def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
         raise InputError.expected(
             "H to predict", "an H with its camera", "an H without one", "assemble H with its camera"
         )
+    if not plan.camera.has_lattice:
+        raise NoLatticeError.of("comparison of H with a fitted camera")
     stored = read_fit(folder)
     stored.check(plan)
     return stored.setup
@@ -76,7 +78,8 @@ def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
     """Return the camera of an H, compared with its patterns at ``index`` ``(n, 3)``; None if there is none."""
     try:
         plan = plan_of(matrix)
-        if plan is None:
+        # metrics that compare H with its camera know only lattices
+        if plan is None or not plan.camera.has_lattice:
             return None
         errors, aside = _depth_errors(matrix.provenance, matrix.shape[0]), _aside(matrix.provenance)
         setup = Setup(plan.camera, _effects(matrix), errors, aside_px=aside)

@@ -12,7 +12,7 @@ from scipy.ndimage import fourier_shift
 from lfcal.base import InputError
 from lfcal.camera import Camera, Microscope, PupilLenslets, ScanPlan, Sensor
 from lfcal.fit import Fit, Measured, Setup, fit_camera
-from lfcal.fit.elemental import elemental_of
+from lfcal.fit._elemental import elemental_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.simulate import PlaneResponse, simulate_psf
 from lfcal.simulate.effects import Crosstalk, FiniteSource
@@ -101,7 +101,7 @@ def test_displaced_lenslets_and_a_tilted_travel_are_found_in_seconds():
     fit = fit_camera(given, unknowns=["lens_centres", "travel_tilt"])
     far = pulls(fit)
     assert max(map(abs, far.values())) < 4.5, far
-    assert fit.parameters["travel_rows_rad"].sigma < 3e-3 and fit.parameters["lenslet_1_x_um"].sigma < 1.0
+    assert fit.parameters["travel_rows_rad"].sigma < 5e-3 and fit.parameters["lenslet_1_x_um"].sigma < 1.0
     assert len(fit.residuals) == 3 and fit.residual(1, 0, 0).shape == (SIDE, SIDE)
 
 

@@ -122,4 +122,5 @@ OWN, BAD = Own(), object()
     )
     found = find_groups()
     assert "own" in found and "bad" in found.failures()
-    assert [group.name for group in found if group.core] == ["geometry", "focal_lengths", "iris"]
+    of_fourier = ["lens_centres", "optical_axis", "fourier_lens", "lenslet_gap", "travel_tilt"]
+    assert [group.name for group in found if group.core] == ["geometry", *of_fourier, "focal_lengths", "iris"]

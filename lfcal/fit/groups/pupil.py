@@ -11,7 +11,7 @@ from lfcal.camera import Camera, PupilLenslets
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 
-__all__ = ["ClearGap", "FourierLens", "LensletPlaces", "OpticalAxis", "TravelTilt"]
+__all__ = ["AxisPlace", "ClearGap", "FourierLens", "PupilLensletPlaces", "TravelTilt"]
 
 NEEDS = "a Fourier light-field microscope"
 
@@ -35,7 +35,7 @@ def _changed(setup: Setup, **values: object) -> Setup:
     return setup.edited(changed)
 
 
-class LensletPlaces(Group):
+class PupilLensletPlaces(Group):
     """Place of each lenslet on the sensor; its centre from the optical axis follows from that and the axis."""
 
     name = "lens_centres"
@@ -67,7 +67,7 @@ class LensletPlaces(Group):
         return _changed(setup, lens_centres_um=tuple(map(tuple, places.tolist())))
 
 
-class OpticalAxis(Group):
+class AxisPlace(Group):
     """Where the optical axis meets the sensor; lenslets stay at their places on the sensor.
 
     A pattern is the same everywhere in the field, so only a source on the axis shows where the axis is.
@@ -182,4 +182,4 @@ class TravelTilt(Group):
         return replace(setup, travel_rad=(values["travel_rows_rad"], values["travel_columns_rad"]))
 
 
-GROUPS = (LensletPlaces(), OpticalAxis(), FourierLens(), ClearGap(), TravelTilt())
+GROUPS = (PupilLensletPlaces(), AxisPlace(), FourierLens(), ClearGap(), TravelTilt())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfcal.base import worker_count
 from lfcal.reconstruct.projectors.grid import Grid
 
-__all__ = ["PositionFFT"]
+__all__ = ["OnePatternFFT", "PositionFFT", "position_fft"]
 
 
 class PositionFFT:
@@ -91,3 +91,61 @@ class PositionFFT:
 
         array: NDArray[Any] = irfft2(spectrum, self.shape, workers=self.workers)
         return array
+
+
+class OnePatternFFT(PositionFFT):
+    """Project with one FFT for each plane, for an H of one position as that of a Fourier light-field microscope.
+
+    The transforms of H are kept. Rows that are zero, or not needed, are not transformed.
+    """
+
+    def prepare(self, plane: NDArray[Any]) -> NDArray[Any]:
+        """Return the transform of the plane's pattern."""
+        return self._transform(plane[0, 0])
+
+    def operand_bytes(self, operand: NDArray[Any]) -> int:
+        """Return the size of the transform (bytes)."""
+        return operand.nbytes
+
+    def forward(self, planes: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> NDArray[Any]:
+        """Return the image of pairs (operand, volume plane)."""
+        total: NDArray[Any] | None = None
+        for operand, plane in planes:
+            product = self._transform(plane)
+            product *= operand
+            total = product if total is None else np.add(total, product, out=total)
+        if total is None:
+            return np.zeros(self.grid.image_shape, self.dtype)
+        image = self._image(total)
+        return image if self.mask is None else image * self.mask
+
+    def adjoint(self, image: NDArray[Any], operands: Iterable[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+        """Yield the back projection of ``image`` for each operand."""
+        # correlation is the convolution of the reversed image, reversed
+        spectrum = self._transform((image if self.mask is None else image * self.mask)[::-1, ::-1])
+        for operand in operands:
+            yield self._image(spectrum * operand)[::-1, ::-1]
+
+    def _transform(self, array: NDArray[Any]) -> NDArray[Any]:
+        from scipy.fft import fft, rfft
+
+        (rows, columns), workers = self.shape, self.workers
+        along: NDArray[Any] = rfft(array, columns, axis=1, workers=workers)
+        spectrum: NDArray[Any] = fft(along, rows, axis=0, workers=workers, overwrite_x=True)
+        return spectrum
+
+    def _image(self, spectrum: NDArray[Any]) -> NDArray[Any]:
+        """Return the part of the inverse transform that is the image; the spectrum is overwritten."""
+        from scipy.fft import ifft, irfft
+
+        (cy, cx), (height, width) = self.grid.centre, self.grid.image_shape
+        along = ifft(spectrum, axis=0, workers=self.workers, overwrite_x=True)[cy : cy + height]
+        array: NDArray[Any] = irfft(along, self.shape[1], axis=1, workers=self.workers)
+        return array[:, cx : cx + width]
+
+
+def position_fft(
+    grid: Grid, dtype: np.dtype[Any], workers: int | None = None, phases: NDArray[np.bool_] | None = None
+) -> PositionFFT:
+    """Return the FFT method for a grid; there is a faster one for a single position."""
+    return (OnePatternFFT if grid.period == (1, 1) else PositionFFT)(grid, dtype, workers, phases)

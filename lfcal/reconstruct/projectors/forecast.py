@@ -238,10 +238,12 @@ def _fft(problem: ProjectionProblem) -> Cost:
     rows, columns = (n + c for n, c in zip(grid.image_shape, grid.centre, strict=True))
     one = rates.fft_seconds(rows, columns, problem.dtype.str, problem.workers)
     copies = 2 * rows * columns / rates.copy_rate(problem.dtype.str, 1)
-    pair = problem.planes * grid.phases * (2 * one + copies)
-    scratch = 8 * rows * columns * problem.dtype.itemsize
-    operand = problem.planes * problem.plane_bytes
-    return Cost("fft", problem.planes * problem.read_s, pair, pair, operand, scratch, problem.read_bytes)
+    alone, scratch = grid.period == (1, 1), 8 * rows * columns * problem.dtype.itemsize
+    # the transform of a single position is kept
+    pair = problem.planes * grid.phases * ((1 if alone else 2) * one + copies)
+    prepare = problem.planes * (problem.read_s + (one if alone else 0.0))
+    operand = problem.planes * ((rows * (columns + 2) * problem.dtype.itemsize) if alone else problem.plane_bytes)
+    return Cost("fft", prepare, pair, pair, operand, scratch, problem.read_bytes)
 
 
 def _direct(problem: ProjectionProblem) -> Cost:

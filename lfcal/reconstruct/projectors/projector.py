@@ -18,7 +18,7 @@ from lfcal.reconstruct.projectors._direct import Direct
 from lfcal.reconstruct.projectors._engine import Engine
 from lfcal.reconstruct.projectors._planes import PlaneReader
 from lfcal.reconstruct.projectors._polyphase import Polyphase
-from lfcal.reconstruct.projectors._position_fft import PositionFFT
+from lfcal.reconstruct.projectors._position_fft import position_fft
 from lfcal.reconstruct.projectors._recipe import Tiles, read_recipe, recipe_of
 from lfcal.reconstruct.projectors._reduced import Reduced
 from lfcal.reconstruct.projectors._reduction import SPACINGS
@@ -327,7 +327,7 @@ class Projector:
             return Polyphase(self._grid, chosen.plan, *args, band=chosen.band)
         if chosen.chosen.method == REDUCED:
             return Reduced(self._grid, *args, tolerance=self._tolerance)
-        kinds: dict[str, Callable[..., Engine]] = {"direct": Direct, "sparse": Sparse, "fft": PositionFFT}
+        kinds: dict[str, Callable[..., Engine]] = {"direct": Direct, "sparse": Sparse, "fft": position_fft}
         return kinds[chosen.chosen.method](self._grid, *args)
 
     def _operand(self, z: int) -> Any:
