@@ -90,7 +90,7 @@ def rounded(text: str) -> str:
     except ValueError:
         return text
     short = f"{value:.{DIGITS}g}"
-    return short if len(short) < len(text) else text
+    return short if len(short) < len(text) and "e" not in short else text
 
 
 def parse(field: Field, text: str) -> Any:

@@ -171,7 +171,8 @@ class _NumberEdit(QLineEdit):
         self._exact = ""
 
     def setText(self, text: str) -> None:
-        """Show a text."""
+        """Show a text; signals may be blocked meanwhile."""
+        self._forget()
         super().setText(text)
         if not self.hasFocus():
             self._round()

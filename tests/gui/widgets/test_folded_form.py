@@ -289,3 +289,6 @@ def test_a_long_number_is_rounded_until_it_has_the_keyboard(qtbot: QtBot) -> Non
     QTest.keyClicks(angle, "12.3456789")
     other.setFocus()
     assert told[-1] == 12.3456789 and angle.displayText() == "12.3457" and angle.text() == "12.3456789"
+    form.set_values({"angle": 5.5, "f": 1e9})
+    assert angle.text() == angle.displayText() == "5.5", "an undo left the exact text of the value before"
+    assert other.displayText() == "1000000000"
