@@ -115,7 +115,7 @@ class LensletLattice:
     distortion
         Distortion of the lattice as seen on the sensor (µm from the sensor's centre); None: straight rows.
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
-        straight lattice; `local` returns those at a point.
+        undistorted lattice; `local` returns those at a point.
 
     Examples
     --------
@@ -236,7 +236,7 @@ class LensletLattice:
         return self.rotation_rad - self.quarter_turns * math.pi / 2
 
     def basis_um(self) -> NDArray[np.float64]:
-        """Return the vectors of the straight lattice as rows ``[[ax, ay], [bx, by]]``, along and across rows (µm)."""
+        """Return the basis vectors ``[[ax, ay], [bx, by]]`` without distortion: along a row, to the next row (µm)."""
         upright = np.array(self._upright_um)
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         # image y points down, so this turns from +x towards +y: clockwise on the screen
@@ -271,7 +271,7 @@ class LensletLattice:
         return inside
 
     def local(self, about_um: tuple[float, float]) -> LensletLattice:
-        """Return the straight lattice that approximates this one about a point (x, y) of the sensor (µm).
+        """Return the undistorted lattice that approximates this one about a point (x, y) of the sensor (µm).
 
         Its pitch, row pitch, rotation and shear are those at the lenslet of type 0 nearest to the point; this lenslet
         is at its offset. Periods, wave vectors and rotations need it if the lattice is distorted.

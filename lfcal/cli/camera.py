@@ -39,7 +39,7 @@ def print_camera(camera: Camera) -> None:
     ]
     if camera.distortion is not None:
         shown = ", ".join(f"{k:g}" for k in camera.distortion.coefficients)
-        rows.append(["maker's distortion (Brown)", f"{shown}: kept, not applied", "stated"])
+        rows.append(["manufacturer's distortion (Brown)", f"{shown}: kept, not applied", "stated"])
     if camera.has_lattice and (found := camera.lattice.distortion) is not None:
         shown = f"{found.model} of degree {found.degree}, up to {found.largest / camera.sensor.pixel_um:.2f} px"
         rows.append(["distortion of the lattice", shown, camera.marks["lattice.distortion"]])

@@ -163,7 +163,7 @@ def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
 
 
 def draw_parameters(fit: Fit, path: str | os.PathLike[str]) -> None:
-    """Draw the difference of every parameter from its description, in standard deviations of the parameter."""
+    """Draw the deviation of every parameter from the described value, in standard deviations of the parameter."""
     found = list(fit.parameters.values())
     off = [(one.value - one.start) / one.sigma if one.sigma > 0 else 0.0 for one in found]
     with figure(7.0, 1.2 + 0.24 * len(found)) as fig:

@@ -159,7 +159,7 @@ class Inspection:
 
     @property
     def known(self) -> str:
-        """Text on positive results about H; empty if there are none."""
+        """Summary of the checks that H passed; empty if it passed none."""
         good = sum(m.merit == "good" for m in self.quality.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}"
         if self.compared or self.faults:

@@ -64,7 +64,7 @@ class CoursePoint:
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A change between two consecutive sessions, and its size in standard deviations of both."""
+    """A change between two consecutive sessions, and its size in combined standard deviations."""
 
     before: str
     after: str
@@ -92,7 +92,7 @@ class Course:
         Slope of the line through the compared values, and its standard deviation if known; NaN for fewer than two
         values, or within `SHORTEST_S`.
     change, change_sigmas
-        Change from the oldest to the newest value, absolute and in standard deviations of both; NaN if unknown.
+        Change from the oldest to the newest value, absolute and in combined standard deviations; NaN if unknown.
     jumps
         Changes between consecutive sessions that exceed the limit.
     worse, better
@@ -226,7 +226,7 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     sessions
         Two or more fits of one camera, or two or more inspections, in any order.
     sigmas
-        Number of standard deviations of both values above which a change of a parameter is significant.
+        Number of combined standard deviations of both values above which a change of a parameter is significant.
 
     Raises
     ------
@@ -417,7 +417,7 @@ def _followed(course: Course, sessions: Sequence[DatedFit | DatedInspection], si
 
 
 def _apart(a: CoursePoint, b: CoursePoint) -> float:
-    """Return the change from one value to another in standard deviations of both."""
+    """Return the change from one value to another in combined standard deviations."""
     spread = math.hypot(a.sigma, b.sigma)
     change = b.value - a.value
     return change / spread if spread > 0 else math.copysign(math.inf, change) if change else 0.0

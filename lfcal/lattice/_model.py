@@ -57,7 +57,7 @@ class LatticeModel:
     shear
         Additional shift of a row along itself, compared with the ideal lattice, in row pitches.
     distortion
-        Displacement from the straight lattice (pixels), or None.
+        Displacement from the undistorted lattice (pixels), or None.
     """
 
     kind: str
@@ -96,7 +96,7 @@ class LatticeModel:
         return 0.5 if self.kind == "hexagonal" else 0.0
 
     def basis(self) -> Array:
-        """Return the straight lattice's vectors as rows (x, y)."""
+        """Return the basis vectors of the undistorted lattice as rows (x, y)."""
         normal = np.array([-self.along[1], self.along[0]])
         return np.stack([self.along, (self.lean + self.ratio * self.shear) * self.along + self.ratio * normal])
 

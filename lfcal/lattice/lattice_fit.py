@@ -98,8 +98,8 @@ class LatticeFit:
     dead
         ``(n,)``: True for lenslets that are too dark or cannot be located.
     distortion
-        Displacement from the straight lattice (pixels, points (column, row)); None: no distortion. Pitch, row pitch,
-        rotation and shear are those of the straight lattice.
+        Displacement from the undistorted lattice (pixels, points (column, row)); None: no distortion. Pitch, row pitch,
+        rotation and shear are those of the undistorted lattice.
     errors
         Standard errors of the parameters above.
     form, reason
@@ -144,7 +144,7 @@ class LatticeFit:
     outline_px: Array | None = None
 
     def basis_px(self) -> Array:
-        """Return the vectors of the straight lattice as rows (x, y): along a row, and to the next row (pixels)."""
+        """Return the basis vectors (x, y) without distortion: along a row, and to the next row (pixels)."""
         return self.model.basis()
 
     @cached_property

@@ -37,7 +37,7 @@ def modulator_of(text: str) -> Modulator:
     """Return the modulator for a name, a matrix file, or several of these joined by ``*`` (see `GRAMMAR`).
 
     ``nd:`` is followed by transmissions and ``polarisers:`` by angles in degrees, in rows separated by slashes.
-    ``bands:PATTERN:N`` uses the included model filters for N bands of 400 … 700 nm on silicon; other tables
+    ``bands:PATTERN:N`` uses the included model filters for N bands between 400 and 700 nm on silicon; other tables
     (`spectral_array`, `read_spectra`) are given as in
     ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` is followed by the moments in
     which each pixel is open. ``cameras:2x2`` is an array of cameras.

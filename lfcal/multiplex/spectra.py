@@ -217,7 +217,7 @@ POINTS = 16
 
 
 def band_edges(bands: int | Sequence[float]) -> Array:
-    """Return the edges (nm) of a number of equal bands in 400 … 700 nm, or the given edges after checking them."""
+    """Return the edges (nm) of equal bands between 400 and 700 nm, or the given edges after checking them."""
     if isinstance(bands, int | np.integer) and not isinstance(bands, bool):
         check_number("number of spectral bands", int(bands), at_least=1, at_most=MAX_SAMPLES, integer=True)
         return np.linspace(*VISIBLE_NM, int(bands) + 1)
@@ -279,7 +279,7 @@ def spectral_array(
     pattern
         Rows separated by slashes: names of ``filters`` separated by commas, or single letters, such as ``"RG/GB"``.
     bands
-        Number of equal bands of 400 … 700 nm, or their edges (nm).
+        Number of equal bands between 400 and 700 nm, or the edges of the bands (nm).
     filters
         Transmissions 0 … 1; by default the included model filters R G B C M Y W.
     illuminant

@@ -36,7 +36,8 @@ class AssemblySettings:
 
     cutout: tuple[int, int] | str | None = opt(
         None,
-        "Odd number of pixels, ROWS,COLUMNS, or auto: the smallest cutout within the lost energy.",
+        "Size of the cutout: ROWS,COLUMNS (both odd); or auto: the smallest cutout within the limit of the lost "
+        "energy.",
         unit="px",
         empty="as planned",
         read=read_cutout_or_auto,

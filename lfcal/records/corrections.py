@@ -62,7 +62,7 @@ class CorrectionRecipe:
     )
     defect_list: str | os.PathLike[str] = opt(
         "",
-        "Defective pixels to repair, for example the list of the camera's maker: ROW,COLUMN per line, or an image that "
+        "Defective pixels to repair, for example the camera manufacturer's list: ROW,COLUMN per line, or an image that "
         "is not 0 at these pixels.",
         label="List of defective pixels",
         file="in",

@@ -178,7 +178,7 @@ class Specimen:
         return self.depth_um + z_um
 
     def focus_um(self, z_um: float, medium_index: float) -> float:
-        """Return the apparent position of a source at ``z_um`` by paraxial rays, seen from the immersion medium."""
+        """Return the paraxial apparent depth (µm) of a source at ``z_um``, seen from the immersion medium."""
         deep = self.source_um(z_um)
         return z_um if deep < 0 else medium_index * deep / self.index - self.depth_um
 

@@ -150,7 +150,7 @@ class TargetCamera(Frames):
         return len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the known facts about frame ``index``, without its positions, which must be found in it."""
+        """Return the facts about frame ``index`` without positions, which must be detected in the frame."""
         z, k = self._at(index)
         label = f"simulated target {index} (z {z}, offset {k})"
         return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)

@@ -47,7 +47,7 @@ class ExportedFiles(TaskResult):
 
     @property
     def bytes(self) -> int:
-        """Size of all files."""
+        """Total size of all files (bytes)."""
         return sum(file.stat().st_size for file in self.files)
 
     def to_dict(self) -> dict[str, Any]:

@@ -182,7 +182,7 @@ class PlanTarget(_PlanTarget):
         "Pose of the target: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
         empty="as in its file, else not rotated or tilted",
     )
-    pose_within: str = opt("", "Uncertainty of the pose, written like the pose.", empty="known", more=True)
+    pose_within: str = opt("", "Uncertainty of the pose, in the same format as the pose.", empty="known", more=True)
 
     def __post_init__(self) -> None:
         """Check every value, and that target and pose can be parsed."""

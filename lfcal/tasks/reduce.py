@@ -38,7 +38,7 @@ class ReducedFile(TaskResult):
 
     @property
     def bytes(self) -> int:
-        """Size of the file."""
+        """Size of the file (bytes)."""
         return self.out.stat().st_size
 
     def close(self) -> None:

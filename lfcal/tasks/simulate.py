@@ -193,8 +193,8 @@ class _Simulate(Task):
     )
     effects: tuple[str, ...] = opt(
         (),
-        "Effect to switch or set: NAME=on, off, auto or a magnitude (coma=0.3@40deg, lenslet_gap=5um); or a "
-        "JSON file of effects. May be repeated.",
+        "Effect to switch on or off, or to set: NAME=on, off, auto or a magnitude (coma=0.3@40deg, "
+        "lenslet_gap=5um); or a JSON file of effects. May be repeated.",
         flag="--effect",
         read=read_effect,
         file="in",

@@ -241,7 +241,7 @@ def test_gentl_records_27_positions(tmp_path: Path) -> None:
 @GENTL
 def test_gentl_says_what_is_missing() -> None:
     plan = plan_for((320, 320), 8)
-    with pytest.raises(InputError, match="give the maker's file"):
+    with pytest.raises(InputError, match="give the manufacturer's file"):
         open_rig(plan, "gentl", {"cti": "/nowhere.cti"}, stage="sim")
     with pytest.raises(DeviceMissing, match="0 to 2"):
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "camera": "77"}, stage="sim")

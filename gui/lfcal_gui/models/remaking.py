@@ -133,7 +133,9 @@ def without_bad(psf: Path, places: Sequence[Place]) -> WithoutBad:
     listed, folder = out.with_name(f"{out.stem}_left_out.json"), out.with_name(f"{out.stem}_fit")
     made, _ = load_job(psf, {"out": str(out)})
     if not isinstance(made, Assemble) or made.channel == "each":
-        raise InputError.expected(psf.name, "an H that was assembled from one scan", "another H", "assemble it again")
+        got = "an H of each colour" if isinstance(made, Assemble) else f"an H made by lfcal {made.name}"
+        remedy = "assemble one colour" if isinstance(made, Assemble) else "open an assembled H"
+        raise InputError.expected(psf.name, "an H assembled from frames of one colour", got, remedy)
     fit = FitMatrix(sources=(psf,), out=folder, write_h=False) if made.fill is None else None
     again = {"out": str(out), "leave_out": str(listed)} | ({} if fit is None else {"fill": str(folder)})
     task, _ = load_job(psf, again)

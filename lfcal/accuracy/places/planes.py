@@ -28,7 +28,7 @@ TOLERANCE = 0.05
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the difference of patterns at depths between planes from those of the nearest plane."""
+    """Yield the error of using the nearest plane's pattern for depths between planes."""
     plan = subject.planned
     low, high = min(plan.depths_um), max(plan.depths_um)
     if low == high:

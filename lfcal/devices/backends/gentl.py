@@ -42,7 +42,7 @@ class GenTLBackend:
     title = "GenTL producers (harvesters)"
     has_stage = False
     options: Mapping[str, str] = {
-        "cti": "GenTL producer file (.cti) of the camera's maker; 'virtual' for the one included in genicam",
+        "cti": "GenTL producer file (.cti) of the camera manufacturer; 'virtual' for the one included in genicam",
         "camera": "number of the camera in the producer's list, from 0, or its serial number",
         "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's present format by default",
         "set": "Feature=value separated by ';', settings to apply before the session",
@@ -67,7 +67,9 @@ class GenTLBackend:
         if cti == "virtual":
             cti = os.path.join(os.path.dirname(genicam.__file__), "viky.cti")
         if not os.path.isfile(cti):
-            raise InputError.expected("option cti", "a GenTL producer (.cti)", repr(cti), "give the maker's file")
+            raise InputError.expected(
+                "option cti", "a GenTL producer (.cti)", repr(cti), "give the manufacturer's file"
+            )
         harvester = Harvester()
         try:
             harvester.add_file(cti)

@@ -293,7 +293,7 @@ class Effect(ABC):
         return outlook.regular
 
     def wavelengths(self, outlook: Outlook) -> int:
-        """Return the smallest number of wavelengths that an effect depending on wavelength needs."""
+        """Return how many wavelengths the effect requires at least; 1 if it does not depend on wavelength."""
         del outlook
         return 1
 

@@ -148,9 +148,9 @@ class Bandwidth(LightEffect):
         return width
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative width x, and the light that it washes out of fringes in spots and between lenslets.
+        """Return the relative bandwidth x, and the error from washed-out fringes in spots and between lenslets.
 
-        The effect is quadratic for narrow light. Beyond about a tenth, the outer fringes have vanished and it grows
+        The error is quadratic for narrow bands. Beyond about a tenth, the outer fringes have vanished and it grows
         linearly. Fringes between lenslets are finer and vanish sooner; the light in them decreases with the size of
         the lenslets.
         """

@@ -35,6 +35,7 @@ class MultiplexPictures(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.names: tuple[str, ...] = ()
+        self._third = RIGHT[0][0]
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 8, 0, 0)
         outer.setSpacing(6)
@@ -125,7 +126,7 @@ class MultiplexPictures(QWidget):
         if found.fourier is None:
             right = "truth"
         pictures = (*shown(found, self.sample_index, right), found.frame)
-        signed = right == "difference"
+        self._third, signed = right, right == "difference"
         low = min(float(np.min(p)) for p in pictures[:2] if p is not None)
         high = max(float(np.max(p)) for p in pictures[:2] if p is not None)
         levels = (low, high if high > low else low + 1.0)
@@ -175,7 +176,7 @@ class MultiplexPictures(QWidget):
         images: list[NDArray[np.float64] | None] = [view.values for view in self.views]
         parts = [
             f"{name} {image[row, column]:.4g}"
-            for name, image in zip(("spatial", "Fourier", "third"), images[:3], strict=True)
+            for name, image in zip(("spatial", "Fourier", self._third), images[:3], strict=True)
             if image is not None and row < image.shape[0] and column < image.shape[1]
         ]
         self.readout.setText(f"row {row}, column {column}: {', '.join(parts)}")

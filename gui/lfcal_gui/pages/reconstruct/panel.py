@@ -207,7 +207,7 @@ class ReconstructPanel(QWidget):
         self.folded = folded = Folded(
             "Time, memory and likelihood", "Forecast of time and memory, and likelihood of the image"
         )
-        self.forecast = QLabel("Shown when a light field is open.")
+        self.forecast = QLabel("Open a light field to see the forecast")
         self.forecast.setTextFormat(Qt.TextFormat.RichText)
         self.forecast.setWordWrap(True)
         self.forecast.setToolTip("From a cost model calibrated on this machine")

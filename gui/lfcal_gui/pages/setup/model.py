@@ -314,7 +314,7 @@ def _distortion(camera: Camera) -> str:
     found = camera.periodic.distortion
     if found is not None:
         return f"{found.model}, {found.largest / camera.sensor.pixel_um:.2f} px"
-    return "none" if camera.distortion is None else "maker's, not applied"
+    return "none" if camera.distortion is None else "manufacturer's, not applied"
 
 
 def _tidy(depth: float) -> float:
