@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, Work, drained
-from lfcal.camera import Camera, ScanPlan
+from lfcal.camera import Camera, NoLatticeError, ScanPlan
 from lfcal.fit.fit import check_stage, groups_of, iter_retrieved, iter_summarised, problem_of
 from lfcal.fit.measured import Measured
 from lfcal.fit.parameters import ScanScales, Vector, check_groups, field_of
@@ -298,6 +298,10 @@ def iter_fit_field(
     InputError
         If the regions belong to different cameras, or the patterns do not fit such a camera, or are too few.
     """
+    described = camera or next(iter(patterns.values())).plan.camera
+    if not described.has_lattice:
+        # its pattern is the same everywhere in the field
+        raise NoLatticeError.of("fit of several regions of the field")
     measured = regional_of(patterns, camera)
     check_stage(stage)
     core, candidates = groups_of(unknowns)

@@ -127,12 +127,14 @@ def _seeds(light: F8) -> tuple[list[tuple[F8, float]], tuple[float, float]]:
     if high <= low:
         raise InputError.expected("white image", "bright discs on a dark ground", "even light", "check the frame")
     scaled = np.clip(255 * (finite - low) / (high - low), 0, 255).astype(np.uint8)
-    level, mask = cv2.threshold(cv2.medianBlur(scaled, 5), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    _, mask = cv2.threshold(cv2.medianBlur(scaled, 5), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     # a border without light, so that discs at the frame's edge end there
     inside = cv2.distanceTransform(np.pad(mask, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
     count, labels, _, middles = cv2.connectedComponentsWithStats((inside > INNER * inside.max()).astype(np.uint8))
     found = [(np.array(middles[k][::-1], np.float64), float(inside[labels == k].max())) for k in range(1, count)]
-    return found, (low + level * (high - low) / 255, float(np.median(finite[mask == 0])))
+    # half the light of the discs: the threshold itself may be either level of an image without noise
+    dark, bright = (float(np.median(finite[own])) for own in (mask == 0, mask > 0))
+    return found, ((dark + bright) / 2, dark)
 
 
 def _fitted(light: F8, levels: tuple[float, float], middle: F8, radius: float) -> tuple[F8, float, float]:

@@ -298,9 +298,12 @@ class FitMatrix(_Fit):
 
     def iter_fit(self, workers: int | None = None) -> Work[FittedPatterns]:
         """Fit the camera to the patterns of a single source; nothing is written."""
+        from lfcal.camera import NoLatticeError
         from lfcal.fit import iter_fit_camera
 
         measured, known = yield from iter_patterns(self.sources[0], self._reading())
+        if self.hybrid and not measured.plan.camera.has_lattice:
+            raise NoLatticeError.of("hybrid H")
         begins = self.starting(measured.plan)
         fit = yield from iter_fit_camera(measured, unknowns=self.groups, effects=begins, workers=workers)
         return FittedPatterns(measured, known, fit)

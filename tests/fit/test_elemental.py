@@ -11,7 +11,7 @@ from scipy.ndimage import fourier_shift
 
 from lfcal.base import InputError
 from lfcal.camera import Camera, Microscope, PupilLenslets, ScanPlan, Sensor
-from lfcal.fit import Fit, Measured, Setup, fit_camera
+from lfcal.fit import Fit, Measured, Setup, fit_camera, fit_field
 from lfcal.fit._elemental import elemental_of
 from lfcal.fit.model import Fineness, predict
 from lfcal.simulate import PlaneResponse, simulate_psf
@@ -157,7 +157,7 @@ def test_what_does_not_suffice_is_refused_with_one_message():
     with pytest.raises(InputError, match=r"sign of depth.*change the sign of the depths"):
         fit_camera(measured(camera, light[::-1]), unknowns=ASKED)
     dark = replace(measured(camera, light), patterns=measured(camera, 0 * light + 1e-9, peak=1e-9).patterns)
-    with pytest.raises(InputError, match="light of the patterns: expected more than their noise, got none"):
+    with pytest.raises(InputError, match="light of the patterns: expected more light than noise"):
         fit_camera(dark, unknowns=ASKED)
     saturated = measured(camera, light, valid=light < 0.02 * light.max())
     with pytest.raises(InputError, match=r"lenslet at .* expose shorter: pixels are saturated"):
@@ -167,6 +167,12 @@ def test_what_does_not_suffice_is_refused_with_one_message():
         InputError, match=r"lenslet at \(-480, 500\) µm: .* got 0 of 5 planes; correct lattice.lens_centres_um"
     ):
         fit_camera(measured(elsewhere, light), unknowns=ASKED)
+
+
+def test_several_regions_are_refused_since_a_pattern_is_the_same_everywhere():
+    own = measured(camera_of(), simulated())
+    with pytest.raises(InputError, match="fit of several regions of the field: expected a camera with a periodic"):
+        fit_field({"a": own, "b": own})
 
 
 def test_groups_of_a_lattice_are_refused_and_a_pupil_that_cuts_nothing_is_named():
