@@ -166,7 +166,7 @@ def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
 
 
 def cost_axis(curve: Curve) -> tuple[str, float]:
-    """Return the label of the cost axis in a chart, and the divisor of costs for it."""
+    """Return the label of a chart's cost axis, and the number by which to divide costs for the unit of the label."""
     unit, scale = SHOWN[curve.unit]
     name = curve.cost.split(",")[0]  # the whole text does not fit along an axis
     return f"{name} ({unit})" if unit else name, scale

@@ -57,7 +57,7 @@ class Bound:
         # the order of the comparison rejects NaN too
         known = math.isfinite(bound.low) or math.isfinite(bound.high)
         if not (sign and colon and bound.gauge and known and bound.low < bound.high):
-            raise InputError.expected("suspender", "GAUGE=LOW:HIGH such as temperature=20:22", repr(text), "correct it")
+            raise InputError.expected("--suspend", "GAUGE=LOW:HIGH such as temperature=20:22", repr(text), "correct it")
         return bound
 
     def holds(self, value: float) -> bool:
@@ -79,7 +79,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
         return FileGauge(Path(name))
     own = ", ".join(gauge.name for gauge in rig.gauges) or "no gauge"
     raise InputError.expected(
-        "suspender", f"a gauge of the devices ({own}) or a file that ends with the newest number", name, "correct it"
+        "--suspend", f"a gauge of the devices ({own}) or a file that ends with the newest number", name, "correct it"
     )
 
 

@@ -407,7 +407,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
         return build(hint, value, what)
     # in Python, true is an integer; in a file, it is not a number
     if hint in _LEAVES and type(value) not in _LEAVES[hint][0]:
-        raise FileFormatError.expected(what, _LEAVES[hint][1], repr(value), "give such a value")
+        raise FileFormatError.expected(what, _LEAVES[hint][1], repr(value), "correct this value")
     return value
 
 

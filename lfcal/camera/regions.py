@@ -170,7 +170,7 @@ def parse_regions(text: str) -> tuple[int, int]:
     """Return rows and columns of regions written as ``3x3``."""
     match = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text)
     if match is None:
-        raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "for example 3x3")
+        raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "give a value such as 3x3")
     return _checked(int(match[1]), int(match[2]))
 
 

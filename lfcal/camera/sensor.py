@@ -95,7 +95,7 @@ class Sensor:
                 "colour filter pattern",
                 f"1, 4, 16 or 36 letters of {CFA_LETTERS}",
                 repr(self.cfa),
-                'for example "GRBG", or "" for a monochrome sensor',
+                'give a value such as "GRBG", or "" for a monochrome sensor',
             )
 
     @property

@@ -73,7 +73,7 @@ def search(
         _show_found(filter_set_frontier(ratio), out, json=json)
         return
     if not is_whole(what):
-        raise InputError.expected("search", "filters or a mask's size", repr(what), "for example 11")
+        raise InputError.expected("search", "filters or a mask's size", repr(what), "give a value such as 11")
     kept: deque[SearchProgress] = deque(maxlen=1)
     try:
         frontier = run_work(iter_mask_frontier(int(what), ratio, starts=starts), quiet=json, seen=kept.append)

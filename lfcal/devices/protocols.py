@@ -284,7 +284,7 @@ class Waiting(Protocol):
 
 
 class TimeSource(Protocol):
-    """Clock of a rig; that of the simulator runs as fast as the computer."""
+    """Clock of a rig. The simulator's clock does not wait: it advances immediately by each requested pause."""
 
     def monotonic(self) -> float:
         """Return seconds from an arbitrary start; never decreases."""

@@ -22,7 +22,7 @@ class Judged(Protocol):
 
     @property
     def known(self) -> str:
-        """Positive results about the data, such as "good by 26 metrics"; may be empty."""
+        """Summary of the checks that the data passed, such as "good by 26 metrics"; may be empty."""
         ...
 
 

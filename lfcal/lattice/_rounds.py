@@ -332,9 +332,9 @@ def _check_found(index: NDArray[np.intp], placed: LensletPlaces, dead: NDArray[n
         return
     raise InputError.expected(
         "white image",
-        f"micro-images of {MIN_COUNT} or more lenslets and of {100 * (1 - MAX_DEAD):.0f} % of the lit ones, "
-        f"with {100 * MIN_EXPLAINED:.0f} % similarity",
-        f"{(~dead).sum()} lenslets, {100 * (1 - gone):.0f} % of the lit ones, {100 * explained:.0f} % similarity",
+        f"micro-images of at least {MIN_COUNT} lenslets and of at least {100 * (1 - MAX_DEAD):.0f} % of the lit ones, "
+        f"and a mean micro-image that explains at least {100 * MIN_EXPLAINED:.0f} % of their variance",
+        f"{(~dead).sum()} lenslets, {100 * (1 - gone):.0f} % of the lit ones, {100 * explained:.0f} % of the variance",
         "record an evenly lit image of the lenslets",
     )
 

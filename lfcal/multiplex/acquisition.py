@@ -103,7 +103,7 @@ def iter_acquire_light_field(
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)
     if not chi2 > 0:
-        raise InputError.expected("chi^2", "a number above 0, or inf", chi2, "give such a number")
+        raise InputError.expected("chi^2", "a number above 0, or inf", chi2, "correct this value")
     clock = Clock("acquire", len(modulators))
     results = []
     for k, modulator in enumerate(modulators):

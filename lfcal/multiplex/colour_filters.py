@@ -53,7 +53,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
     """
     if not isinstance(pattern, str):
         raise InputError.expected(
-            "colour filter pattern", "letters that name filters", repr(pattern)[:60], 'for example "RG/GB"'
+            "colour filter pattern", "letters that name filters", repr(pattern)[:60], 'give a value such as "RG/GB"'
         )
     wanted = "".join(pattern.lower().split()).replace("-", "").replace("×", "x")
     known = {"".join(name.lower().split()).replace("-", ""): rows for name, rows in CFA_PATTERNS.items()}
@@ -72,7 +72,9 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
             "colour filter pattern",
             f"{', '.join(CFA_PATTERNS)}, or equal rows of {''.join(filters)}",
             repr(pattern),
-            f'stripes are "{rows[0]}/{rows[0]}"' if row and len(text) <= MAX_SIDE else 'for example "RG/GB" or "GRBG"',
+            f'stripes are "{rows[0]}/{rows[0]}"'
+            if row and len(text) <= MAX_SIDE
+            else 'give a value such as "RG/GB" or "GRBG"',
         )
     if max(len(rows), len(rows[0])) > MAX_SIDE:
         raise InputError.expected(

@@ -149,6 +149,6 @@ def _shares(what: str, values: ArrayLike) -> Array:
         flat = shares.ndim == 2 and shares.size
         got = f"{shares.min():.3g} … {shares.max():.3g}" if flat else f"shape {shares.shape}"
         raise InputError.expected(
-            what, "rows and columns of fractions from 0 to 1, not all 0", got, "give such an array"
+            what, "rows and columns of fractions from 0 to 1, not all 0", got, "correct the array"
         )
     return shares

@@ -231,7 +231,7 @@ def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, i
             "mask",
             "rows and columns of transmissions from 0 to 1",
             f"an array of shape {values.shape}",
-            "give such an array",
+            "correct the array",
         )
     wide = np.zeros([n + 2 * m for n, m in zip(values.shape, shape, strict=True)])
     wide[shape[0] : shape[0] + values.shape[0], shape[1] : shape[1] + values.shape[1]] = values

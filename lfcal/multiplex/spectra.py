@@ -368,7 +368,9 @@ def _pattern(pattern: str, known: tuple[str, ...]) -> list[list[str]]:
     strange = [name for row in rows for name in row if name not in known]
     if strange or not good or not rows[0]:
         wanted = f"rows of equally many letters {', '.join(known)}"[:90]
-        raise InputError.expected("filter pattern", wanted, repr(pattern)[:60], 'for example "RG/GB" or "F0,F1/F2,F3"')
+        raise InputError.expected(
+            "filter pattern", wanted, repr(pattern)[:60], 'give a value such as "RG/GB" or "F0,F1/F2,F3"'
+        )
     return rows
 
 

@@ -55,7 +55,7 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
             "weights of the pixels",
             f"finite values of 0 or more, not all 0, with shape {shape}",
             told,
-            "give such an array",
+            "correct the weights",
         )
     return array
 

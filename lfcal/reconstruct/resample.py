@@ -33,9 +33,9 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True)
 class Resampling:
-    """Affine map from a frame to one in which the period is whole and parallel to the axes.
+    """Affine map to a frame in which the period is a whole number of pixels and parallel to the axes.
 
-    Points are ``(row, column)``; whole numbers are the centres of pixels.
+    Points are ``(row, column)``; integers are the centres of pixels.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Resampling:
         Position of ``origin`` in the result (pixels).
     distortion
         `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the map removes, or None;
-        ``origin`` is then that of the straight lattice.
+        ``origin`` is then that of the undistorted lattice.
 
     Examples
     --------

@@ -36,8 +36,8 @@ class AssemblySettings:
 
     cutout: tuple[int, int] | str | None = opt(
         None,
-        "Size of the cutout: ROWS,COLUMNS (both odd); or auto: the smallest cutout within the limit of the lost "
-        "energy.",
+        "Size of the cutout: ROWS,COLUMNS (both odd). auto: the smallest cutout that keeps the lost energy within "
+        "its limit.",
         unit="px",
         empty="as planned",
         read=read_cutout_or_auto,

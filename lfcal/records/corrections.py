@@ -51,7 +51,7 @@ class CorrectionRecipe:
     )
     white_floor: float = opt(
         0.05,
-        "Smallest relative brightness of the white image by which frames are divided.",
+        "Lower limit of the relative brightness of the white image. Frames are never divided by a smaller value.",
         above=0,
         at_most=1,
         needs=("white", ""),

@@ -63,14 +63,18 @@ def read_pair(text: str) -> tuple[float, float]:
     fields = [field.strip() for field in re.split("[,x×]", text)]
     if len(fields) in (1, 2) and all(re.fullmatch(NUMBER, field) for field in fields):
         return _number(fields[0]), _number(fields[-1])
-    raise InputError.expected("value", "one number or two (rows,columns)", repr(text), "for example 181 or 181,181")
+    raise InputError.expected(
+        "value", "one number or two (rows,columns)", repr(text), "give a value such as 181 or 181,181"
+    )
 
 
 def read_range(text: str) -> tuple[float, float]:
     """Return the smallest and the largest value in ``"2,6"``."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
-        raise InputError.expected("value", "the smallest and the largest value, MIN,MAX", repr(text), "for example 2,6")
+        raise InputError.expected(
+            "value", "the smallest and the largest value, MIN,MAX", repr(text), "give a value such as 2,6"
+        )
     return _number(fields[0]), _number(fields[1])
 
 
@@ -93,7 +97,7 @@ def read_position(text: str) -> tuple[int, int]:
     """Return the position (y, x) in ``"9,16"``."""
     found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
     if found is None:
-        raise InputError.expected("position", "y,x", repr(text), "for example 9,16")
+        raise InputError.expected("position", "y,x", repr(text), "give a value such as 9,16")
     return int(found[1]), int(found[2])
 
 
@@ -106,7 +110,7 @@ def read_share(text: str) -> float:
     """Return the fraction, at most 1, in ``"0.03"`` or ``"3%"``."""
     found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
     if found is None:
-        raise InputError.expected("share", "a number, or percent", repr(text), "for example 0.03 or 3%")
+        raise InputError.expected("share", "a number, or percent", repr(text), "give a value such as 0.03 or 3%")
     return _times_ten(found[1], -2) if found[2] else _number(found[1])
 
 
@@ -126,7 +130,9 @@ def read_length_um(text: str) -> float:
     """Return a length in µm from a text with a unit, or from a number of µm without a unit."""
     found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
     if found is None:
-        raise InputError.expected("length", "a number with nm, um or mm", repr(text), "for example 250 um or 1.5 mm")
+        raise InputError.expected(
+            "length", "a number with nm, um or mm", repr(text), "give a value such as 250 um or 1.5 mm"
+        )
     return _number(found[1]) * UNITS[found[2] or ""]
 
 
@@ -137,7 +143,7 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
     if ":" not in text:
         return tuple(values)
     if "," in text or len(values) != 3 or values[2] == 0:
-        raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "for example 2:5.5:0.5")
+        raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "give a value such as 2:5.5:0.5")
     start, stop, step = values
     # rounded generously: 0.1:0.7:0.1 means seven planes, although 0.6 / 0.1 is below 6 in floating point
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
@@ -173,7 +179,7 @@ def _plane(field: str, lengths: bool) -> float:
     # virtual depths are ratios: a unit indicates that the wrong option was used
     if found is None or (found[2] and not lengths):
         wanted = "numbers, in µm or with mm" if lengths else "numbers"
-        raise InputError.expected("planes", wanted, repr(field), "for example 2,3,5")
+        raise InputError.expected("planes", wanted, repr(field), "give a value such as 2,3,5")
     # the second number of "1,000", which would mean the planes 1 and 0
     if re.match(r"[-+−]?0\d", found[1]):
         raise InputError.expected("planes", "numbers without leading zeros", repr(field), "write 1000 for 1,000")
@@ -188,7 +194,7 @@ def read_effect(text: str) -> str:
     if not sign and name.lower().endswith(".json"):
         return name
     wanted = "NAME=on, off, auto or a magnitude, or a JSON file"
-    raise InputError.expected("effect", wanted, repr(text), "for example coma=0.3@40deg")
+    raise InputError.expected("effect", wanted, repr(text), "give a value such as coma=0.3@40deg")
 
 
 def read_orientation(text: str) -> str:
@@ -200,7 +206,7 @@ def read_pixel(text: str) -> tuple[float, float]:
     """Return the pixel (row, column) in ``"12,7"``; fractions of a pixel are allowed."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
-        raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "for example 12,7")
+        raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "give a value such as 12,7")
     return _number(fields[0]), _number(fields[1])
 
 

@@ -84,7 +84,7 @@ class Simulation(PlaneSource):
 
 
 class TaskPlane(PlaneSource):
-    """One plane of an H, in the form that any process can compute."""
+    """One plane of an H, in a form that any process can compute."""
 
     def __init__(self, task: PlaneTask) -> None:
         self.task, self.header = task, header_of(task.plan, {})

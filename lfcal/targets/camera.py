@@ -110,7 +110,7 @@ class TargetCamera(Frames):
         if light.shape != (count,) or not np.isfinite(light).all() or (light < 0).any():
             wanted = f"{count} values of 0 or more, one for each hole"
             raise InputError.expected(
-                "brightness of holes", wanted, f"an array of shape {light.shape}", "give such values"
+                "brightness of holes", wanted, f"an array of shape {light.shape}", "give one value for each hole"
             )
         self.brightness: NDArray[np.float64] = light
         # only light; the sensor is applied once for all holes

@@ -74,7 +74,7 @@ class Pose:
             name, _, value = (piece.strip() for piece in part.partition("="))
             if name not in DEGREES and name not in LENGTHS:
                 raise InputError.expected(
-                    "pose", " or ".join([*DEGREES, *LENGTHS]), repr(part), "for example rotation=1"
+                    "pose", " or ".join([*DEGREES, *LENGTHS]), repr(part), "give a value such as rotation=1"
                 )
             key = DEGREES.get(name) or LENGTHS[name]
             if key in found:

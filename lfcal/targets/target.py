@@ -159,7 +159,7 @@ class Target:
         return cls.from_dict(parse_json(text, "target"))
 
 
-EXAMPLE = "for example array:12x12@1.2mm,hole=20um or array:12x12@1.2mm,hex"
+EXAMPLE = "give a value such as array:12x12@1.2mm,hole=20um or array:12x12@1.2mm,hex"
 
 
 def parse_target(text: str) -> Target:

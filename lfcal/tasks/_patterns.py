@@ -60,7 +60,9 @@ def _read_noise(text: str) -> tuple[float, float] | None:
         values = []
     if len(values) != 2:
         wanted = "CONSTANT,SLOPE of the variance of a sample"
-        raise InputError.expected("noise", wanted, repr(text), "for example 64,1 for the variance 64 + 1 x value")
+        raise InputError.expected(
+            "noise", wanted, repr(text), "give a value such as 64,1 for the variance 64 + 1 x value"
+        )
     for value in values:
         check_number("noise", value, at_least=0)
     if not sum(values):

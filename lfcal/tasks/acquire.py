@@ -35,7 +35,9 @@ def _numbers(text: str) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise InputError.expected("numbers", "numbers separated by commas", text, "for example 1,0.25") from None
+        raise InputError.expected(
+            "numbers", "numbers separated by commas", text, "give a value such as 1,0.25"
+        ) from None
 
 
 NUMBERS: dict[str, Any] = {"read": _numbers, "show": show_planes, "more": True}
@@ -604,7 +606,12 @@ class AcquireUntil(_AcquireScan):
         at_least=0,
     )
     unknowns: str | tuple[str, ...] = opt(
-        (), "Groups of unknowns to fit, A,B,C.", choices=_groups, read=read_names, show=show_names, empty="auto"
+        (),
+        "Groups of unknowns to fit, separated by commas.",
+        choices=_groups,
+        read=read_names,
+        show=show_names,
+        empty="auto",
     )
 
     def __post_init__(self) -> None:

@@ -117,7 +117,7 @@ class _Fit(Task):
     )
     unknowns: str = opt(
         "auto",
-        "Groups of unknowns to fit: A,B,C. auto: the groups that reduce the error of held-out patterns.",
+        "Groups of unknowns to fit, separated by commas. auto: the groups that reduce the error of held-out patterns.",
         examples=("auto",),
         read=read_unknowns,
     )

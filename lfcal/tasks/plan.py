@@ -41,7 +41,9 @@ def _exposures(text: str) -> float | tuple[float, ...]:
         values = tuple(float(one) for one in text.split(","))
         return values if len(values) > 1 else values[0]
     except ValueError:
-        raise InputError.expected("exposure (s)", "numbers", repr(text), "for example 0.02 or 0.02,0.05") from None
+        raise InputError.expected(
+            "exposure (s)", "numbers", repr(text), "give a value such as 0.02 or 0.02,0.05"
+        ) from None
 
 
 def _show(values: float | tuple[float, ...]) -> str:

@@ -76,7 +76,7 @@ class PlanFit(PlanTask):
     )
     unknowns: str | tuple[str, ...] = opt(
         (),
-        "Groups of unknowns to fit, A,B,C.",
+        "Groups of unknowns to fit, separated by commas.",
         choices=_groups,
         read=read_names,
         show=show_names,

@@ -145,9 +145,8 @@ class _PlanTarget(PlanTask):
         plan = yield from self._iter_plan(scan)
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
-            raise InputError.expected(
-                "--signal", "several points, and frames to show together", "too few", "leave --signal out"
-            )
+            wanted = "at least two points, and enough frames to show some of them together"
+            raise InputError.expected("--signal", wanted, "a target with too few", "leave --signal out")
         if self.display is not None:
             plan = planned_for_display(plan, self.display, verdict)
         return self.planned(plan, verdict)

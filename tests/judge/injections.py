@@ -146,7 +146,7 @@ def _type() -> Values:
 
 INJECTIONS: dict[str, Injection] = {
     "saturated": Injection(
-        "the sensor saturates at half of the brightest light",
+        "the sensor saturates at half the peak signal",
         "above a common value, samples have less light than the camera predicts",
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),

@@ -105,7 +105,7 @@ def find_depths(
     apart, note = _differences(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
     words = (
         "depths: inferred from the steps, which are one pixel (uncertainty from scatter and rounding: ± "
-        f"{common:.4g} um for all{apart}); state more accurate depths with --depths"
+        f"{common:.4g} µm for all{apart}); state more accurate depths with --depths"
     )
     return _found(axes, None, depths, (words, *note))
 
@@ -143,14 +143,14 @@ def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
         z = float(np.ptp(planes.heights))
         raise InputError.expected(
             f"{planes.name}, z of the planes",
-            f"a range of about {z * abs(scale):.4g} um, inferred from the steps of its planes",
-            f"{z:.4g} um",
+            f"a range of about {z * abs(scale):.4g} µm, inferred from the steps of its planes",
+            f"{z:.4g} µm",
             _remedy(abs(scale)),
         )
     raise InputError.expected(
         "steps of the list's planes",
         "longer steps in farther planes, one pixel each",
-        f"{planes.sizes.min():.5g} … {planes.sizes.max():.5g} um",
+        f"{planes.sizes.min():.5g} … {planes.sizes.max():.5g} µm",
         "check camera and columns; a scan with the same step in all planes does not move by whole pixels",
     )
 
@@ -181,9 +181,9 @@ def _differences(
         return "", ()
     note = (
         f"z: its range is {1 / abs(slope):.3f} times the range that the steps of the planes imply, and single planes "
-        f"differ by up to {most:.4g} um; check unit and scale of z, pixel pitch, focal length and working distance"
+        f"differ by up to {most:.4g} µm; check unit and scale of z, pixel pitch, focal length and working distance"
     )
-    return f", up to ± {most:.4g} um for one, because z and the steps disagree", (note,)
+    return f", up to ± {most:.4g} µm for one, because z and the steps disagree", (note,)
 
 
 def _of_numbers(
@@ -210,7 +210,7 @@ def _of_numbers(
         )
     words = (
         "depths: inferred from the steps, which are one pixel (uncertainty from scatter and rounding: up to ± "
-        f"{float(errors.max()):.4g} um for each); state more accurate depths with --depths"
+        f"{float(errors.max()):.4g} µm for each); state more accurate depths with --depths"
     )
     return Depths(axes, _rounded(depths), (words,))
 

@@ -138,7 +138,7 @@ def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, lis
             remedy = f"lengths that are {LENGTHS[likely[0]]:g} times as large would fit; {remedy}"
         raise InputError.expected(
             f"{listing.name}, steps",
-            f"about {nominal:.4g} um, one pixel of the camera",
+            f"about {nominal:.4g} µm, one pixel of the camera",
             f"{size:.4g} {listing.unit or 'without a unit'}",
             remedy,
         )

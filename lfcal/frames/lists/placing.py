@@ -253,7 +253,7 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
         raise InputError.expected(
             f"{listing.name}, depth of {listing.label(far)}",
             "at most half the plane spacing from a planned plane",
-            f"{rest[far, 2]:.4g} um",
+            f"{rest[far, 2]:.4g} µm",
             "the list is of another scan, or z is the wrong column",
         )
     rms = float(np.sqrt((size**2).mean()))
@@ -297,7 +297,7 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
         [] if listing.unit else [f"unit: {unit}, inferred from the plan's steps; state it with --columns x_{unit}=…"]
     )
     if not 0.8 < ratio < 1.25 and not listing.unit:
-        return [f"unit: 1 in the list is {scale:.4g} um, inferred from the plan's steps"], []
+        return [f"unit: 1 in the list is {scale:.4g} µm, inferred from the plan's steps"], []
     if not 0.8 < ratio < 1.25:
         raise InputError.expected(
             f"{listing.name}, steps",
@@ -318,7 +318,7 @@ def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float6
     scale, unit = _lateral_scale(listing, affine, plan)
     per = abs(float(affine[1 + axis, 2]))
     if not listing.unit and not (scale and 0.8 < UNITS[unit] / scale < 1.25):  # axes with stated units may differ
-        return [f"depths: 1 in the list's {AXES[axis]} is {per:.4g} um, inferred from the plan's depths"]
+        return [f"depths: 1 in the list's {AXES[axis]} is {per:.4g} µm, inferred from the plan's depths"]
     ratio, what = UNITS[unit] / per, f"{AXES[axis]} of the planes"
     if not LEAST < ratio < MOST:
         raise InputError.expected(
@@ -337,7 +337,7 @@ def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float6
     far = int(np.abs(rest[:, 2]).argmax())
     off = abs(float(rest[far, 2]))
     if off > PLANE_TOLERANCE * np.abs(np.diff(plan.depths_um)).min():
-        notes.append(f"depths: {what} differs by up to {off:.4g} um from the plan ({listing.label(far)})")
+        notes.append(f"depths: {what} differs by up to {off:.4g} µm from the plan ({listing.label(far)})")
     return notes
 
 

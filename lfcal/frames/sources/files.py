@@ -114,9 +114,9 @@ def _pixel_notes(options: FrameOptions, facts: dict[str, Any]) -> list[str]:
     own = {"on the sensor": camera.sensor.pixel_um, "in the object": camera.step_um(0.0)}
     if any(abs(stated / size - 1) < 0.01 for size in own.values()):
         return []
-    words = ", ".join(f"{size:.4g} um {where}" for where, size in own.items())
+    words = ", ".join(f"{size:.4g} µm {where}" for where, size in own.items())
     return [
-        f"pixel size: {stated:.4g} um in the frames, but in the camera {words}; check binning, objective and camera"
+        f"pixel size: {stated:.4g} µm in the frames, but in the camera {words}; check binning, objective and camera"
     ]
 
 

@@ -59,10 +59,10 @@ class Grid:
         check_cutout(*self.cutout)
         if len(self.image_shape) != 2 or min(self.image_shape) < 1:
             raise InputError.expected(
-                "image shape", "positive numbers of rows and columns", self.image_shape, "give such a shape"
+                "image shape", "positive numbers of rows and columns", self.image_shape, "correct the shape"
             )
         if min(self.period) < 1:
-            raise InputError.expected("period", "a positive period (ny, nx)", self.period, "give such a period")
+            raise InputError.expected("period", "a positive period (ny, nx)", self.period, "correct the period")
 
     @cached_property
     def origin(self) -> Pair:

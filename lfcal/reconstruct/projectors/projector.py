@@ -351,7 +351,7 @@ class Projector:
         workers = self._workers if data.size >= LARGE else 1
         if not all(for_each_chunk(lambda a, b: bool(np.isfinite(data[a:b]).all()), len(data), workers)):
             raise InputError.expected(
-                what, "finite values", "NaN or infinity", "give such pixels weight 0 in the solver"
+                what, "finite values", "NaN or infinity", "give these pixels weight 0 in the solver"
             )
         return data
 
@@ -369,6 +369,6 @@ def _phase_mask(phases: ArrayLike, period: tuple[int, int]) -> NDArray[np.bool_]
     mask = np.array(phases, np.bool_)
     if mask.shape != period or not mask.any():
         raise InputError.expected(
-            "image phases", f"a mask of shape {period} with at least one phase", mask.shape, "give such a mask"
+            "image phases", f"a mask of shape {period} with at least one phase", mask.shape, "correct the mask"
         )
     return mask

@@ -413,7 +413,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
                 "initial volume",
                 f"finite values of 0 or more, with shape {P.volume_shape}",
                 volume.shape,
-                "give such a volume",
+                "correct the volume",
             )
         return volume
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))

@@ -76,7 +76,9 @@ def check_partition(masks: Masks, period: tuple[int, int]) -> None:
     count = np.zeros(period, np.intp)
     for mask in masks:
         if np.shape(mask) != period:
-            raise InputError.expected("subset", f"a mask of shape {period}", np.shape(mask), "give such a mask")
+            raise InputError.expected(
+                "subset", f"a mask of shape {period}", np.shape(mask), "give a mask of this shape"
+            )
         count += mask
     if not (count == 1).all():
         raise InputError.expected(

@@ -101,7 +101,7 @@ class DepthSmoothing:
         """Check every value."""
         object.__setattr__(self, "widths", tuple(float(w) for w in self.widths))
         if not all(0 <= w < 1e4 for w in self.widths) or self.lobes < 1:
-            raise InputError.expected("smoothing widths (voxels)", "0 or more", self.widths, "give such widths")
+            raise InputError.expected("smoothing widths (voxels)", "0 or more", self.widths, "correct the widths")
 
     @classmethod
     def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:

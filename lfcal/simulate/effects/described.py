@@ -90,7 +90,10 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
             found += read_entries(item.strip())
         elif not sign:
             raise InputError.expected(
-                "effect", "NAME=on, off, auto or a magnitude, or a JSON file", repr(item), "for example coma=0.3@40deg"
+                "effect",
+                "NAME=on, off, auto or a magnitude, or a JSON file",
+                repr(item),
+                "give a value such as coma=0.3@40deg",
             )
         else:
             found.append(Entry(None, name, setting=text) if text in SETTINGS else _from_words(name, text))
@@ -203,7 +206,7 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
         try:
             return tuple((_whole(n), _whole(m), float(w)) for n, m, w in value)
         except (TypeError, ValueError, OverflowError):
-            raise InputError.expected(what, triples, str(value)[:60], "give such a value") from None
+            raise InputError.expected(what, triples, str(value)[:60], "correct this value") from None
     if isinstance(value, str) and kind.startswith("str"):
         return value
     if isinstance(value, int | float) and not isinstance(value, bool) and not (triples or kind.startswith("str")):
@@ -216,7 +219,7 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
     if value is None and kind.endswith("None"):
         return value
     wanted = "a text" if kind.startswith("str") else triples or "a number"
-    raise InputError.expected(what, wanted, repr(value)[:60], "give such a value")
+    raise InputError.expected(what, wanted, repr(value)[:60], "correct this value")
 
 
 def _whole(value: Any) -> int:
@@ -284,5 +287,5 @@ def _terms(name: str, text: str, three: str, example: str) -> list[list[float]]:
     except ValueError:
         terms = []
     if not terms or any(len(term) != 3 for term in terms):
-        raise InputError.expected(f"terms of {name}", f"{three};{three}", repr(text), f"for example {example}")
+        raise InputError.expected(f"terms of {name}", f"{three};{three}", repr(text), f"give a value such as {example}")
     return terms

@@ -111,7 +111,7 @@ class Ghost(FrameEffect):
     pixel_ns: ClassVar[float] = 30.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return ``share``, and the part of the region's ghost that is inside its cutout, which is often zero."""
+        """Return ``share``, and the error: the light of the ghost inside the region's cutout, which is often zero."""
         seen, px = 1.0, outlook.pixel_um
         moved = self.rows_um, self.columns_um
         for field, place, pixels in zip(outlook.field_um, moved, outlook.cutout, strict=True):

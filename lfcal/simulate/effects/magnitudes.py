@@ -56,7 +56,7 @@ def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1
         allowed = "".join(f"{unit}, " for unit in units if unit).rstrip(", ")
         wanted = f"a number, with {allowed} or no unit" if allowed else "a number"
         got = "inf" if math.isinf(value) else repr(text)
-        raise InputError.expected(what, wanted, got, "for example 0.3")
+        raise InputError.expected(what, wanted, got, "give a value such as 0.3")
     return value
 
 

@@ -117,7 +117,10 @@ class Backlash(MotionEffect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return carriage minus drive; at the start, the play is taken up towards increasing coordinates."""
+        """Return the position of the carriage minus that of the drive (µm).
+
+        At the start, the play is taken up towards increasing coordinates.
+        """
         del rng
         out, play = np.zeros_like(commanded_um), self.play(camera)
         for axis in (1, 2):

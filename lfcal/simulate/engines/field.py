@@ -83,7 +83,10 @@ class FieldTable:
 
 
 def choose_mode(scene: Scene) -> str:
-    """Return ``"E"`` or ``"U"`` by the Fresnel number |a'| / (4 Nw^2 lambda) of the plane; ``"D"`` for a microscope."""
+    """Return the mode of propagation: ``"D"`` for a microscope, else ``"E"`` or ``"U"``.
+
+    ``"E"`` is for large Fresnel numbers |a'| / (4 Nw^2 lambda) of the plane, ``"U"`` for small ones.
+    """
     if scene.objective is not None:
         return "D"
     return "E" if scene.fresnel_number >= (SWITCH_EXACT if scene.exact_rays else SWITCH) else "U"

@@ -33,7 +33,7 @@ def depths_of(planes: ListedPlanes, camera: Camera | None = None) -> Depths:
 
 
 def stated(words: str, what: str) -> float:
-    found = re.search(rf"± (\S+) um for {what}", words)
+    found = re.search(rf"± (\S+) µm for {what}", words)
     assert found, words
     return float(found[1])
 
@@ -74,10 +74,10 @@ def test_what_lies_within_the_errors_is_not_told() -> None:
     [
         (
             3.0,
-            "z of the planes: expected a range of about .* um, inferred from the steps of its planes, got .* um; "
+            "z of the planes: expected a range of about .* µm, inferred from the steps of its planes, got .* µm; "
             "check unit",
         ),
-        (1e-3, r"got 50 um; is it in mm\? state its unit \(--columns z_mm=COLUMN\)"),
+        (1e-3, r"got 50 µm; is it in mm\? state its unit \(--columns z_mm=COLUMN\)"),
         (1e3, r"is it in um\? state its unit \(--columns z_um=COLUMN\)"),
     ],
 )

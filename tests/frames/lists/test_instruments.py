@@ -44,7 +44,7 @@ def test_an_ome_stack_says_where_each_page_belongs(tmp_path: Path, found: Scan) 
         np.testing.assert_array_equal([source.info(k).position for k in range(len(source))], found.positions)
         assert source.info(3).exposure_s == pytest.approx(0.02)
         notes = " ".join(source.metadata.notes)
-        assert "-x,+y,+z move the image" in notes and "pixel size: 1 um in the frames" in notes
+        assert "-x,+y,+z move the image" in notes and "pixel size: 1 µm in the frames" in notes
         assert source.metadata.pixel_um == 1.0 and "stage_um" not in source.metadata.other
         np.testing.assert_array_equal(source.read(7), frame(found.positions[7, 1:], seed=7))
     assert any_listing(tmp_path / "s.ome.tif").exposures is not None

@@ -103,7 +103,7 @@ def test_a_z_that_has_a_unit_of_its_own_is_said() -> None:
     """Counts of motors are of any length, and of another one along each axis."""
     found = scan()
     listing = listing_of(replace(found, stage=found.stage * [20.0, 20.0, 0.5]), unit="")
-    assert "depths: 1 in the list's z is 2 um, inferred from the plan's depths" in place(listing, plan_of()).notes
+    assert "depths: 1 in the list's z is 2 µm, inferred from the plan's depths" in place(listing, plan_of()).notes
     with pytest.raises(InputError, match="z of the planes"):
         place(listing_of(_deep(found, 1e-3), unit=""), plan_of())
 
@@ -114,7 +114,7 @@ def test_a_plane_that_lies_elsewhere_than_planned_is_said() -> None:
     stage = found.stage.copy()
     stage[found.positions[:, 0] == 1, 2] += 6e3
     placed = place(listing_of(replace(found, stage=stage)), plan_of(depths))
-    assert re.search(r"z of the planes differs by up to .* um from the plan \(\d+\.tif\)", placed.scales[-1])
+    assert re.search(r"z of the planes differs by up to .* µm from the plan \(\d+\.tif\)", placed.scales[-1])
 
 
 @pytest.mark.parametrize("first", [0, 1])

@@ -248,9 +248,10 @@ def _range_notes(found: Survey, plan: ScanPlan) -> list[str]:
     if listing.unit == "index" or listing.counted:
         return []
     places = listing.places[:, "xyz".index(axis)]
+    unit = "µm" if listing.unit == "um" else listing.unit or "of no unit"
     return [
-        f"{axis}: from {places.min():.6g} to {places.max():.6g} {listing.unit or 'of no unit'} in the list "
-        f"({column.name}), planes from {min(plan.depths_um):.6g} to {max(plan.depths_um):.6g} um in the plan"
+        f"{axis}: from {places.min():.6g} to {places.max():.6g} {unit} in the list "
+        f"({column.name}), planes from {min(plan.depths_um):.6g} to {max(plan.depths_um):.6g} µm in the plan"
     ]
 
 

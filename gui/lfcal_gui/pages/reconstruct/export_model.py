@@ -93,7 +93,7 @@ class ExportSettings(PageSettings):
             if getattr(self, name) not in allowed:
                 raise InputError.expected(name, " or ".join(map(str, allowed)), getattr(self, name), "choose one")
         if len(self.position) not in (0, 2):
-            raise InputError.expected("position", "y,x", self.position, "for example 2,1")
+            raise InputError.expected("position", "y,x", self.position, "give a value such as 2,1")
 
     @classmethod
     def of_path(cls, path: str) -> Self:

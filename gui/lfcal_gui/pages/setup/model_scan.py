@@ -112,7 +112,7 @@ def _changed(plan: ScanPlan, key: str, value: Any) -> ScanPlan:
     given = {key: value}
     if key in PLANES:
         if not value:
-            raise InputError.expected(ROWS[key].label, "one or more", "none", "for example 3,4")
+            raise InputError.expected(ROWS[key].label, "one or more", "none", "give a value such as 3,4")
         if len(value) != len(plan.depths_um):
             given["exposure"] = plan.exposures[0]
         given = {"depths": (), **given}

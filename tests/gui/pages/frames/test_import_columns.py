@@ -75,7 +75,7 @@ def test_x_and_y_change_places_in_two_steps(dialog: ImportDialog, qtbot: QtBot, 
     assert held(dialog) == ["file", "x", "y", "z"]
     words = hold(dialog, qtbot, 1, "y")
     assert held(dialog) == ["file", "y", "y", "z"], "both as they were chosen"
-    assert "column of y: expected one, got X (mm) and Y (mm); " in words and "--" not in words
+    assert "content y: expected one column, got X (mm) and Y (mm); " in words and "--" not in words
     assert not dialog.open_button.isEnabled()
     words = hold(dialog, qtbot, 2, "x")
     assert held(dialog) == ["file", "y", "x", "z"] and "y=X (mm), x=Y (mm)" in words
@@ -103,7 +103,7 @@ def test_columns_said_of_another_list_are_found_anew_and_it_is_said(
     assert "exposure=t" in words and "another list" not in words, "said of a list with these very columns"
     words = type_frames(dialog, qtbot, recorded(tmp_path / "second", ("t", *PLACES)))
     assert held(dialog) == ["file", "x", "y", "z"] and dialog.open_button.isEnabled()
-    assert "columns: chosen for another list, found anew in stage.csv" in words
+    assert "columns: chosen for another list, so columns were identified again in stage.csv" in words
     assert dialog.choice.columns == ""
 
 
@@ -148,7 +148,7 @@ def test_the_range_of_z_is_told_against_the_plan_s(tmp_path: Path, known: bool) 
     (note,) = (line for line in found.notes if line.startswith("z: from "))
     ends = [float(number) for number in re.findall(r"-?[0-9.]+", note)]
     np.testing.assert_allclose(ends, [-40e3, 10e3] * 2, atol=1)
-    assert "um in the list (Z (nm)), planes from" in note and note.endswith("um in the plan")
+    assert "µm in the list (Z (nm)), planes from" in note and note.endswith("µm in the plan")
     found.close()
 
 
