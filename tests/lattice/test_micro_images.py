@@ -65,7 +65,7 @@ def test_frames_that_do_not_lie_on_the_sensor_are_refused_with_the_numbers() -> 
     camera = camera_of("square")
     with pytest.raises(InputError, match=r"330 x 400 pixels.*got 150 x 170.*--origin ROW,COLUMN"):
         lattice_of(camera, (150, 170))
-    with pytest.raises(InputError, match=r"150 x 170 from row 200, column 0 on"):
+    with pytest.raises(InputError, match=r"150 x 170 starting at row 200, column 0"):
         lattice_of(camera, (150, 170), (200, 0))
     for origin in ((-1, 0), (0, 0.5)):
         with pytest.raises(InputError, match="origin"):

@@ -33,7 +33,7 @@ def test_noise_is_that_of_photons_and_reading_over_the_root_of_the_frames(even: 
         variance = electrons + sensor.read_noise_e**2 + sensor.electrons_per_count**2 / 12
         wanted = math.sqrt(2 / math.pi * variance / count) / electrons
         assert rung.error == pytest.approx(wanted, rel=0.05)
-        assert rung.others["by the noise model (%)"] == pytest.approx(100 * wanted, rel=1e-3)
+        assert rung.others["error by the noise model (%)"] == pytest.approx(100 * wanted, rel=1e-3)
         scan = replace(plan, frames_averaged=count)
         assert rung.cost == pytest.approx(3600 * Forecast.of(scan).hours)
 
