@@ -156,7 +156,7 @@ def _fitted(light: F8, levels: tuple[float, float], middle: F8, radius: float) -
                 "record all of it",
             )
         step, *_ = np.linalg.lstsq(ways[:half][seen], apart[seen], rcond=None)
-        # edges beside a touching disc have its light too
+        # edges next to a touching disc contain its light too
         left = np.abs(apart - ways[:half] @ step)
         seen &= left <= FAR * 1.4826 * np.median(left[seen]) + 1e-6
         step, *_ = np.linalg.lstsq(ways[:half][seen], apart[seen], rcond=None)

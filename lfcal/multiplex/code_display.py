@@ -65,19 +65,19 @@ class DisplayFit:
     @property
     def words(self) -> str:
         """One-line verdict that states the required pitch."""
-        told = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
+        width = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"
-            return f"fine enough: {told}; {met}"
+            return f"fine enough: {width}; {met}"
         if self.image_px > 1 + WHOLE:
             remedy = (
                 f"choose display pixels of at most {self.step_um:.4g} µm, or optics that demagnify them "
                 f"{self.image_px:.3g} times"
             )
-            return f"too coarse: {told}; {remedy}"
+            return f"too coarse: {width}; {remedy}"
         needed = 2 * PLACING_PX * self.step_um
         return (
-            f"too coarse: {told}, and positions {self.step_um:.4g} µm apart are off by up to "
+            f"too coarse: {width}, and positions {self.step_um:.4g} µm apart are off by up to "
             f"{self.placing_px:.2g} px; choose display pixels of at most {needed:.4g} µm, or of an integer "
             "fraction of the step, or measure the positions (lfcal fit)"
         )

@@ -130,7 +130,7 @@ def _made(stem: str, found: dict[str, Any]) -> Modulator:
             f"pixels that record {passed.min():.3g} to {passed.max():.3g} of unmodulated light, where 0 to "
             "1 is possible"
         )
-        raise ValueError(f'{told}: divide by the values of a pixel without a mask, or give the entry "light"')
+        raise ValueError(f'{found}: divide by the values of a pixel without a mask, or give the entry "light"')
     return made
 
 

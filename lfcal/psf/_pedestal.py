@@ -103,12 +103,12 @@ def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, sub
         # a pattern that fills its cutout has a bright darkest block even if the level was subtracted correctly
         if abs(share) <= limit or (subtracted and level > 0 and not seen):
             continue
-        told = f"{100 * share:.3g} %" if math.isfinite(share) else "more than all their light"
+        found = f"{100 * share:.3g} %" if math.isfinite(share) else "more than all their light"
         how = (
             "subtract dark frames, the black level or the background of the border; or keep the level (--keep-pedestal)"
         )
         if subtracted:
-            told += " after subtracting the dark or black level"
+            found += " after subtracting the dark or black level"
             how = (
                 "give dark frames or a black level recorded with the gain, exposure and bit depth (--shift) "
                 "of these frames, or subtract the background of the border; or keep the level (--keep-pedestal)"
@@ -116,6 +116,6 @@ def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, sub
         raise InputError.expected(
             f"plane {z}",
             f"frames without their black level (at most {100 * limit:g} % of the light of H)",
-            f"a constant level of {level:.4g} ({told})",
+            f"a constant level of {level:.4g} ({found})",
             how,
         )

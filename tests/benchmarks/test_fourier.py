@@ -1,4 +1,4 @@
-"""The projection of a Fourier light-field microscope beside its bare FFTs."""
+"""The projection of a Fourier light-field microscope compared with its bare FFTs."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ REFUSED = {
     "cutout": (("--cutout", "61"), "move the anchor, choose a smaller cutout, or allow padding"),
     "no number": (("--cutout", "wide"), "--cutout: expected one number or two (rows,columns)"),
     "shift": (("--shift", "4"), "samples with 4 empty low bits"),
-    "level nobody subtracts": (("--dark", "none", "--plan", "level.json"), "subtract dark frames, the black level"),
+    "level that stays": (("--dark", "none", "--plan", "level.json"), "subtract dark frames, the black level"),
     "interpolation": (("--interpolation", "quintic"), "nearest or linear or cubic or fourier"),
     "dtype": (("--dtype", "int3"), "--dtype: expected rounded or float32"),
     "compression": (("--compression", "rar"), "gzip or zstd or none"),

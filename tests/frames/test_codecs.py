@@ -94,7 +94,7 @@ LOSSY: dict[str, tuple[Callable[[Path], Path], str]] = {
         "WebP; record RAW",
     ),
     "LogLuv": (lambda p: with_data(p, SMOOTH, 34676, bytes(100)), "LogLuv, which may be lossy"),
-    "one that nobody knows": (lambda p: with_data(p, SMOOTH, 4711, bytes(100)), r"scheme 4711 \(unknown\)"),
+    "unknown scheme": (lambda p: with_data(p, SMOOTH, 4711, bytes(100)), r"scheme 4711 \(unknown\)"),
 }
 
 
