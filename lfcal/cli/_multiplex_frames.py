@@ -270,7 +270,9 @@ def views(
     recorded = read_recorded(frame)
     if recorded.raw.shape != fit.shape:
         wanted = f"the {fit.shape} px of the lattice"
-        raise InputError.expected(str(frame), wanted, recorded.raw.shape, "use the lattice of the camera that recorded it")
+        raise InputError.expected(
+            str(frame), wanted, recorded.raw.shape, "use the lattice of the camera that recorded it"
+        )
     level = recorded.level(sensor=described)
     weights = recorded.weights(level, described, dead, gain=gain, exposure_s=exposure)
     if weights is None and deviation is not None:
