@@ -126,11 +126,11 @@ def _made(stem: str, found: dict[str, Any]) -> Modulator:
     )
     passed = made.matrix @ made.light
     if np.abs(made.matrix).max() > MOST or passed.min() < -1e-6 or passed.max() > 1 + 1e-6:
-        found = (
+        got = (
             f"pixels that record {passed.min():.3g} to {passed.max():.3g} of unmodulated light, where 0 to "
             "1 is possible"
         )
-        raise ValueError(f'{found}: divide by the values of a pixel without a mask, or give the entry "light"')
+        raise ValueError(f'{got}: divide by the values of a pixel without a mask, or give the entry "light"')
     return made
 
 
