@@ -194,7 +194,7 @@ def test_every_entry_must_be_there(path: tuple[Any, ...]) -> None:
     del inner[path[-1]]
     with pytest.raises(FileFormatError) as caught:
         ScanPlan.from_dict(whole)
-    assert path[-1] in ("format", "version", "type", "optics", "camera") or f"{path[-1]!r}, got none" in str(
+    assert path[-1] in ("format", "version", "type", "optics", "camera") or f"{path[-1]!r}, got nothing" in str(
         caught.value
     )
 

@@ -84,5 +84,5 @@ def test_nan_is_masked_or_refused(lfcal: Lfcal, session: Path, tmp_path: Path) -
     np.save(session / "stack.npy", values)
     given = ("assemble", session / "stack.npy", "--order", "raster", "--dark", session / "dark")
     run = lfcal(*given, "-o", tmp_path / "H.h5")
-    assert run.code == 0 and "1 pixel without a value" in run.err, run.err
+    assert run.code == 0 and "1 pixel without a finite value" in run.err, run.err
     assert "--nan mask" in lfcal(*given, "-o", tmp_path / "R.h5", "--nan", "refuse").err

@@ -98,7 +98,7 @@ def test_what_is_no_unknown_is_refused() -> None:
         vector("bench", ("gap",))
     with pytest.raises(InputError, match="gap_um twice"):
         vector("bench", ("geometry", "geometry"))
-    with pytest.raises(InputError, match="f: start: expected 0 to 1, got 2"):
+    with pytest.raises(InputError, match="starting value of f: expected 0 to 1, got 2"):
         Unknown("f", "iris", "", 2.0, 1.0, low=0.0, high=1.0)
 
 

@@ -90,8 +90,8 @@ def test_olaf_hexagonal_with_three_types(tmp_path: Path) -> None:
         ("NA: 0.5", "NA: .nan", "NA"),
         ("WaveLength: 0.53", "WaveLength: 530", "µm"),
         ("n: 1.33", "noLensHoriz: 12", "'fobj'"),
-        ("n: 1.33", "n: [1.33", "yaml"),
-        ("n: 1.33", "n: !!python/object/apply:os.system ['true']", "yaml"),
+        ("n: 1.33", "n: [1.33", "YAML"),
+        ("n: 1.33", "n: !!python/object/apply:os.system ['true']", "YAML"),
     ],
 )
 def test_olaf_refusals_are_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -162,7 +162,7 @@ def test_napari_lf(tmp_path: Path) -> None:
 def test_napari_lf_fill_factor_is_not_guessed(tmp_path: Path) -> None:
     (tmp_path / "m.json").write_text(napari(ulens_fill_factor=0.7))
     found = import_camera(tmp_path / "m.json")
-    assert found.camera.marks["lattice.clear_um"] == "assumed" and "fill 0.7" in found.notes[0]
+    assert found.camera.marks["lattice.clear_um"] == "assumed" and "fraction of 0.7" in found.notes[0]
 
 
 @pytest.mark.parametrize(
