@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, format_bytes, format_length, format_seconds
+from lfcal.base import InputError, Work, format_bytes, format_length, format_seconds
 from lfcal.frames import parse_origin
 from lfcal.records import from_flat
 from lfcal.tasks import Depth
@@ -220,7 +220,7 @@ def shot_of(found: DepthMap, shade: Shade, least: float) -> Shot:
 
 def readout(found: DepthMap, shades: Mapping[str, Shade], row: int, column: int) -> str:
     """Return what is known of a sample: every quantity with its standard error, and the confidence."""
-    if not found.known[row, column]:
+    if not math.isfinite(found.slope[row, column]):
         return "depth unknown: no texture, or no agreement"
     parts = []
     for shade in shades.values():
@@ -247,3 +247,17 @@ def fact_rows(made: MeasuredDepth) -> tuple[tuple[str, str], ...]:
         ("Scale", f"of {made.scale}" if made.scale else "none: describe the camera for depths in µm"),
         ("Time", format_seconds(made.seconds)),
     )
+
+
+class Looked(NamedTuple):
+    """A measured map, its quantities by key, and its facts as names and values."""
+
+    made: MeasuredDepth
+    shades: dict[str, Shade]
+    facts: tuple[tuple[str, str], ...]
+
+
+def iter_looked(task: Depth, camera: Camera | None) -> Work[Looked]:
+    """Measure a map and compute what is shown of it, so that the main thread stays free."""
+    made = yield from task.iter_measured(camera)
+    return Looked(made, shades_of(made.found), fact_rows(made))

@@ -21,13 +21,13 @@ from lfcal_gui.pages.depth.model import (
     NO_CAMERA,
     NO_H,
     DepthSettings,
+    Looked,
     Shade,
     camera_of,
-    fact_rows,
     forecast_words,
     frame_picture,
+    iter_looked,
     readout,
-    shades_of,
     shot_of,
     takes,
     task_of,
@@ -245,7 +245,7 @@ class Page(BasePage):
         self._job = jobs.start(
             title,
             "depth",
-            lambda: task.iter_measured(camera),
+            lambda: iter_looked(task, camera),
             self._measured,
             kind="depth",
             abandon=True,
@@ -274,16 +274,16 @@ class Page(BasePage):
             self.panel.show_status("" if job.state is JobState.DONE else "stopped")
         self._show_controls()
 
-    def _measured(self, made: MeasuredDepth) -> None:
+    def _measured(self, looked: Looked) -> None:
         if self._of.light_field == self.context.state.light_field:
-            self.panel.show_took(f"done in {format_seconds(made.seconds)}", "good")
-            self._show_map(made)
+            self.panel.show_took(f"done in {format_seconds(looked.made.seconds)}", "good")
+            self._show_map(looked)
 
     # -- map -------------------------------------------------------------------------------------------
-    def _show_map(self, made: MeasuredDepth | None) -> None:
-        self.made, self._shades = made, {} if made is None else shades_of(made.found)
-        self.panel.show_facts(() if made is None else fact_rows(made), tuple(self._shades))
-        self.panel.show_map(made is not None)
+    def _show_map(self, looked: Looked | None) -> None:
+        self.made, self._shades, facts = looked or (None, {}, ())
+        self.panel.show_facts(facts, tuple(self._shades))
+        self.panel.show_map(looked is not None)
 
     def _show_picture(self) -> None:
         """Show the map or the frame."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,8 @@ from PySide6.QtWidgets import QLineEdit
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
+from lfcal.lattice import DepthMap
+from lfcal.tasks import MeasuredDepth
 from lfcal_gui.context import Context
 from lfcal_gui.models import Tint
 from lfcal_gui.pages.depth.model import DepthSettings
@@ -95,6 +98,26 @@ def test_a_frame_is_forecast_measured_and_looked_at(opened: Callable[..., Any], 
     qtbot.keyClick(page, Qt.Key.Key_V)
     idle(context.jobs, qtbot)
     assert panel.view.shot.tint is not None
+
+
+def test_what_is_shown_of_a_map_is_computed_in_its_job(
+    opened: Callable[..., Any], context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, waited = opened(), []
+
+    def watched(compute: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        def computed(self: Any) -> Any:
+            if threading.current_thread() is threading.main_thread():
+                waited.append(compute)
+            return compute(self)
+
+        return computed
+
+    monkeypatch.setattr(MeasuredDepth, "to_dict", watched(MeasuredDepth.to_dict))
+    monkeypatch.setattr(DepthMap, "disparity_sigma", property(watched(vars(DepthMap)["disparity_sigma"].fget)))
+    page.start()
+    idle(context.jobs, qtbot)
+    assert "median" in page.panel.facts.text() and not waited
 
 
 def test_confidence_fades_samples_and_the_pointer_reads_them(
