@@ -85,6 +85,7 @@ def draw(
     level: float = 2000.0,
     noise: float = 0.0,
     flat: bool = False,
+    pupil: float | None = None,
     offset: tuple[float, float] = (0.3, -0.2),
     span: tuple[float, float] | None = None,
     seed: int = 0,
@@ -93,7 +94,8 @@ def draw(
 
     ``fill`` is the diameter of the lenslets and of their micro-images (pitches), ``apertures`` the number of rays
     across a lenslet, ``noise`` its standard deviation at full ``level`` (of the level; shot noise), ``flat`` leaves
-    the vignetting out, and ``span`` are the slopes between which the scene lies (default: from the surface).
+    the vignetting out, ``pupil`` is the diameter of the main lens's image in a micro-image (pitches; None: no main lens
+    limits the rays), and ``span`` are the slopes between which the scene lies (default: from the surface).
     """
     shade = texture(seed) if shade is None else shade
     centres, types, own, u = _cells(shape, pitch, kind, rotation, offset)
@@ -101,7 +103,7 @@ def draw(
     base = centres[own] - middle
     arm = np.hypot(*np.moveaxis(u, -1, 0)) / (fill * pitch / 2)
     white = np.where(arm <= 1, 1 - (0.0 if flat else 0.35) * arm**2, 0.0)
-    light = np.zeros(shape)
+    light, lit = np.zeros(shape), np.zeros(shape)
     grid = (np.arange(apertures) + 0.5) / apertures * 2 - 1
     rays = [(y, x) for y in grid for x in grid if y * y + x * x <= 1]
     inverse = 1 / np.array(focus, float)
@@ -114,8 +116,11 @@ def draw(
         start, along = base + a, u - focal[..., None] * a
         w = _crossing(surface, start, along, low, high)
         place = start + w[..., None] * along
-        light += shade(place[..., 0], place[..., 1])
+        passed = 1.0 if pupil is None else np.hypot(*np.moveaxis(along, -1, 0)) <= pupil * pitch / 2
+        light += passed * shade(place[..., 0], place[..., 1])
+        lit += passed
     frame = level * white * light / len(rays)
+    white = white * lit / len(rays)
     rng = np.random.default_rng(seed + 1)
     frame = frame + noise * np.sqrt(np.maximum(frame, 0) * level) * rng.normal(size=shape)
     return Drawn(frame, level * white, centres, surface, pitch)

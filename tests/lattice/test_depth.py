@@ -118,6 +118,19 @@ def test_rotated_lattices(rotation: float) -> None:
     check(depth_map(drawn.frame, lattice(SHAPE, 22.0, rotation=rotation), white=drawn.white, slopes=(1.5, 12.0)), drawn)
 
 
+@pytest.mark.parametrize("slope", [3.0, 4.0, 5.0])
+def test_a_small_pupil_makes_disparities_too_large_by_at_most_0_2_px(slope: float) -> None:
+    """The pupil clips the blurred spots of lenslets out of focus on one side."""
+    bias = []
+    for pupil in (None, 0.73):
+        how: dict[str, Any] = {"focus": (2.0, 3.0, 5.0), "noise": 0.01, "flat": True, "pupil": pupil}
+        drawn = draw(SHAPE, 22.0, plane(slope), rotation=0.02, **how)
+        found = depth_map(drawn.frame, lattice(SHAPE, 22.0), white=drawn.white, slopes=(1.5, 15.0))
+        assert found.known.mean() > 0.9
+        bias.append(float(np.median(errors(found, drawn)[0][found.known])))
+    assert abs(bias[0]) < 0.05 < bias[1] < 0.2, bias
+
+
 def test_the_method_follows_from_the_frame(flat: Drawn) -> None:
     found = depth_map(flat.frame, lattice(SHAPE, 24.0), white=flat.white)
     assert found.method == "micro-images"
