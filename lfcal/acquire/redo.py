@@ -73,7 +73,7 @@ class RedoList:
         data: Any = parse_json(read_text(path, limit=LARGEST), str(path))
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise FileFormatError.expected(
-                str(path), f'"format": "{FORMAT}", version {VERSION}', "something else", "check the file"
+                str(path), f'"format": "{FORMAT}", version {VERSION}', "another kind of file", "check the file"
             )
         positions: Any = data.get("positions")
         reasons: Any = data.get("reasons", [])
@@ -88,7 +88,7 @@ class RedoList:
             raise FileFormatError.expected(
                 f"{path}: positions",
                 "a list of [z, y, x]",
-                "something else",
+                "other values",
                 "write it with lfcal inspect",
             )
         apart = [tuple(p) for p in aside]

@@ -257,7 +257,7 @@ class SessionFile:
         version = data.get("version") if isinstance(data, Mapping) else None
         if version not in (VERSION, TARGET_VERSION) or data.get("format") != FORMAT:
             wanted = f'"format": "{FORMAT}", version {VERSION} or {TARGET_VERSION}'
-            raise FileFormatError.expected(str(path), wanted, "something else", "check the file")
+            raise FileFormatError.expected(str(path), wanted, "another kind of file", "check the file")
         if (version == TARGET_VERSION) != ("target" in data):
             raise FileFormatError.expected(str(path), "a target in version 2", f"version {version}", "restore it")
         body = {"kept_aside": (), "target": None, **data}

@@ -284,7 +284,7 @@ class Camera:
             raise FileFormatError.expected(
                 "camera description",
                 f'"format": "{FORMAT}"',
-                "something else",
+                "another kind of file",
                 "check that the file describes a camera for lfcal",
             )
         version = data.get("version")

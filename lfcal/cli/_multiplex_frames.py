@@ -277,7 +277,7 @@ def views(
     weights = recorded.weights(level, described, dead, gain=gain, exposure_s=exposure)
     if weights is None and deviation is not None:
         raise InputError.expected(
-            "deviation", "pixels with weights", "none", "give --sensor or --dead, or leave it out"
+            "--deviation", "pixels with weights", "none", "give --sensor or --dead, or leave --deviation out"
         )
     light = without_black_level(recorded.raw, level) if dark is None else _without_dark(recorded.raw, dark)
     if modulator is None:

@@ -440,7 +440,7 @@ def _from_json(path: Path, text: str) -> Manifest:
     frames = body.get("frames") if isinstance(body, dict) else None
     if not isinstance(frames, list) or not all(isinstance(f, dict) for f in frames):
         raise FileFormatError.expected(
-            f"manifest {path}", 'a list of objects under "frames"', "something else", "correct the file"
+            f"manifest {path}", 'a list of objects under "frames"', "other contents", "correct the file"
         )
     known = {"format", "version", "frames", *_EXPECTED}
     unknown = sorted(set(body) - known)

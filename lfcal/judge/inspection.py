@@ -118,7 +118,7 @@ class Inspection:
         return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
-        """Return whether the comparison examined what a metric suspects, and found almost nothing."""
+        """Return whether the comparison with a camera examined what ``metric`` reports, and found almost nothing."""
         harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
         return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
 

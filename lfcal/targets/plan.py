@@ -331,7 +331,7 @@ class TargetPlan:
         what = "plan of a target"
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
-                what, f'"format": "{FORMAT}"', "something else", "choose a plan made by lfcal plan target"
+                what, f'"format": "{FORMAT}"', "another kind of file", "choose a plan made by lfcal plan target"
             )
         if data.get("version") != VERSION:
             raise FileFormatError.expected(what, f"version {VERSION}", data.get("version"), "update lfcal")

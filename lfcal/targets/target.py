@@ -147,7 +147,7 @@ class Target:
         """Return the target described by ``data``; unknown or missing entries raise `InputError`."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
-                "target", f'"format": "{FORMAT}"', "something else", "choose a file that describes a target"
+                "target", f'"format": "{FORMAT}"', "another kind of file", "choose a file that describes a target"
             )
         if data.get("version") != VERSION:
             raise FileFormatError.expected("target", f"version {VERSION}", data.get("version"), "update lfcal")

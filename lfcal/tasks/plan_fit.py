@@ -109,7 +109,7 @@ class PlanFit(PlanTask):
     draw: Path | None = opt(
         None,
         "File for a plot of the expected error (.png).",
-        label="Picture",
+        label="Plot",
         file="out",
         empty="not drawn",
         more=True,

@@ -140,7 +140,9 @@ def _parsed(text: str) -> dict[str, Any]:
     data = parse_json(text, "project", remedy="choose another file")
     known = ((FORMAT, VERSION), (OLD_FORMAT, 1))
     if not isinstance(data, dict) or (data.get("format"), data.get("version")) not in known:
-        raise FileFormatError.expected("project", f"format {FORMAT} version {VERSION}", "another", "check it")
+        raise FileFormatError.expected(
+            "project", f"format {FORMAT} version {VERSION}", "another kind of file", "check the file"
+        )
     return data
 
 

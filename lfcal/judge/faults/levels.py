@@ -60,7 +60,7 @@ DIM = 4.0
 
 
 class Saturated(Fault):
-    """Values that end below the expected light."""
+    """Samples that saturate below the expected light."""
 
     name = "saturated"
     title = "saturated values"

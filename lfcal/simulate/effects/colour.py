@@ -101,7 +101,7 @@ class ChromaticFocus(_Chromatic):
         return Estimate(shift, "µm", error, "da = rate dl; blur s = da/sqrt(12)/(4 Nw v), or 0.09 (1.2 s/w)^1.5")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with an image that moves with the wavelength."""
+        """Return the scene with an image distance that depends on the wavelength."""
         shift = self.rate * self.width(outlook)
         if not shift:
             return scene

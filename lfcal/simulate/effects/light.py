@@ -81,7 +81,7 @@ class FiniteSource(LightEffect):
         return min(MAX_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return points and weights over the disc: 7 points, or more if the source's image is larger than a spot."""
+        """Return ``samples`` spread over the disc of the source: 7 points each, or more if its image exceeds a spot."""
         radius = self.image_px(outlook) / 2
         points = disc_rule(self.degree(outlook))
         return tuple(

@@ -166,12 +166,16 @@ def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
     if path.suffix.lower() != ".png":
         raise InputError.expected(path.name, "a name that ends with .tif or .png", path.suffix or "none", "change it")
     if frame.samples.dtype != np.uint16:
-        raise InputError.expected(path.name, "whole numbers", "others", "switch quantisation on, or save as TIFF")
+        raise InputError.expected(
+            path.name, "whole numbers", "fractional values", "switch quantisation on, or save as TIFF"
+        )
     import cv2
 
     ok, encoded = cv2.imencode(".png", frame.samples)
     if not ok:
-        raise InputError.expected(path.name, "an image that PNG can store", "another", "save it as TIFF")
+        raise InputError.expected(
+            path.name, "an image that PNG can store", f"shape {frame.samples.shape}", "save it as TIFF"
+        )
     part.write_bytes(encoded.tobytes())
 
 

@@ -65,7 +65,7 @@ def test_the_order_is_chosen_in_the_window(qtbot: QtBot, context: Context, open_
     assert "choose their Order above" in dialog.words.text()
     dialog.order.setCurrentIndex(dialog.order.findData("raster"))
     qtbot.waitUntil(dialog.open_button.isEnabled, timeout=GUARD_MS)
-    assert "order: raster, shot_0.tif is first" in dialog.words.text()
+    assert "order: raster, beginning with shot_0.tif" in dialog.words.text()
     dialog.open_button.click()
     qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
     state: ProjectState = context.state
