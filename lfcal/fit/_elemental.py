@@ -56,6 +56,16 @@ REACH = 0.45
 LOST = 0.2
 """Share of the lit pixels of an elemental image that may be invalid, as saturated pixels are."""
 
+CLIPPED = 0.9
+"""Share of the brightest valid value of a pattern above which an invalid pixel is saturated; gains of pixels differ."""
+
+INVALID = (
+    "expose shorter: its pixels are saturated",
+    "record these planes again: its pixels are NaN or infinite",
+    "correct the mask of defective pixels, or use a cutout inside the frame: its pixels are masked",
+)
+"""What to do where too many pixels of an elemental image are invalid, by reason."""
+
 MOVED_PX = 2.0
 """Movement of the elemental images between the outermost planes that shows the parallax."""
 
@@ -281,7 +291,7 @@ def _centroids(measured: Measured) -> tuple[F8, NDArray[np.bool_]]:
             break
         if turn == 0:
             shift = np.median((found - expected)[seen], axis=0)
-    _check_seen(measured, seen)
+    _check_seen(measured, found, seen)
     return found, seen
 
 
@@ -314,21 +324,44 @@ def _centroid(lit: F8, valid: NDArray[np.bool_], place: F8, reaches: Sequence[fl
     return place, bool(lost <= LOST * np.count_nonzero(light > 0))
 
 
-def _check_seen(measured: Measured, seen: NDArray[np.bool_]) -> None:
+def _check_seen(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> None:
     """Raise `InputError` where elemental images are not found, with the reason."""
-    saturated = np.count_nonzero(~measured.valid) > 0
     for j, often in enumerate(seen.sum(0).tolist()):
         if often < 2:
             x, y = _lenslets(measured.plan.camera)[0].lens_centres_um[j]
-            remedy = "correct lattice.lens_centres_um, or measure it in a white image (lfcal white)"
-            if saturated:
-                remedy = "expose shorter: pixels are saturated"
             raise InputError.expected(
                 f"elemental images of the lenslet at ({x:g}, {y:g}) µm",
                 "light in two planes or more, where the camera is described",
                 f"{often} of {len(seen)} planes",
-                remedy,
+                _remedy(measured, found[:, j], ~seen[:, j]),
             )
+
+
+def _remedy(measured: Measured, places: F8, unseen: NDArray[np.bool_]) -> str:
+    """Return what to do about the images of a lenslet, searched for at ``places`` ``(n, 2)``, that are ``unseen``."""
+    counts = np.zeros(3, np.intp)
+    for k in np.flatnonzero(unseen).tolist():
+        counts += _invalid(measured, k, places[k])
+    if not counts.any():
+        return "correct lattice.lens_centres_um, or measure it in a white image (lfcal white)"
+    return INVALID[int(np.argmax(counts))]
+
+
+def _invalid(measured: Measured, k: int, place: F8) -> NDArray[np.intp]:
+    """Return the number of invalid pixels of an elemental image by reason, as in `INVALID`; 0 if they are few."""
+    pattern, good = measured.patterns[k], measured.valid[k]
+    y, x = np.indices(pattern.shape)
+    inside = np.hypot(y - place[0], x - place[1]) <= _half_px(
+        measured.plan.camera, measured.plan.depths_um[int(measured.index[k, 0])]
+    )
+    lit = np.count_nonzero(inside & (_lit(measured, k) > 0)) or np.count_nonzero(inside)
+    lost = pattern[inside & ~good]
+    if lost.size <= LOST * lit:
+        return np.zeros(3, np.intp)
+    finite = lost[np.isfinite(lost)]
+    brightest = float(pattern[good].max(initial=0.0))
+    bright = np.count_nonzero((finite > 0) & (finite >= CLIPPED * brightest))
+    return np.array([bright, lost.size - finite.size, finite.size - bright], np.intp)
 
 
 def _lines(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> _Lines:

@@ -159,14 +159,27 @@ def test_what_does_not_suffice_is_refused_with_one_message():
     dark = replace(measured(camera, light), patterns=measured(camera, 0 * light + 1e-9, peak=1e-9).patterns)
     with pytest.raises(InputError, match="light of the patterns: expected more light than noise"):
         fit_camera(dark, unknowns=ASKED)
-    saturated = measured(camera, light, valid=light < 0.02 * light.max())
-    with pytest.raises(InputError, match=r"lenslet at .* expose shorter: pixels are saturated"):
-        fit_camera(saturated, unknowns=ASKED)
     elsewhere = camera_of([*CENTRES.tolist(), (-480.0, 500.0)])
     with pytest.raises(
         InputError, match=r"lenslet at \(-480, 500\) µm: .* got 0 of 5 planes; correct lattice.lens_centres_um"
     ):
         fit_camera(measured(elsewhere, light), unknowns=ASKED)
+
+
+def test_the_reason_of_invalid_pixels_is_named():
+    camera, light = camera_of(CENTRES[:2]), simulated(2)
+    bright, far, gone = light > 0.02 * light.max(), np.zeros(light.shape, bool), light.copy()
+    far[:, :, 230:], gone[:, :, :100] = True, 0.0
+    for invalid, values, words in (
+        (bright, light, "expose shorter: its pixels are saturated"),
+        (bright, np.where(bright, np.nan, light), "record these planes again: its pixels are NaN or infinite"),
+        (bright, np.where(bright, 0.0, light), "correct the mask of defective pixels.* its pixels are masked"),
+        (far, gone, r"correct lattice\.lens_centres_um"),
+    ):
+        given = measured(camera, light, valid=~invalid)
+        given = replace(given, patterns=(12e3 * values / light.max()).astype(np.float32))
+        with pytest.raises(InputError, match=rf"lenslet at .* got [01] of 5 planes; {words}"):
+            fit_camera(given, unknowns=ASKED)
 
 
 def test_several_regions_are_refused_since_a_pattern_is_the_same_everywhere():

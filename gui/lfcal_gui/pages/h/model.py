@@ -323,7 +323,7 @@ def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> str:
 
 
 def _virtual_words(camera: Camera | None, depth_um: float) -> str:
-    if camera is None:
+    if camera is None or not camera.has_lattice:
         return ""
     try:
         return f", v = {camera.virtual_depth(depth_um):.2f}"

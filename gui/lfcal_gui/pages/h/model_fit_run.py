@@ -415,8 +415,9 @@ def place_words(found: FoundFit, place: Place) -> str:
     """Return position, fate and χ² of a pattern as text."""
     z, y, x = place
     depth = found.measured.plan.depths_um[z]
-    virtual = found.fit.camera.virtual_depth(depth)
-    at = f"z = {format_length(depth)}, v = {virtual:.2f}; y {y}, x {x}"
+    camera = found.fit.camera
+    virtual = f", v = {camera.virtual_depth(depth):.2f}" if camera.has_lattice else ""
+    at = f"z = {format_length(depth)}{virtual}; y {y}, x {x}"
     return f"{at}: {found.fate(place)}, χ² {found.chi2[place]:.3g}"
 
 
