@@ -263,7 +263,7 @@ class _Acquire(Task):
     )
     frame_rate: float | None = opt(
         None,
-        "Largest frame rate of the camera, from which --dry-run predicts the recording time.",
+        "Largest frame rate of the camera, used to predict the recording time.",
         unit="frames/s",
         above=0,
         empty="without readout time",
