@@ -86,21 +86,25 @@ class Folded(QFrame):
         Always seen.
     tip
         When one would open it.
+    framed
+        Whether it is a card; inside another card it is not.
     """
 
-    def __init__(self, title: str, tip: str, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, title: str, tip: str, *, framed: bool = True) -> None:
+        super().__init__()
         self.head = FoldHead(title, tip)
         self.body = QWidget()
         self.column = QVBoxLayout(self.body)
         self.column.setContentsMargins(0, 0, 0, 0)
         self.column.setSpacing(5)
-        frame, inner = card()
-        inner.addWidget(self.head)
-        inner.addWidget(self.body)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(frame)
+        inner = outer
+        if framed:
+            frame, inner = card()
+            outer.addWidget(frame)
+        inner.addWidget(self.head)
+        inner.addWidget(self.body)
         self.head.toggled.connect(self.body.setVisible)
         self.body.hide()
 

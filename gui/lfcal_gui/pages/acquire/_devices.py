@@ -249,6 +249,7 @@ class FaultPanel(QWidget):
         self._connected = False
         self.kind = choice_box(KINDS, "Fault to simulate, to rehearse how a recording handles it")
         self.kind.setAccessibleName("kind of fault")
+        self.kind.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.kind.currentIndexChanged.connect(lambda _: self._count())
         self.at, self.times = QSpinBox(), QSpinBox()
         self.at.setRange(0, MOST)
@@ -265,7 +266,7 @@ class FaultPanel(QWidget):
         self.list.setMaximumHeight(84)
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.hint = wrapped("hint", HINT)
-        self.fold = Folded("Faults of the simulator", "Rehearse how a recording handles faults")
+        self.fold = Folded("Faults of the simulator", "Rehearse how a recording handles faults", framed=False)
         at, lasts = line("At", self.at, self.counted, stretch=1), line("Lasts", self.times, self.add, stretch=1)
         self.fold.column.addLayout(column_of(self.hint, self.kind, at, lasts, self.list, self.remove))
         column_of(self.fold, of=self)

@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QGridLayout, QLabel, QStackedWidget, QWidget
 
 from lfcal_gui.models import Shot
@@ -133,15 +134,15 @@ NOTHING = "Nothing recorded in this plane yet."
 NO_SUM = "Each frame of a target shows many positions. The sum is available after assembling."
 
 CURVES = {"energy": "Energy (counts)", "residual": "Residual (px)", "saturated": "Saturated (px)"}
-LOW = 56
-"""Least height of a curve (px)."""
+LOW, GAP = 80, 8
+"""Least height of a curve, and room between the pictures (px)."""
 
 FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
 """The least the curves' axes span, so that noise about zero is not blown up."""
 
 
 class RecordPictures(QWidget):
-    """The sum of a plane, or the error of H, above three curves."""
+    """The sum of a plane, or the error of H, above three curves, for which a low window has no room."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -166,14 +167,16 @@ class RecordPictures(QWidget):
     def _arrange(self) -> None:
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(8)
+        grid.setSpacing(GAP)
         self.third_title = QLabel(SUM)
         self.depth_sum.graphics.setMinimumSize(120, 90)
-        panel, column = card(self.third_title)
+        self.upper, column = card(self.third_title)
         column.addWidget(self.third, 1)
-        grid.addWidget(panel, 0, 0, 1, 3)
+        grid.addWidget(self.upper, 0, 0, 1, 3)
+        self.lower = []
         for k, (key, plot) in enumerate(self.curves.items()):
             panel, column = card(ElidedLabel(CURVES[key]))
+            self.lower.append(panel)
             plot.graphics.setMinimumSize(120, LOW)
             for side in ("left", "bottom"):  # in a low window names at the axes would be cut
                 plot.plot.getAxis(side).showLabel(False)
@@ -182,6 +185,17 @@ class RecordPictures(QWidget):
             grid.setColumnStretch(k, 1)
         grid.setRowStretch(0, 5)
         grid.setRowStretch(1, 3)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size without the curves."""
+        return QSize(super().minimumSizeHint().width(), self.upper.minimumSizeHint().height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Show the curves where there is room for them."""
+        least = self.upper.minimumSizeHint().height() + GAP + self.lower[0].minimumSizeHint().height()
+        for panel in self.lower:
+            panel.setVisible(event.size().height() >= least)
+        super().resizeEvent(event)
 
     @cached_property
     def error(self) -> ErrorView:

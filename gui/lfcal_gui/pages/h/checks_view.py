@@ -23,6 +23,7 @@ from lfcal_gui.pages.h.model_checks import FIELDS, CheckPicture, CheckRow, Quali
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     LINES,
+    ElidedLabel,
     FittedBrowser,
     FoldedForm,
     LinePlot,
@@ -44,8 +45,8 @@ MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
 MARK, VALUE = 24, 112
 """Widths of the columns of marks and values (px)."""
 
-ROW, LEAST_ROWS, PICTURE = 24, 3, 118
-"""Height of a row, rows that are seen at least, and height of the picture (px)."""
+ROW, LEAST_ROWS, PICTURE, PLOT = 24, 3, 132, 80
+"""Height of a row, rows that are seen at least, height of the picture, and least height of a plot (px)."""
 
 LEAST_DETAILS = 84
 """Least height of what belongs to the chosen check (px)."""
@@ -132,7 +133,11 @@ class ChecksView(QWidget):
         return area
 
     def _pictures(self) -> None:
-        self.curve, self.none = LinePlot("depth z (mm)", "value"), QLabel()
+        self.curve, self.unit, self.none = LinePlot("depth z (mm)", "value"), ElidedLabel(), QLabel()
+        self.curve.graphics.setMinimumHeight(PLOT)
+        self.unit.setProperty("role", "hint")
+        self.plotted = QWidget()
+        column_of(self.unit, self.curve, of=self.plotted, spacing=0, stretch=1)
         # rows and columns of it need not be pixels of one size
         self.image = Picture("value", axes=("column", "row"), square=False, colour_map="cividis")
         self.none.setProperty("role", "hint")
@@ -140,7 +145,7 @@ class ChecksView(QWidget):
         self.none.setWordWrap(True)
         self.pictures = QStackedWidget()
         self.pictures.setFixedHeight(PICTURE)
-        for content in (self.none, self.curve, self.image):
+        for content in (self.none, self.plotted, self.image):
             self.pictures.addWidget(content)
 
     def _buttons(self) -> QHBoxLayout:
@@ -203,10 +208,12 @@ class ChecksView(QWidget):
         elif picture.across is not None:
             self.curve.clear()
             self.curve.set_labels(picture.axes[0], picture.unit)
+            self.curve.plot.getAxis("left").showLabel(False)  # it would be cut, and is the title
+            self.unit.setText(picture.unit)
             symbol = "o" if len(picture.across) < 60 else None
             self.curve.set_curve(picture.unit, picture.across, picture.values, symbol=symbol, colour=LINES[0])
             self.curve.plot.vb.autoRange()
-            self.pictures.setCurrentWidget(self.curve)
+            self.pictures.setCurrentWidget(self.plotted)
         else:
             self.image.set_axes(picture.axes[1], picture.axes[0])
             values = np.asarray(picture.values, np.float64)

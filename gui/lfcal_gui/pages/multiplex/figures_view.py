@@ -16,7 +16,18 @@ from lfcal_gui.context import Context
 from lfcal_gui.models import Shot
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, LinePlot, Picture, card, choice_box, line, name_controls, set_role, shown_tone
+from lfcal_gui.widgets import (
+    LINES,
+    ElidedLabel,
+    LinePlot,
+    Picture,
+    card,
+    choice_box,
+    line,
+    name_controls,
+    set_role,
+    shown_tone,
+)
 
 MOST = 8
 MAP = 0
@@ -110,8 +121,7 @@ class FiguresView(QWidget):
         grid.setSpacing(6)
         self.curves, self.curve_heads, self.legends, self.markers = [], [], [], []
         for k in range(2):
-            head, legend = QLabel(""), QLabel("")
-            head.setMinimumWidth(60)
+            head, legend = ElidedLabel(sentence=True), QLabel("")
             frame, column = card(head)
             plot = LinePlot("χ²: photon / additive noise", "gain (dB)")
             plot.set_decades(x=True)

@@ -169,8 +169,9 @@ class Inspector(QWidget):
         self.values.confirmed.connect(lambda key: self.confirmed.emit((path_of(key),)))
         self.assumed_list = AssumedList()
         self.assumed_list.confirmed.connect(lambda path: self.confirmed.emit((path,)))
-        self.values.fold_line(self.assumed_list, above=True)
-        self.values.fold_line(self._button("confirm"), self._button("sensor"), above=True)
+        assumed = QWidget()
+        column_of(self.assumed_list, line(self._button("confirm"), self._button("sensor")), of=assumed)
+        self.values.fold_line(assumed, above=True)
         self.values.fold_line(self._button("save"), self._button("dark"), above=True)
         column.addWidget(self.values)
         return frame

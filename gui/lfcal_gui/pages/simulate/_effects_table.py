@@ -79,7 +79,7 @@ class ShareBar(QStyledItemDelegate):
 
 EFFECT, SHARES, SETTING = range(3)
 SETTING_PX = 44
-ROW = 22
+ROW = 21
 """Height of a row (px)."""
 
 NAME = Qt.ItemDataRole.UserRole

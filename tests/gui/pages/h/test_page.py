@@ -79,7 +79,7 @@ def test_the_other_order_of_axes_is_offered_and_kept(window: MainWindow, qtbot: 
     idle(window.jobs, qtbot)
     np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
     assert np.abs(np.asarray(page.matrix) - guessed).max() > 0.1 and not page.notice.isVisible()
-    assert "rows first, as stated" in page.hint.text()
+    assert "rows first, as requested" in page.hint.text()
     again = ProjectState.from_json(window.project.state.to_json())
     window.files.start_with(ProjectState())
     window.files.start_with(again)

@@ -17,6 +17,7 @@ from lfcal.base.progress import Work, drain
 from lfcal.fit.setup import Setup, starting_effects
 from lfcal.judge import Inspection
 from lfcal.psf import save
+from lfcal_gui.models import capital
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.stamp import FittedCamera, stamp_of
 from lfcal_gui.pages.h.checks_view import ChecksView
@@ -106,7 +107,7 @@ def view_of(page: Page) -> ChecksView:
 
 def row_of(page: Page, title: str) -> int:
     """Return the number of a check, and look at it."""
-    number = next(k for k, one in enumerate(page.checking.checks) if one.title.startswith(title))
+    number = next(k for k, one in enumerate(page.checking.checks) if one.title.startswith(capital(title)))
     view_of(page).table.choose(number)
     return number
 
@@ -116,18 +117,18 @@ def test_faults_come_first_with_what_shows_them(page: Page, qtbot: QtBot) -> Non
     view, checks = view_of(page), page.checking.checks
     assert "hot line" in found.verdict and "patterns compared with the camera" in view.summary.text()
     faults = [one.title for one in checks if one.found in found.faults]
-    assert faults == [one.title for one in found.faults] == [one.title for one in checks][: len(faults)]
+    assert faults == [capital(one.title) for one in found.faults] == [one.title for one in checks][: len(faults)]
     assert len(faults) >= 2 and view.table.item(0, 0).text() == "▲"  # type: ignore[union-attr]
     row_of(page, "hot line of the sensor")
     assert "What to do" in view.words.toPlainText() and "counts" in view.words.toPlainText()
-    assert view.pictures.currentWidget() is view.curve and page.panel.map_title.text() == "Position error"
+    assert view.pictures.currentWidget() is view.plotted and page.panel.map_title.text() == "Position error"
     position = next(one for one in found.quality.metrics if one.key == "position")
     assert position.map is not None
     page.set_intent(z=0)
     qtbot.waitUntil(lambda: np.array_equal(page.panel.map.values, position.map[0]), timeout=GUARD_MS)
     ringed = [list(place[1:]) for place in worst_positions(found) if place[0] == page.intent.z]
     assert ringed and ringed in [marks.points.tolist() for marks in page.panel.map.overlays]
-    assert view.curve.plot.getAxis("left").labelText == "counts", "a unit on the axis"
+    assert view.unit.text() == "counts"
     row_of(page, "single frames")
     idle(page.context.jobs, qtbot)
     check, shown = page.checking.chosen, page.panel.map
