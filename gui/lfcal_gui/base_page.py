@@ -10,7 +10,7 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeySequence, QShortcut, QShowEvent
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.context import Context
 from lfcal_gui.models import PageSpec, PageState, ProjectState
@@ -125,7 +125,8 @@ class BasePage(QWidget):
             button.setText(spec.title + MARKS.get(states[spec.key], ""))
 
     def _theme_changed(self) -> None:
-        if self.isVisible():
+        # an open dialog is seen without its page
+        if self.isVisible() or any(dialog.isVisible() for dialog in self.findChildren(QDialog)):
             self.take_theme()
 
     def take_theme(self) -> None:

@@ -400,8 +400,7 @@ class FoldedForm(QFrame):
     def own_line(self, key: str) -> None:
         """Give the field of a long text a line below its label."""
         row = self._rows[key]
-        row.line += 1
-        self._grid.addWidget(row.editor, row.line, LABEL, 1, UNIT + 1)
+        self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1)
 
     def fold_line(self, *parts: QWidget, above: bool = False) -> None:
         """Add widgets side by side to the fold, below or ``above`` its fields."""
@@ -728,7 +727,7 @@ class FoldedForm(QFrame):
         self._error.setText(errors.get(key, ""))
         self._error.setVisible(bool(errors))
         if errors:
-            self._grid.addWidget(self._error, self._rows[key].line + 1, LABEL, 1, RESET + 1)
+            self._grid.addWidget(self._error, self._rows[key].line + LINES - 1, LABEL, 1, RESET + 1)
 
     @property
     def error(self) -> str:

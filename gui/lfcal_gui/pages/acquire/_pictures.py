@@ -173,10 +173,10 @@ class RecordPictures(QWidget):
         self.upper, column = card(self.third_title)
         column.addWidget(self.third, 1)
         grid.addWidget(self.upper, 0, 0, 1, 3)
-        self.lower = []
+        self.below = []
         for k, (key, plot) in enumerate(self.curves.items()):
             panel, column = card(ElidedLabel(CURVES[key]))
-            self.lower.append(panel)
+            self.below.append(panel)
             plot.graphics.setMinimumSize(120, LOW)
             for side in ("left", "bottom"):  # in a low window names at the axes would be cut
                 plot.plot.getAxis(side).showLabel(False)
@@ -192,8 +192,8 @@ class RecordPictures(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Show the curves where there is room for them."""
-        least = self.upper.minimumSizeHint().height() + GAP + self.lower[0].minimumSizeHint().height()
-        for panel in self.lower:
+        least = self.upper.minimumSizeHint().height() + GAP + self.below[0].minimumSizeHint().height()
+        for panel in self.below:
             panel.setVisible(event.size().height() >= least)
         super().resizeEvent(event)
 

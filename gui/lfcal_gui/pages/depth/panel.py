@@ -45,6 +45,9 @@ VIEWS = (
 
 FRAME, LIGHT = "sample value (counts)", "light"
 
+SHORT = 14
+"""Letters of the meaning of an empty field that fit next to its label."""
+
 NARROW, WIDE, ROOMY = 304, 368, 1380
 """Two widths of the inspector, and the least width of the panel for the wider one (px)."""
 
@@ -113,6 +116,9 @@ class DepthPanel(QWidget):
         rest = tuple(field for field in FIELDS if field.key not in BASIC)
         tip = "Lattice file, method, search range, mask, colours and the place on the sensor"
         self.form = FoldedForm(seen, rest, f"{len(rest)} more settings", tip)
+        for field in rest:  # next to long labels there is no room for what an empty field means
+            if len(field.empty) > SHORT:
+                self.form.own_line(field.key)
         column.addWidget(self.form)
         self._go = "measure"
         self.go = button("Measure", MEASURE, lambda: self.pressed.emit(self._go))

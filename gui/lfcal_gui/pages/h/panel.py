@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QPushButton,
     QScrollArea,
+    QSizePolicy,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -321,10 +322,15 @@ class HPanel(QWidget):
             self.level_titles[name].setText(title)
 
     def show_level(self, name: str) -> None:
-        """Show a level of the inspector; empty: the verdict."""
+        """Show a level of the inspector; empty: the verdict. Only the shown level takes room."""
         for k in range(self.levels.count()):
-            if self.levels.widget(k).objectName() == name:
+            level = self.levels.widget(k)
+            shown = level.objectName() == name
+            height = QSizePolicy.Policy.Preferred if shown else QSizePolicy.Policy.Ignored
+            level.setSizePolicy(QSizePolicy.Policy.Preferred, height)
+            if shown:
                 self.levels.setCurrentIndex(k)
+        self.levels.updateGeometry()  # a hidden level does not report its change
         self.row_holder.setVisible(not name)
 
     def resizeEvent(self, event: QResizeEvent) -> None:

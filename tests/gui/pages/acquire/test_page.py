@@ -570,3 +570,22 @@ def test_another_project_shows_nothing_of_the_recording_before(
     assert panel.buttons["start"].text() == "Start" and not panel.buttons["assemble"].isEnabled()
     assert page.panel.setup.view.item.image is None
     assert seen[-1] == ("acquire", False)
+
+
+def test_an_opened_inspector_fits_its_width(page: Page, qtbot: QtBot) -> None:
+    page.panel.resize(907, 480)  # in the smallest window
+    for fold in (page.panel.devices, page.panel.adjust, page.panel.recording, page.panel.setup.faults.fold):
+        fold.open()
+    page.panel.setup.devices.options.head.setChecked(True)
+    inner = page.panel.inspector.widget()
+    assert inner.minimumSizeHint().width() <= page.panel.inspector.viewport().width()
+
+
+def test_a_low_window_shows_the_sum_without_the_curves(page: Page) -> None:
+    page.panel.setCurrentWidget(page.panel.record)
+    pictures = page.panel.record.pictures
+    pictures.resize(600, pictures.minimumSizeHint().height())
+    assert pictures.minimumSizeHint().height() < 150
+    assert [one.isHidden() for one in pictures.below] == [True] * 3
+    pictures.resize(600, 500)
+    assert [one.isHidden() for one in pictures.below] == [False] * 3

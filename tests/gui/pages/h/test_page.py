@@ -476,3 +476,10 @@ def test_the_verdict_stands_next_to_h(
     other.write_bytes(other.read_bytes() + b"\0")
     context.project.update("rename", name="other")
     assert card.head.text() == "Not judged yet", "it was of another file"
+
+
+def test_only_the_shown_level_of_the_inspector_takes_room(page: Any) -> None:
+    before = page.panel.minimumSizeHint().height()
+    page.look_into("checks")
+    page.look_into("")
+    assert page.panel.minimumSizeHint().height() == before

@@ -131,6 +131,10 @@ def test_only_assumed_values_on_which_much_depends_are_asked_for(window: MainWin
     idle(window.jobs, qtbot)
     window.leading.gather()
     assert window.leading.sitting.assumed == ("f-number",)
+    page.panel.inspector.values.open()
+    assert page.panel.inspector.assumed_list.isVisible()
+    page.panel.inspector.buttons["confirm"].click()
+    assert not page.panel.inspector.assumed_list.isVisible(), "no gap above the buttons"
 
 
 def count(monkeypatch: pytest.MonkeyPatch, place: Any, name: str) -> list[object]:
