@@ -29,7 +29,7 @@ def light_on_sensor(
     """Light in pixels x pixels about the axis, in units of the light through the pupil.
 
     ``aside`` (x, y) is where the chief ray of the point meets the sensor: a linear phase over the pupil.
-    ``per`` samples to a pixel, odd, on lenslets and sensor alike; ``pad`` pixels more before light comes back in.
+    ``per`` samples to a pixel, on lenslets and sensor alike; ``pad`` pixels more before light comes back in.
     """
     magnification, na, index, wavelength = optics
     step = pixel / per
@@ -58,8 +58,9 @@ def light_on_sensor(
     square_f = frequency[:, None] ** 2 + frequency[None, :] ** 2
     travel = np.exp(2j * np.pi * gap * (np.sqrt(1 / wavelength**2 - square_f) - 1 / wavelength))
     field = np.fft.ifft2(np.fft.fft2(pupil * lens) * travel)
-    light = np.abs(field) ** 2 * step**2
-    # pixel k covers samples about k * pixel: an odd oversampling has one sample in its middle
-    middle, half = count // 2, (pixels // 2) * per + per // 2
-    part = light[middle - half : middle + half + 1, middle - half : middle + half + 1]
-    return part.reshape(pixels, per, pixels, per).sum(axis=(1, 3))
+    # the exact integral over each pixel: a sum over its samples is that over a smaller pixel, and spots look smaller
+    share = np.sinc(np.fft.fftfreq(count, step) * pixel)
+    light = np.fft.ifft2(np.fft.fft2(np.abs(field) ** 2) * share[:, None] * share).real * pixel**2
+    middle, half = count // 2, pixels // 2 * per
+    own = slice(middle - half, middle + half + 1, per)
+    return np.maximum(light[own, own], 0.0)

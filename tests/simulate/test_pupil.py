@@ -63,8 +63,6 @@ def test_the_pattern_is_that_of_brute_force(z, gap, focal, aperture):
         width=400.0,
         pixel=5.5,
         pixels=161,
-        # in focus a spot is two pixels wide: three samples to a pixel are 0.5 % off themselves
-        per=3 if z else 5,
         pad=99,
         square=aperture == "square",
     )
