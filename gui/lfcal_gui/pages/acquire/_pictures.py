@@ -165,7 +165,7 @@ class RecordPictures(QWidget):
         self._arrange()
 
     def _arrange(self) -> None:
-        grid = QGridLayout(self)
+        self.grid = grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(GAP)
         self.third_title = QLabel(SUM)
@@ -184,7 +184,6 @@ class RecordPictures(QWidget):
             grid.addWidget(panel, 1, k)
             grid.setColumnStretch(k, 1)
         grid.setRowStretch(0, 5)
-        grid.setRowStretch(1, 3)
 
     def minimumSizeHint(self) -> QSize:
         """Return the size without the curves."""
@@ -193,8 +192,10 @@ class RecordPictures(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Show the curves where there is room for them."""
         least = self.upper.minimumSizeHint().height() + GAP + self.below[0].minimumSizeHint().height()
+        room = event.size().height() >= least
         for panel in self.below:
-            panel.setVisible(event.size().height() >= least)
+            panel.setVisible(room)
+        self.grid.setRowStretch(1, 3 if room else 0)  # an empty row keeps its share
         super().resizeEvent(event)
 
     @cached_property

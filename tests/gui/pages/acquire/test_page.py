@@ -587,5 +587,8 @@ def test_a_low_window_shows_the_sum_without_the_curves(page: Page) -> None:
     pictures.resize(600, pictures.minimumSizeHint().height())
     assert pictures.minimumSizeHint().height() < 150
     assert [one.isHidden() for one in pictures.below] == [True] * 3
+    pictures.resize(600, 220)
+    pictures.layout().activate()
+    assert pictures.upper.height() == 220, "no gap below it"
     pictures.resize(600, 500)
     assert [one.isHidden() for one in pictures.below] == [False] * 3

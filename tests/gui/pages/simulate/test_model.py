@@ -185,7 +185,7 @@ def test_export_and_import_are_the_file_of_the_command_line(tmp_path: Path) -> N
     choices, effects = parse_effects([str(path)])
     assert choices == {"bandwidth": "off"} and effects == (Bandwidth(0.02), Coma(0.3, math.radians(40)))
     found, words = read_settings(path, SimulateSettings(0.3, "geometric"))
-    assert found == settings and words == "2 effects taken from effects.json"
+    assert found == settings and words == "2 effects imported from effects.json"
     other = SimulateSettings().with_magnitude("spherical", "waves", 0.1).with_magnitude("coma", "waves", 9.0)
     merged, _ = read_settings(path, other)
     assert merged.given("spherical") and merged.given("coma") == settings.given("coma")
