@@ -141,7 +141,7 @@ def test_positions_are_recorded_again_and_h_is_made_anew_as_before(
     )
     before, went = (folder / "own.h5").read_bytes(), list[Any]()
     context.go.connect(lambda *sent: went.append(sent))
-    assert not page.redo() and "3 positions are recorded again then" in page.notice.label.text()
+    assert not page.redo() and "3 positions are then recorded again" in page.notice.label.text()
     qtbot.mouseClick(page.notice.button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: context.state.psf == str(folder / "own-2.h5"), timeout=GUARD_MS)
     idle(context.jobs, qtbot)

@@ -21,7 +21,7 @@ from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_live import Pace
 from lfcal_gui.pages.acquire.model_recorder import Recorder
 from lfcal_gui.pages.acquire.page import Page
-from lfcal_gui.theme import LIGHT
+from lfcal_gui.theme import canvas_fair
 from lfcal_gui.widgets import Contrast
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
@@ -123,7 +123,7 @@ def test_the_age_of_a_frame_counts_up_where_none_comes(page: Page, qtbot: QtBot,
     shown(picture.taken_s + 0.1, picture.stage_um)
     assert panel.view.note == ("0.1 s old", "")
     shown(picture.taken_s + picture.due_s + 4.0, picture.stage_um)
-    assert panel.view.note[0].endswith("s old") and panel.view.note[1] == LIGHT.fair
+    assert panel.view.note[0].endswith("s old") and panel.view.note[1] == canvas_fair()
 
 
 def test_the_rate_is_that_of_the_last_frames() -> None:

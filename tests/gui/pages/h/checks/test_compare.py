@@ -102,7 +102,7 @@ def test_a_second_h_is_chosen_and_compared(page: Page, qtbot: QtBot, tmp_path: P
     scaled = page.reference_plane.scale * page.reference_plane.values[2, 3]
     np.testing.assert_allclose(apart, first - scaled, atol=1e-4)
     assert page.panel.map_title.text().startswith("Difference")
-    assert page.panel.rows["compare"].state.text().endswith("off")
+    assert page.panel.rows["compare"].state.text().startswith("difference ")
 
 
 def test_positions_and_planes_are_chosen_in_map_and_table(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_where_nothing_was_compared_no_number_stands(page: Page, qtbot: QtBot, t
     compared(page, qtbot, written(tmp_path / "dark.h5", dark))
     panel = page.comparing.view
     cells = [panel.table.item(2, k).text() for k in range(1, 6)]  # type: ignore[union-attr]
-    assert cells == ["–"] * 5 and "Plane 1 of the first: not compared" in panel.notes.text()
+    assert cells == ["–"] * 5 and "Plane 1 of the first H: not compared" in panel.notes.text()
     panel.table.selectRow(1)
     idle(page.context.jobs, qtbot)
     shown = page.panel.map
