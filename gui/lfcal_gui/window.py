@@ -65,6 +65,9 @@ INI = QSettings.Format.IniFormat
 IMPORT_MS = 400
 """When the pages are imported after the window was shown (ms)."""
 
+LEAST_LOG = 28
+"""Least height of the log: a line in the smallest window (px)."""
+
 STATUS = 28
 """Height of the status bar (px): with a notice or without one."""
 
@@ -149,6 +152,7 @@ class MainWindow(QMainWindow):
 
     def _build_status(self) -> None:
         self.log_view = LogView()
+        self.log_view.setMinimumHeight(LEAST_LOG)
         self.log_dock = add_dock(self, "Log", self.log_view)
         self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()

@@ -69,6 +69,13 @@ def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, li
         yield f"{shot.name}, {theme}", list(of_other_themes(stage.seen(shot)))
 
 
+def test_the_smallest_window_has_room_for_the_log(stage: Stage) -> None:
+    stage.window.log_dock.show()
+    stage.resize(*LEAST)
+    stage.turn()
+    assert (stage.window.width(), stage.window.height()) == LEAST
+
+
 @pytest.mark.long
 def test_pages_with_the_sample_session(stage: Stage) -> None:
     open_sample(stage)

@@ -394,7 +394,8 @@ def test_groups_that_the_camera_lacks_are_grey_with_their_reason(page: Page, qtb
     grey = {name for name, item in rows.items() if not item.flags() & Qt.ItemFlag.ItemIsEnabled}
     # an H is of one region of the field
     over_the_field = {"field_curvature", "field_wavefront", "plane_tilt", "region_depths", "region_places"}
-    assert grey == {"cats_eye", "depths", "hole", "specimen", *over_the_field}
+    fourier = {"lens_centres", "fourier_lens", "optical_axis", "travel_tilt", "lenslet_gap"}
+    assert grey == {"cats_eye", "depths", "hole", "specimen", *over_the_field, *fourier}
     assert "several regions of the field" in rows["field_wavefront"].toolTip()
     assert rows["depths"].text() == "depth of each plane\nneeds at least two planes"
     assert rows["depths"].toolTip().endswith("needs at least two planes")
