@@ -108,6 +108,6 @@ def test_a_ghost_is_told_by_whether_it_meets_the_cutout() -> None:
         black = plan.camera.sensor.black_level
         measured = difference(*(c.read(40)[part].astype(float) - black for c in (plain, camera)))
         assert 0.5 * measured <= estimate.error + 1e-9 and estimate.error <= 2 * measured + 1e-9
-        assert (measured > 0.01) == meets and ("misses" in estimate.formula) == (not meets)
+        assert (measured > 0.01) == meets and ("outside" in estimate.formula) == (not meets)
     row = plan_effects(far, effects=(Ghost(0.05),)).row("ghost")
     assert not row.on and "not on H" in row.reason
