@@ -50,7 +50,7 @@ def test_files_that_are_made_of_it(lfcal: Lfcal, theirs: np.ndarray, tmp_path: P
     ):
         out = tmp_path / f"{command}.h5"
         done = lfcal(command, mat, "-o", out, *ROWS, *more)
-        assert done.code == 0 and "rows first, as stated" in done.err, done.err
+        assert done.code == 0 and "rows first, as requested" in done.err, done.err
         np.testing.assert_allclose(values(out), wanted, rtol=0.05, atol=1e-3)
         guessed = lfcal(command, mat, "-o", out, "--force", *more)
         assert guessed.code == 0 and "--mat-order rows-first" in guessed.err
@@ -97,9 +97,9 @@ def test_figures_that_are_worked_out_of_it(lfcal: Lfcal, theirs: np.ndarray, tmp
     coding = ("multiplex", "coding", "--sensor", "bench", "--points", "3", "--json")
     told = [lfcal(*coding, tmp_path / "right.h5"), lfcal(*coding, tmp_path / "H.mat", *ROWS)]
     gains = [one.json["equal_time"] for one in told if isinstance(one.json, dict)]
-    assert len(gains) == 2 and gains[0] == pytest.approx(gains[1], rel=1e-4) and "as stated" in told[1].err
+    assert len(gains) == 2 and gains[0] == pytest.approx(gains[1], rel=1e-4) and "as requested" in told[1].err
     done = lfcal("accuracy", tmp_path / "H.mat", "--place", "storage", "--seconds", "0.1", *ROWS, "--json")
-    assert done.code == 0 and "as stated" in done.err
+    assert done.code == 0 and "as requested" in done.err
 
 
 def test_it_is_refused_where_no_file_is_mat(lfcal: Lfcal, theirs: np.ndarray, tmp_path: Path) -> None:

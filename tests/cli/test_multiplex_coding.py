@@ -80,7 +80,7 @@ def test_patterns_for_a_display(lfcal: Callable[..., Run], matrix: Path, tmp_pat
     again = lfcal(*words, "--patterns", tmp_path / "code")
     assert again.code == 2 and "--force" in again.err
     large = lfcal("multiplex", "coding", matrix, "--display", "64x48@300")
-    assert large.code == 0 and "too large" in large.err
+    assert large.code == 0 and "too coarse" in large.err
 
 
 def test_patterns_of_a_described_camera(lfcal: Callable[..., Run], tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_what_is_refused(lfcal: Callable[..., Run], matrix: Path, tmp_path: Path
         (("--signal", "nan"), "electrons"),
         (("--signal", 1e9), "electrons"),
         (("--frames", 9), "frames"),
-        (("--code", "random", "--density", 2), "share"),
+        (("--code", "random", "--density", 2), "fraction"),
         (("--display", "64@3"), "display"),
         (("--display", "64x48@nan"), "display"),
         (("--display", "64x48@-1"), "display"),
