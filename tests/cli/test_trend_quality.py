@@ -155,7 +155,7 @@ def test_a_report_says_when_it_was_made(lfcal: Lfcal, tmp_path: Path, monkeypatc
     [
         (None, "no such folder"),
         ("", "quality.json"),
-        ("{}", "another file"),
+        ("{}", "another kind of file"),
         ('{"format": "lfcal-quality"}', "damaged"),
     ],
 )
@@ -170,4 +170,4 @@ def test_what_is_no_inspection_is_one_line(lfcal: Lfcal, tmp_path: Path, content
 def test_one_is_no_trend(lfcal: Lfcal, record: dict[str, Any], tmp_path: Path) -> None:
     write(tmp_path / "one", record, 1, (1.0, "good"))
     run = lfcal("trend", "--quality", tmp_path / "one")
-    assert run.code == 2 and "two or more" in run.err
+    assert run.code == 2 and "at least two" in run.err

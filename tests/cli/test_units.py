@@ -348,7 +348,7 @@ def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:
 
 def test_status_of_what_is_whole_running_or_nothing(lfcal: Lfcal, place: Path) -> None:
     whole = lfcal("status", "H.h5")
-    assert whole.code == 0 and "is complete" in whole.out
+    assert whole.code == 0 and ": complete" in whole.out
     assert lfcal("status", "H.h5", "--json").json == {"path": "H.h5", "whole": True}
     nothing = lfcal("status", "none.h5")
     assert nothing.code == 2 and "name the output file of the run" in nothing.err

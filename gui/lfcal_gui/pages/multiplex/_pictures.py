@@ -139,7 +139,7 @@ class MultiplexPictures(QWidget):
             plain = k == 3 or (k == 2 and signed)
             shot = Shot(
                 image,
-                name=HEADS[k].lower(),
+                name=right if k == 2 else HEADS[k].lower(),
                 levels=None if plain else levels,
                 signed=k == 2 and signed,
                 step=step,

@@ -200,6 +200,7 @@ def test_reconstructions_equal_the_library_s_and_zoom_together(page: Page, qtbot
     shown.right.setCurrentIndex(1)
     np.testing.assert_array_equal(shown.views[2].values, truth[1])
     assert not shown.views[2].shot.signed and page.settings.right == "truth"
+    assert shown.views[2].shot.name == "truth"
     box = shown.views[1].box
     box.setRange(xRange=(50, 90), yRange=(60, 100), padding=0)
     box.sigRangeChangedManually.emit([True, True])
