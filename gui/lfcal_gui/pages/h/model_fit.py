@@ -25,7 +25,7 @@ STARTS = (("psf", "H's own camera"), ("window", "camera of this window"))
 
 START = Field("camera", "Start from", kind="choice", choices=STARTS, tip="Camera description from which the fit starts")
 
-CORE = ("geometry", "focal_lengths", "iris")
+CORE = tuple(group.name for group in GROUPS if group.core)
 """Groups of unknowns that are fitted by default."""
 
 HELD = frozenset({"sources", "out", "camera", "plan", "unknowns", "write_h"})
