@@ -243,7 +243,7 @@ def test_a_refused_file_is_called_by_its_name(tmp_path: Path) -> None:
         for name in ("far", "other"):
             with open_psf(tmp_path / f"{name}.h5") as b, pytest.raises(InputError) as error:
                 pair(a, b)
-            assert str(error.value).startswith(f"{tmp_path / name}.h5 (second H), ")
+            assert str(error.value).startswith(f"{tmp_path / name}.h5 (the second H), ")
         with open_psf(tmp_path / "may.h5") as again:
             assert pair(a, again).notes == ("both are the same file",)
 

@@ -91,7 +91,7 @@ def test_a_fault_that_costs_nothing_does_not_hide_what_is_cut_off() -> None:
     r = microscope(7)
     H = r.matrix(r.light())
     found = drain(iter_inspection(H, inspect(H, workers=1), patterns=FEWEST))
-    assert found.bad and "cut off" in found.verdict
+    assert found.bad and "light at the edge" in found.verdict
 
 
 @cache

@@ -99,7 +99,7 @@ def test_fits_of_one_day_have_a_change_and_no_rate(tmp_path: Path) -> None:
 
 
 def test_a_source_elsewhere_is_named_beside_a_gap_that_moved(tmp_path: Path) -> None:
-    told = "distance was fixed in these fits"
+    told = "the distance was fixed in these fits"
     fits = [read_dated_fit(path) for path in months(tmp_path / "a", drift=0.5)]
     assert any(note.startswith(told) for note in trend(fits).notes)
     found = [replace(one, groups=one.groups | {"distance"}) for one in fits]
