@@ -111,7 +111,7 @@ def test_a_code_is_a_task_with_the_quality_of_h(code: str) -> None:
     task = settings.task("H.h5", out, code=code, quality="good")
     assert isinstance(task, ExportFor) and (task.code, task.quality, str(task.out)) == (code, "good", out)
     facts = facts_of(matrix(), code, "good")
-    assert facts.order[0] == CODES[code].order and facts.quality == ("good", "written into the file")
+    assert facts.order[0] == CODES[code].order and facts.quality == ("good", "stored in the file")
     assert facts_of(matrix(), code, "").quality == ("not judged", "")
 
 

@@ -34,7 +34,7 @@ def test_words_of_no_target_are_refused_in_one_line() -> None:
         with pytest.raises(InputError) as refused:
             asked.changed(key, value)
         assert "\n" not in str(refused.value)
-    with pytest.raises(InputError, match="at most"):
+    with pytest.raises(InputError, match="Largest number of frames"):
         asked.changed("most_frames", 0)
 
 
