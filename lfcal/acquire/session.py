@@ -254,7 +254,7 @@ def check_fixed(devices: Devices, options: Options) -> None:
             f"settings of {devices.camera}",
             "frames proportional to light",
             devices.automatic_words,
-            "switch this off with the camera manufacturer's software, or record anyway with --allow-automatic",
+            "switch this off with the camera manufacturer's software; or record anyway with --allow-automatic",
         )
 
 

@@ -54,22 +54,6 @@ class LensletDiscs:
         Mean radii ``(n,)``.
     camera
         The camera with the lenslets at these places; the optical axis is where it was described.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from dataclasses import replace
-    >>> from lfcal.camera import preset
-    >>> from lfcal.lattice import fit_discs
-    >>> camera = preset("flfm_20x05")
-    >>> rows, columns = np.indices(camera.sensor.shape)
-    >>> white = np.zeros(camera.sensor.shape)
-    >>> for x, y in camera.lattice.lens_centres_um:
-    ...     row, column = camera.pixels((x + 13, y))  # displaced by two pixels
-    ...     white[np.hypot(rows - row, columns - column) < 150] = 1000.0
-    >>> found = fit_discs(white, camera)
-    >>> print(np.round(found.camera.lattice.lens_centres_um[1]) == (2513, 0))
-    [ True  True]
     """
 
     centres_px: F8
@@ -95,6 +79,22 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     InputError
         If the number of discs is not that of the lenslets, a disc is cut by the edge of the frame, or the discs are
         far from the described places.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dataclasses import replace
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import fit_discs
+    >>> camera = preset("flfm_20x05")
+    >>> rows, columns = np.indices(camera.sensor.shape)
+    >>> white = np.zeros(camera.sensor.shape)
+    >>> for x, y in camera.lattice.lens_centres_um:
+    ...     row, column = camera.pixels((x + 13, y))  # displaced by two pixels
+    ...     white[np.hypot(rows - row, columns - column) < 150] = 1000.0
+    >>> found = fit_discs(white, camera)
+    >>> print(type(found).__name__, np.round(found.camera.lattice.lens_centres_um[1]) == (2513, 0))
+    LensletDiscs [ True  True]
     """
     lenslets, light = camera.lattice, np.asarray(white, np.float64)
     assert isinstance(lenslets, PupilLenslets)

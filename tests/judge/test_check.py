@@ -203,7 +203,7 @@ def test_a_known_place_is_held_to_and_what_lies_beside_it_is_said() -> None:
     found = check(H, NewFrame(values, noise=NOISE, place=place, plane=0), suspects=False)
     assert found.frames[0].beside_px == pytest.approx((0.3, 0.0), abs=0.02)
     assert {type(one) for one in found.frames[0].beside_px} == {float}
-    assert any(note.startswith("sources are displaced by (0.") for note in found.notes)
+    assert any(note.startswith("the sources are displaced by (0.") for note in found.notes)
     # a name that says another place does not make H wrong
     wrong = check(H, NewFrame(values, noise=NOISE, place=(place[0] + 3, place[1] - 3), plane=0), suspects=False)
     assert wrong.holds is True and wrong.frames[0].found.y == AT[0]

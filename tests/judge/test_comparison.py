@@ -128,7 +128,7 @@ def test_a_plane_without_light_is_not_compared_and_like_no_other() -> None:
     dark = moved()
     dark[1] = 0
     found = compare(moved(), dark)
-    assert found.notes == ("plane 1 of the first: not compared, because no position has light in both",)
+    assert found.notes == ("plane 1 of the first H: not compared, because no position has light in both",)
     assert compared_words(found).startswith("12 of 24 positions of 2 planes")
     assert figure_rows(found)[2][2:] == ("–",) * 6 and "–" not in figure_rows(found)[1]
 

@@ -144,7 +144,7 @@ def test_sum_of_the_transpose_is_computed_not_copied(H: PSFMatrix, quality: Qual
 
     def difference(shown: PSFMatrix) -> float:
         picture = next(p for p in (d() for d in pictures(shown, quality, None, None)[1:2]))
-        return float(re.findall(r"here (\S+) of", picture.caption)[0])
+        return float(re.findall(r"difference is (\S+) of", picture.caption)[0])
 
     assert difference(H) < 1e-6
     sums = np.stack([H.depth_sum(z) for z in range(2)])

@@ -193,7 +193,7 @@ def _transposed_sum(H: PSFMatrix) -> ReportPicture:
         # rounding alone must not fill the range of colours
         top = max(float(np.abs(apart).max()), 1e-6)
         right.images[0].set_clim(-top, top)
-    caption = "The sum of the transposed matrix must equal that of H rotated by 180°; the largest difference is  "
+    caption = "The sum of the transposed matrix must equal that of H rotated by 180°; the largest difference is "
     return ReportPicture(
         "aperture", "transposed_sum.png", f"{caption}{np.abs(apart).max():.2g} of the peak.", sheet.png
     )

@@ -24,7 +24,7 @@ from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import folder_state
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.pages.acquire.step import step
-from lfcal_gui.theme import DARK, LIGHT, apply_theme
+from lfcal_gui.theme import DARK, LIGHT, apply_theme, canvas_fair
 from tests.acquire.rigs import small_plan
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
@@ -167,7 +167,7 @@ def test_a_move_is_followed_and_a_frame_of_the_old_place_says_so(page: Page, qtb
         return len(seen) > 2
 
     qtbot.waitUntil(several, timeout=GUARD_MS)
-    qtbot.waitUntil(lambda: panel.view.note[1] == LIGHT.fair, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: panel.view.note[1] == canvas_fair(), timeout=GUARD_MS)
     assert "from x 0.0, y 0.0, z " in panel.view.note[0]
     qtbot.mouseClick(panel.stage.stop, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: panel.stage.motion.text() == "at rest" and panel.stage.stop.isHidden(), timeout=GUARD_MS)
