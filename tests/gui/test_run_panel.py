@@ -66,7 +66,7 @@ def test_a_run_that_ends_is_told(jobs: Jobs, qtbot: QtBot, tmp_path: Path) -> No
     folder.rmdir()
     (tmp_path / "H.h5").write_bytes(b"")
     view.refresh()
-    qtbot.waitUntil(lambda: "is complete" in view.title.text(), timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: "complete" in view.title.text(), timeout=GUARD_MS)
     assert view.table.isHidden() and view.place.isHidden()
 
 

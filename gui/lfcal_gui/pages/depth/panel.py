@@ -133,8 +133,8 @@ class DepthPanel(QWidget):
 
     def _showing(self) -> QWidget:
         frame, column = card("Depth map")
-        self.quantity = choice_box([*QUANTITIES.items()], "What the colours show")
-        self.quantity.setAccessibleName("what the colours show")
+        self.quantity = choice_box([*QUANTITIES.items()], "Choose depth, slope or disparity for the colours")
+        self.quantity.setAccessibleName("quantity of the colours")
         self.quantity.currentIndexChanged.connect(lambda _: self.chosen.emit())
         self.least, self.percent = QSlider(Qt.Orientation.Horizontal), QLabel()
         self.least.setRange(0, 100)

@@ -62,7 +62,7 @@ def test_a_code_has_its_facts_and_its_refusal(card: ExportCard) -> None:
     card.show_settings(ExportSettings(), matrix(), "good")
     assert card.codes["olaf"].isChecked() and card.go.text() == "Export for oLaF …" and card.go.isEnabled()
     words = [label.text() for fact in card.facts.values() for label in fact]
-    assert "H{y,x,z}(t,s)" in words and "good" in words and "written into the file" in words
+    assert "H{y,x,z}(t,s)" in words and "good" in words and "stored in the file" in words
     asked: list[str] = []
     card.asked.connect(asked.append)
     card.go.click()
