@@ -427,8 +427,8 @@ def iter_evidence(
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
     ...     evidence = drain(iter_evidence(H, patterns=24))
-    >>> print(f"{len(evidence)} patterns, off by {evidence.misfit:.0%} of the light beside noise")
-    24 patterns, off by 1% of the light beside noise
+    >>> print(f"{len(evidence)} patterns, off by {evidence.misfit:.0%} of the light apart from noise")
+    24 patterns, off by 1% of the light apart from noise
     """
     check_number("number of patterns to compare", patterns, at_least=1, integer=True)
     clock = Clock("comparing with the camera", 100)

@@ -63,7 +63,7 @@ class DepthPanel(QWidget):
     pressed(key)
         A button: ``"open"``, ``"measure"``, ``"stop"``, ``"map"`` or ``"points"``.
     chosen()
-        Another view, quantity or confidence is to be shown.
+        Another view, quantity or confidence was chosen.
     """
 
     pressed = Signal(str)
