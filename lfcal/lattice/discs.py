@@ -77,8 +77,8 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     Raises
     ------
     InputError
-        If the number of discs is not that of the lenslets, a disc is cut by the edge of the frame, or the discs are
-        far from the described places.
+        If the camera has a lattice, the number of discs is not that of the lenslets, a disc is cut by the edge of the
+        frame, or the discs are far from the described places.
 
     Examples
     --------
@@ -97,7 +97,10 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     LensletDiscs [ True  True]
     """
     lenslets, light = camera.lattice, np.asarray(white, np.float64)
-    assert isinstance(lenslets, PupilLenslets)
+    if not isinstance(lenslets, PupilLenslets):
+        raise InputError.expected(
+            "camera", "a Fourier light-field microscope", f"{camera.name}, which has a lattice", "use fit_lattice"
+        )
     if light.shape != camera.sensor.shape:
         wanted = f"the {camera.sensor.shape} px of {camera.name}"
         raise InputError.expected("white image", wanted, light.shape, "use a whole frame of this camera")

@@ -89,3 +89,9 @@ def test_the_command_writes_the_camera(tmp_path, monkeypatch, capsys):
         main()
     assert stop.value.code == 2
     assert "--pitch: expected a camera with a periodic lenslet array" in capsys.readouterr().err
+
+
+def test_a_camera_with_a_lattice_is_refused() -> None:
+    camera = preset("bench")
+    with pytest.raises(InputError, match="camera: expected a Fourier light-field microscope, got bench"):
+        fit_discs(np.zeros(camera.sensor.shape), camera)
