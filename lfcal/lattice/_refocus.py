@@ -39,9 +39,9 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
 
 def slope_of_virtual_depth(camera: Camera, virtual_depth: float) -> float:
     """Return the slope of the plane with a virtual depth: inverse of `virtual_depth_of_slope`."""
+    b, gap = camera.optics.image_distance_um, camera.periodic.gap_um
     if camera.optics.telecentric:
         return virtual_depth
-    b, gap = camera.optics.image_distance_um, camera.lattice.gap_um
     return virtual_depth * (b + gap) / (b + virtual_depth * gap)
 
 
@@ -53,9 +53,9 @@ def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
     InputError
         If no plane has this slope: behind a main lens, the largest one is (b + B)/B.
     """
+    b, gap = camera.optics.image_distance_um, camera.periodic.gap_um
     if camera.optics.telecentric:
         return slope
-    b, gap = camera.optics.image_distance_um, camera.lattice.gap_um
     limit = (b + gap) / gap
     check_number("slope", slope, below=limit, remedy="choose a plane nearer to the lenslets")
     return slope * b / (b + gap - slope * gap)

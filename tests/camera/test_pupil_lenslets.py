@@ -28,6 +28,7 @@ from lfcal.camera import (
     quantities_of,
     value_at,
 )
+from lfcal.lattice import slope_of_virtual_depth
 
 FLFM = preset("flfm_20x05")
 
@@ -94,7 +95,16 @@ def test_what_only_a_lattice_has_is_refused_by_name(name):
     assert not hasattr(FLFM.lattice, name)
 
 
-@pytest.mark.parametrize("ask", [lambda c: c.pitch_px, lambda c: c.depth_of(2.0), lambda c: c.virtual_depth(1.0)])
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda c: c.pitch_px,
+        lambda c: c.lattice_scale,
+        lambda c: c.depth_of(2.0),
+        lambda c: c.virtual_depth(1.0),
+        lambda c: slope_of_virtual_depth(c, 2.0),
+    ],
+)
 def test_virtual_depth_and_pitch_do_not_apply(ask):
     with pytest.raises(NoLatticeError):
         ask(FLFM)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lfcal.acquire import LiveFrame
 from lfcal.base import InputError, LfcalError, format_seconds
-from lfcal.camera import ScanPlan, StageAxes
+from lfcal.camera import Microscope, PupilLenslets, ScanPlan, StageAxes
 from lfcal.frames import Position
 from lfcal.psf import Cutout, PSFMatrix
 from lfcal_gui.pages.acquire.model_station import Look, cut
@@ -257,15 +257,21 @@ def age_words(
 def plane_at(plan: ScanPlan, depth_um: float) -> int | None:
     """Return the plane within half a step of a depth (µm); None if there is none.
 
-    For a single plane, the step is a virtual depth of one half.
+    For a single plane, the step is a virtual depth of one half. Without a lattice, it moves the outermost spot by
+    two pixels.
     """
     depths = np.array(plan.depths_um)
     z = int(np.argmin(np.abs(depths - depth_um)))
     if depths.size > 1:
         step = float(np.abs(np.delete(depths, z) - depths[z]).min())
         return z if abs(depths[z] - depth_um) <= step / 2 else None
+    camera, lattice = plan.camera, plan.camera.lattice
+    if isinstance(lattice, PupilLenslets):
+        assert isinstance(camera.optics, Microscope)
+        farthest_px = np.hypot(*np.array(lattice.lens_centres_um).T).max() / camera.sensor.pixel_um
+        return z if farthest_px * abs(lattice.spread(camera.optics, depth_um - depths[z])) <= 1 else None
     try:
-        own, there = (plan.camera.virtual_depth(float(d)) for d in (depths[z], depth_um))
+        own, there = (camera.virtual_depth(float(d)) for d in (depths[z], depth_um))
     except (LfcalError, ZeroDivisionError):
         return None
     return z if abs(own - there) <= 0.25 else None

@@ -40,7 +40,8 @@ class FrameQuestion:
         """Return plane and position as text."""
         z, y, x = self.position
         depth = self.plan.depths_um[z]
-        return f"z = {format_length(depth)}, v = {self.plan.camera.virtual_depth(depth):.2f}, position ({y}, {x})"
+        virtual = f", v = {self.plan.camera.virtual_depth(depth):.2f}" if self.plan.camera.has_lattice else ""
+        return f"z = {format_length(depth)}{virtual}, position ({y}, {x})"
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from lfcal.acquire.setup import OpticalAxis, fit_stage
 from lfcal.acquire.setup.live import predicted_image
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.camera import StageAxes
+from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.psf import PSFMatrix
 from lfcal.tasks import Acquire
@@ -154,6 +154,8 @@ def test_nothing_is_expected_between_the_planes(station: Station) -> None:
     assert model_live.plane_to_go(replace(picture, stage_um=(x, y, depth)), PLAN) is None
     single = replace(PLAN, depths_um=PLAN.depths_um[:1], exposure_s=0.01)
     assert model_live.plane_at(single, single.depths_um[0]) == 0 and model_live.plane_at(single, 0.0) is None
+    fourier = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=(0.0,))
+    assert model_live.plane_at(fourier, 2.0) == 0 and model_live.plane_at(fourier, 40.0) is None
 
 
 def test_cut_fills_with_zeros_beyond_the_frame() -> None:

@@ -19,6 +19,7 @@ from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.setup.model_scan import default_plan
 from lfcal_gui.pages.simulate.model import SimulateSettings, matrix_task, pattern_of, read_settings, settings_text
 from lfcal_gui.pages.simulate.model_effects import bar_share, read_terms, refused, verdict_of
+from lfcal_gui.pages.simulate.model_frames import frame_question
 
 
 def small_plan() -> ScanPlan:
@@ -138,6 +139,12 @@ def test_effects_on_frames_have_the_verdict_of_frames() -> None:
     assert noise is not None and not noise.enters_h and noise.on and noise.verdict_text().startswith("on in frames")
     assert types is not None and types.enters_h and types.verdict_text().startswith("on: ")
     assert "shot_noise" not in {e.name for e in verdict.found}
+
+
+def test_frames_of_cameras_without_virtual_depth_are_named_by_depth() -> None:
+    plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=(-20.0, 20.0), cutout=101)
+    asked = frame_question(verdict_of(plan, SimulateSettings()), (1, 0, 0))
+    assert asked.place() == "z = 20 µm, position (0, 0)"
 
 
 def test_bars_are_logarithmic() -> None:
