@@ -177,7 +177,7 @@ class Camera:
 
     @property
     def lattice_scale(self) -> float:
-        """Ratio of the micro-image lattice to the lenslet lattice: 1 + B/b for a lens, 1 if telecentric; raises `NoLatticeError` without one."""
+        """Ratio of the micro-image lattice to the lenslet lattice: 1 + B/b for a lens, 1 for a telecentric system."""
         # the chief ray leaves the exit pupil's centre and passes the lenslet at distance b, the sensor at b + B
         return 1.0 + self.periodic.gap_um / self.optics.image_distance_um
 

@@ -11,7 +11,7 @@ from lfcal.camera import Camera, PupilLenslets
 from lfcal.fit.parameters import Group, ScanScales, Unknown
 from lfcal.fit.setup import Setup
 
-__all__ = ["AxisPlace", "ClearGap", "FourierLens", "PupilLensletPlaces", "TravelTilt"]
+__all__ = ["AxisPlace", "PupilLength", "PupilLensletPlaces", "TravelTilt"]
 
 NEEDS = "a Fourier light-field microscope"
 
@@ -105,56 +105,41 @@ class AxisPlace(Group):
         return _changed(found, lens_centres_um=tuple(map(tuple, centres.tolist())), offset_um=tuple(offset.tolist()))
 
 
-class FourierLens(Group):
-    """Focal length of the Fourier lens; patterns depend only on its ratio to the objective's magnification."""
+class PupilLength(Group):
+    """One length of the lenslets, such as their gap.
 
-    name = "fourier_lens"
-    title = "focal length of the Fourier lens"
-    rank = 12
+    Parameters
+    ----------
+    name, title, rank
+        As in `lfcal.fit.Group`.
+    field
+        Name of the length in `lfcal.camera.PupilLenslets`, and of the unknown.
+    share
+        Noticeable change, as a fraction of the length.
+    gauge
+        What is fixed, because patterns do not distinguish it from this length.
+    """
+
     core = True
     needs = NEEDS
 
+    def __init__(self, name: str, title: str, rank: int, field: str, share: float, gauge: str) -> None:
+        self.name, self.title, self.rank, self.field, self.share, self.gauge = name, title, rank, field, share, gauge
+
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the focal length."""
+        """Return the length."""
         del frame
         lenslets = lenslets_of(setup)
         if lenslets is None:
             return ()
-        f = lenslets.fourier_um
-        held = (
-            "magnification (focal lengths of objective and tube lens), index and depths are fixed: patterns show the "
-            "ratio of the magnification to the focal length of the Fourier lens"
-        )
-        return (Unknown("fourier_um", self.name, "µm", f, 1e-3 * f, None, 0.5 * f, 2 * f, gauge=held),)
+        now: float = getattr(lenslets, self.field)
+        scale = self.share * now
+        return (Unknown(self.field, self.name, "µm", now, scale, None, 0.5 * now, 2 * now, gauge=self.gauge),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this Fourier lens."""
+        """Return the setup with this length."""
         del frame
-        return _changed(setup, fourier_um=values["fourier_um"])
-
-
-class ClearGap(Group):
-    """Gap between lenslets and sensor, from the width of the spots and the parallax."""
-
-    name = "lenslet_gap"
-    title = "gap between the lenslets and the sensor"
-    rank = 13
-    core = True
-    needs = NEEDS
-
-    def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the gap."""
-        del frame
-        lenslets = lenslets_of(setup)
-        if lenslets is None:
-            return ()
-        gap, held = lenslets.gap_um, "wavelength and clear diameter of the lenslets are fixed"
-        return (Unknown("gap_um", self.name, "µm", gap, 2e-3 * gap, None, 0.5 * gap, 2 * gap, gauge=held),)
-
-    def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this gap."""
-        del frame
-        return _changed(setup, gap_um=values["gap_um"])
+        return _changed(setup, **{self.field: values[self.field]})
 
 
 class TravelTilt(Group):
@@ -182,4 +167,25 @@ class TravelTilt(Group):
         return replace(setup, travel_rad=(values["travel_rows_rad"], values["travel_columns_rad"]))
 
 
-GROUPS = (PupilLensletPlaces(), AxisPlace(), FourierLens(), ClearGap(), TravelTilt())
+GROUPS = (
+    PupilLensletPlaces(),
+    AxisPlace(),
+    PupilLength(
+        "fourier_lens",
+        "focal length of the Fourier lens",
+        12,
+        "fourier_um",
+        1e-3,
+        "magnification (focal lengths of objective and tube lens), index and depths are fixed: patterns show the ratio "
+        "of the magnification to the focal length of the Fourier lens",
+    ),
+    PupilLength(
+        "lenslet_gap",
+        "gap between the lenslets and the sensor",
+        13,
+        "gap_um",
+        2e-3,
+        "wavelength and clear diameter of the lenslets are fixed",
+    ),
+    TravelTilt(),
+)
