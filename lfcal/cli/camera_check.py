@@ -57,7 +57,10 @@ def command(
         refuse(context, "-o to write the camera", "none", "anyway")
     else:
         check_output(out, camera, white, dark, force=force)
-    described = load_camera(camera, light=False)
+    described = load_camera(camera, light=False, without_lattice=())
+    if not described.has_lattice:
+        remedy = f"measure its lenslets with lfcal white {white.name} --camera {Path(camera).name} -o FOLDER"
+        raise InputError.expected("camera", "a periodic lenslet array", "a Fourier light-field microscope", remedy)
     place, turn, cfa = parse_origin(origin), named_orientation(orientation), described.sensor.cfa
     if turn.name != AS_IS and (cfa or place is not None):
         # both refer to the sensor as delivered, but the camera is described upright

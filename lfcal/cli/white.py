@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera
     from lfcal.lattice import LatticeErrors, LatticeFit, LensTypes, Vignetting
 
+OF_DISCS = ("sensor.shape", "sensor.pixel_um", "lattice.offset_um")
+"""Values of a Fourier light-field microscope on which the measured centres of its lenslets depend."""
+
 
 def command(
     image: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
@@ -59,7 +62,7 @@ def command(
         vignetting_map,
     )
 
-    described = load_camera(camera, light=False) if camera else None
+    described = load_camera(camera, light=False, without_lattice=OF_DISCS) if camera else None
     if out is not None:
         in_pupil = described is not None and not described.has_lattice
         made = [*([] if in_pupil else lattice_files(out)), *([] if described is None else [out / "camera.json"])]

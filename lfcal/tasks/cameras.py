@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,17 +28,18 @@ def is_camera_file(name: str) -> bool:
     return name not in PRESETS
 
 
-def load_camera(name: str, *, light: bool = True) -> Camera:
+def load_camera(name: str, *, light: bool = True, without_lattice: Collection[str] | None = None) -> Camera:
     """Return the camera of a preset, or of a file in any known format; report assumed and implausible values.
 
-    With ``light=False``, assumed values of light and noise are not reported: the result does not depend on them.
+    With ``light=False``, assumed values of light and noise are not reported: the result does not depend on them. For a
+    camera without a lattice, ``without_lattice`` lists the paths of all values on which the result depends.
     """
     from lfcal.camera import PRESETS, preset
 
     if name in PRESETS:
         return preset(name)
     camera, notes = load_file(name)
-    tell(camera, Path(name), notes, light=light)
+    tell(camera, Path(name), notes, light=light, only=None if camera.has_lattice else without_lattice)
     return camera
 
 
@@ -55,12 +57,19 @@ def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, 
     return found.camera, found.notes
 
 
-def tell(camera: Camera, path: Path, notes: tuple[str, ...] = (), *, light: bool = True) -> None:
-    """Report the assumed values of ``camera``, remarks of its reader, and implausible values."""
+def tell(
+    camera: Camera,
+    path: Path,
+    notes: tuple[str, ...] = (),
+    *,
+    light: bool = True,
+    only: Collection[str] | None = None,
+) -> None:
+    """Report the assumed values of ``camera`` (``only`` those at these paths), remarks of its reader, and doubts."""
     from lfcal.camera import doubts
 
-    if words := assumed_in_words(camera, light=light):
-        note(f"{path.name}: assumed: {words}; {_remedy(camera, path)}")
+    if words := assumed_in_words(camera, light=light, only=only):
+        note(f"{path.name}: assumed: {words}; {_remedy(camera, path, only)}")
     for one in notes:
         note(f"{path.name}: {one}")
     for doubt in doubts(camera):
@@ -73,32 +82,35 @@ def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False, ligh
         note(f"{where}: assumed of the camera: {words}")
 
 
-def _assumed(camera: Camera) -> list[Quantity]:
+def _assumed(camera: Camera, only: Collection[str] | None = None) -> list[Quantity]:
     from lfcal.camera import quantities_of
 
-    there = set(camera.marks.paths("assumed"))
+    there = {path for path in camera.marks.paths("assumed") if only is None or path in only}
     return [quantity for quantity in quantities_of(camera) if quantity.path in there]
 
 
-def _remedy(camera: Camera, path: Path) -> str:
+def _remedy(camera: Camera, path: Path, only: Collection[str] | None = None) -> str:
     """Return the commands that state or measure the assumed values."""
-    found = _assumed(camera)
+    found = _assumed(camera, only)
     options = dict.fromkeys(q.option for q in found if q.option and not q.light)
-    seen = {"lattice.rotation_rad", "lattice.offset_um"} & {q.path for q in found}
+    measured = {"lattice.rotation_rad", "lattice.offset_um"} if camera.has_lattice else {"lattice.lens_centres_um"}
+    seen = measured & {q.path for q in found}
     remedies = []
     if options or not seen:
         stating = " ".join(options) or "--set PATH=VALUE"
         remedies.append(f"state it with lfcal camera import {path.name} {stating} -o camera.json")
     if seen:
-        remedies.append(f"measure the array with lfcal camera check {path.name} WHITE -o camera.json")
+        checked = f"camera check {path.name} WHITE -o camera.json"
+        measuring = checked if camera.has_lattice else f"white WHITE --camera {path.name} -o FOLDER"
+        remedies.append(f"measure the array with lfcal {measuring}")
     return ", ".join(remedies)
 
 
-def assumed_in_words(camera: Camera, *, light: bool = True) -> str:
+def assumed_in_words(camera: Camera, *, light: bool = True, only: Collection[str] | None = None) -> str:
     """Return the assumed values of ``camera`` as one line, or an empty text; those of ``light`` are only counted."""
     from lfcal.camera import value_at
 
-    found = _assumed(camera)
+    found = _assumed(camera, only)
     parts = [f"{q.label} {q.text(value_at(camera, q.path))}" for q in found if not q.light]
     count = sum(quantity.light for quantity in found) if light else 0
     if count:

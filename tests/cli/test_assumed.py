@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.camera import Marks, preset
+from lfcal.camera import Marks, preset, quantities_of
 from tests.cli.conftest import Run
 
 LIGHT = ("sensor.read_noise_e", "sensor.full_well_e", "wavelength_um")
@@ -58,3 +58,21 @@ def test_values_of_the_geometry_are_repeated_alone(lfcal: Callable[..., Run], tm
 def test_simulations_name_the_values_of_light(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     said = lfcal("simulate", camera_file(tmp_path, *LIGHT), "--virtual-depths", 3, "--plan-only").err
     assert "3 values of light and noise" in said
+
+
+def test_centres_of_lenslets_repeat_the_values_they_depend_on(lfcal: Callable[..., Run], tmp_path: Path) -> None:
+    camera, image = preset("flfm_20x05"), tmp_path / "white.tif"
+    path = tmp_path / "camera.json"
+    marks = Marks.of({one.path: "assumed" for one in quantities_of(camera)})
+    path.write_text(replace(camera, marks=marks).to_json())
+    tifffile.imwrite(image, np.zeros(camera.sensor.shape, np.uint16))
+    said = lfcal("white", image, "--camera", path).err
+    for label in ("optical axis on the sensor", "pixel pitch"):
+        assert said.count(label) == 1
+    for label in ("magnification", "focal length", "gap", "centres of the lenslets", "light and noise"):
+        assert label not in said
+    # the comparison with a lattice is not for this camera: what is advised can be done
+    assert "camera check" not in said
+    refused = lfcal("camera", "check", path, image)
+    assert refused.code == 2 and f"lfcal white {image.name} --camera {path.name}" in refused.err
+    assert f"lfcal white WHITE --camera {path.name}" in lfcal("plan", path, "--depths", 0).err
