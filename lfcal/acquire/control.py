@@ -22,7 +22,7 @@ class Aborted(Cancelled):
 
 
 class Control:
-    """Requests from any thread to the recording thread.
+    """Requests to pause, stop or abort, passed from any thread to the recording thread.
 
     Examples
     --------
@@ -42,22 +42,22 @@ class Control:
         """Why the session is on hold, or empty; set by the recording thread."""
 
     def pause(self) -> None:
-        """Pause after the current position."""
+        """Request a pause after the current position."""
         self._wake.clear()
         self._paused.set()
 
     def resume(self) -> None:
-        """Continue after a pause."""
+        """Request the recording to continue after a pause."""
         self._paused.clear()
         self._wake.set()
 
     def stop(self) -> None:
-        """Stop after the current position."""
+        """Request a stop after the current position."""
         self._stop.set()
         self._wake.set()
 
     def abort(self) -> None:
-        """Abort: stop the stage and end immediately."""
+        """Request that the stage be stopped and the session end immediately."""
         # an abort ends a pause and a wait too
         self._abort.set()
         self._stop.set()
@@ -79,16 +79,16 @@ class Control:
         return self._abort.is_set()
 
     def check(self) -> None:
-        """Raise `Aborted` if an abort was requested; called wherever the recording thread waits."""
+        """Raise `Aborted` if an abort was requested."""
         if self._abort.is_set():
             raise self.aborted()
 
     def aborted(self) -> Aborted:
-        """Return the error that ends a session immediately."""
+        """Return the `Aborted` error with which an aborted session ends."""
         return Aborted("aborted: the stage was stopped; acknowledged frames are safe")
 
     def wait(self, seconds: float) -> None:
-        """Wait for a real time (s), or until a request arrives."""
+        """Wait for ``seconds`` of real time, or until a request arrives."""
         self._wake.wait(seconds)
 
     def sleep(self, seconds: float, time: TimeSource) -> None:

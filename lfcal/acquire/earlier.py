@@ -37,9 +37,10 @@ class EarlierRuns:
     Attributes
     ----------
     flat
-        ``(n,)`` positions, or frames of a target, as flat indices into ``grid``.
+        Flat indices ``(n,)`` of the recorded positions, or of the recorded frames of a target, in ``grid``.
     grid
-        ``(nz, ny, nx)``, or number of planes, 1, and largest number of frames of a plane.
+        Shape of the grid of positions, ``(nz, ny, nx)``. For a target: ``(nz, 1, n)`` with the largest number n of
+        frames in a plane.
     recordings
         Names of the files, oldest first.
     """
@@ -51,14 +52,14 @@ class EarlierRuns:
 
 @dataclass(frozen=True, eq=False)
 class PlaneSum:
-    """Sum of the cutouts of a plane above the background, over the frames read so far.
+    """Background-subtracted sum of the cutouts of a plane, over the frames read so far.
 
     Attributes
     ----------
     light
         Sum of the cutouts, ``(rows, columns)`` (counts).
     read, total, damaged
-        Number of frames read, of frames that exist, and of unreadable frames.
+        Number of frames read so far, total number of recorded frames, and number of unreadable frames.
     ended
         Whether reading has ended.
     """
@@ -71,7 +72,7 @@ class PlaneSum:
 
     @property
     def words(self) -> str:
-        """Progress of reading; empty if complete."""
+        """Text on the progress of reading; empty once all frames have been read."""
         if not self.ended:
             return f"reading frame {self.read + self.damaged} of {self.total} …"
         return "" if self.read == self.total else f"{self.read} of {self.total} frames"
@@ -114,17 +115,18 @@ class _Frames:
 class EarlierFrames:
     """Reader of earlier runs, which passes their records to ``quality`` and sums the frames of the displayed plane.
 
-    Records are read first, then frames of a plane for at most `SECONDS`, in an order spread over the period. Sums
-    are kept in memory up to `MEMORY`. `want` and `read` may be called in two threads.
+    Records are read first, then the frames of the displayed plane for at most ``seconds``, in an order spread over the
+    period. Sums of several planes are cached up to `MEMORY` bytes. `want` and `read` may be called from different
+    threads.
 
     Parameters
     ----------
     folder, quality
         Folder of the session, and the object that receives its records and frames.
     known
-        Frames recorded by earlier runs, if any.
+        Frames recorded by earlier runs; None if there are none.
     seconds, clock
-        Longest time for reading a plane (s), and the clock.
+        Longest time for reading a plane (s), and the function that returns the current time (s).
     """
 
     def __init__(
@@ -143,7 +145,7 @@ class EarlierFrames:
         self._sums: dict[int, PlaneSum] = {}
 
     def want(self, z: int) -> bool:
-        """Request plane ``z`` instead of any other; return whether there is anything to read."""
+        """Request plane ``z`` in place of the previous one; return whether anything must be read for it."""
         before, self._wanted = self._wanted, z
         if before == z or self._known is None or not self._known.flat.size:
             return False
@@ -152,11 +154,11 @@ class EarlierFrames:
         return not (self._told and summed)
 
     def sum_of(self, z: int) -> PlaneSum | None:
-        """Return the sum of a plane over the frames read so far."""
+        """Return the sum of a plane over the frames read so far; None before the first frame."""
         return self._sums.get(z)
 
     def read(self, z: int, going: Callable[[], bool] = lambda: True) -> None:
-        """Read plane ``z`` until it is complete, another one is requested, or ``going`` returns False.
+        """Read the frames of plane ``z`` until all are read, another plane is requested, or ``going`` returns False.
 
         Raises
         ------

@@ -9,7 +9,7 @@ __all__ = ["AcquisitionStopped", "SuspectFrame"]
 
 
 class AcquisitionStopped(LfcalError):
-    """The session ended early; acknowledged frames are on disk, and it can be resumed.
+    """The session ended early; acknowledged frames are on disk, and the session can be resumed.
 
     Attributes
     ----------
@@ -26,12 +26,12 @@ class AcquisitionStopped(LfcalError):
 
 
 class SuspectFrame(LfcalError):
-    """The content of a frame is suspicious, even after the frame was taken again.
+    """The content of a frame was suspicious even when the frame was taken again.
 
     Attributes
     ----------
     what
-        Kinds of fault that are suspected.
+        Suspected kinds of fault.
     """
 
     def __init__(self, message: str, what: Suspicion) -> None:

@@ -39,7 +39,7 @@ def iter_assemble_session(
     out
         H file; None keeps H in memory.
     planes
-        Depth planes to use; None: all, with missing positions marked.
+        Numbers of the depth planes to use; None: all, with missing positions marked.
     recipe
         Corrections of the frames; None: only the session's dark frames.
     settings
@@ -47,8 +47,8 @@ def iter_assemble_session(
     skip_damaged
         Whether to exclude damaged frames and list them in report and file, instead of raising an error.
     make
-        Function that makes H from upright frames, with the arguments of `lfcal.psf.iter_assemble_plan`: plane by
-        plane, for a session in progress.
+        Function that makes H from upright frames; it has the arguments of `lfcal.psf.iter_assemble_plan`. Pass another
+        one to assemble plane by plane while the session is in progress.
 
     Raises
     ------
@@ -76,14 +76,14 @@ def iter_assemble_session(
 
 
 class Packed(NamedTuple):
-    """Result of packing a session: bytes saved, and the reasons why some files were not packed."""
+    """Result of packing a session: the number of bytes saved, and a message for each file that was not packed."""
 
     bytes_gained: int
     left: tuple[str, ...]
 
 
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
-    """Repack every finished recording of a session.
+    """Repack all finished recordings of a session, and return the result.
 
     A recording with missing or damaged frames is not changed, so that it can be resumed.
 
@@ -120,10 +120,10 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
 
 
 def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
-    """Rewrite a recording as chunked, compressed HDF5 next to it, and replace it; return the number of bytes saved.
+    """Replace a recording by a chunked, compressed HDF5 file; return the number of bytes saved.
 
-    Every frame is checked against its CRC-32. Recordings that are already packed, or lack frames, are not changed.
-    The chunks are one frame each, gzip 1 with shuffle and fletcher32.
+    Every frame is checked against its CRC-32. Recordings that are already packed, or lack frames, are not changed. Each
+    chunk contains one frame, compressed with gzip at level 1 and the shuffle and fletcher32 filters.
 
     Raises
     ------

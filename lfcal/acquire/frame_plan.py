@@ -31,11 +31,11 @@ class FramePlan(Protocol):
 
     @property
     def lit(self) -> object:
-        """Offsets shown by each frame, if a display switches the points; None if the stage moves the target."""
+        """Offset numbers shown by each frame, if a display switches the points; None if the stage moves the target."""
         ...
 
     def stage_um(self) -> NDArray[np.float64]:
-        """Return the stage coordinates of all frames ``(frames, 3)`` (µm)."""
+        """Return the stage coordinates (x, y, z) of all frames, ``(frames, 3)`` (µm)."""
         ...
 
     def to_dict(self) -> dict[str, Any]:
@@ -44,18 +44,18 @@ class FramePlan(Protocol):
 
 
 def frame_grid(plan: FramePlan) -> tuple[int, int, int]:
-    """Return the grid ``(planes, 1, largest number of frames of a plane)`` on which a session counts its frames."""
+    """Return the shape of the grid on which frames are counted: (planes, 1, largest number of frames in a plane)."""
     counts = np.bincount([z for z, _ in plan.frames], minlength=len(plan.scan.depths_um))
     return len(counts), 1, max(1, int(counts.max(initial=0)))
 
 
 def frame_positions(plan: FramePlan) -> NDArray[np.int64]:
-    """Return the positions ``(frames, 3)`` of a session's frames on the grid of `frame_grid`, in order."""
+    """Return the positions (z, 0, k) of a session's frames on the grid of `frame_grid`, ``(frames, 3)``, in order."""
     return np.array([(z, 0, k) for z, k in plan.frames], np.int64).reshape(-1, 3)
 
 
 def read_frame_plan(data: Mapping[str, Any]) -> FramePlan:
-    """Read a plan from the entry of a session's file; raises `FileFormatError` if it is not valid."""
+    """Return the plan described by an entry of a session's file; raises `FileFormatError` if it is not valid."""
     from lfcal.targets import TargetPlan  # slow to import, and not needed for single points
 
     return TargetPlan.from_dict(data)

@@ -23,7 +23,7 @@ def check_light(rig: Rig) -> None:
 
 
 class Lighting:
-    """Switch of the light, used only when necessary, because a lamp that stays on is more stable.
+    """Switch of the light, operated only when necessary, because a lamp that stays on is more stable.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Lighting:
         self._control.sleep(self._settle, self._time)
 
     def restore(self) -> None:
-        """Switch the light on again if it still responds; raises no error."""
+        """Switch the light on again if it is off and still responds; raises no error."""
         if self._light is not None and self._off and not self._light.hangs:
             with suppress(Exception):
                 self._light.switch(True)

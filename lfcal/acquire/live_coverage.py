@@ -34,18 +34,18 @@ class CoverageState:
     Attributes
     ----------
     done, total
-        Number of frames recorded so far, and in the plan.
+        Number of frames recorded so far, and of all frames in the plan.
     shown
-        ``(nz, ny, nx)`` number of recorded frames that show each position within the plan's tolerance, provided that
+        Number of recorded frames ``(nz, ny, nx)`` that show each position within the plan's tolerance, provided that
         the target is at its planned pose.
     light
-        ``(frames,)`` light of each frame above its median (counts), in the plan's order; NaN if not recorded.
+        Sum of each frame ``(frames,)`` above its median (counts), in the plan's order; NaN if not recorded.
     saturated
-        ``(frames,)`` number of saturated pixels.
+        Number of saturated pixels in each frame ``(frames,)``.
     lamp
-        ``(n, 2)`` time of recording (s) and light (counts) of each reference frame.
+        Time of recording (s) and light (counts) of each reference frame, ``(n, 2)``.
     alarms
-        Values out of bounds, in the form of `lfcal.acquire.live_quality`.
+        Findings on recorded frames that may require a stop, as in `lfcal.acquire.live_quality`.
     """
 
     done: int
@@ -58,11 +58,11 @@ class CoverageState:
 
     @property
     def coverage(self) -> float:
-        """Fraction of the positions shown so far."""
+        """Fraction of the scan's positions shown so far, in [0, 1]."""
         return float((self.shown > 0).mean())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return a summary as plain JSON types."""
+        """Return frames, coverage (total and by plane) and mean number of repeats as plain JSON types."""
         return {
             "frames": self.done,
             "coverage": self.coverage,
@@ -72,7 +72,7 @@ class CoverageState:
 
 
 class LiveCoverage:
-    """Observer of a `Runner` that records a target; call `state` from any thread.
+    """Observer of a `Runner` that counts the positions shown by a target; `state` may be called from any thread.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class LiveCoverage:
         return max(map(len, self._plan.offsets_px))
 
     def know(self, z: int, k: int, light: float = math.nan, saturated: int = 0) -> None:
-        """Mark frame ``k`` of plane ``z`` as recorded, with its light (counts); NaN if unknown.
+        """Mark frame ``k`` of plane ``z`` as recorded; ``light`` is its sum above the median (counts), NaN if unknown.
 
         A frame is counted only once.
         """
@@ -150,7 +150,7 @@ class LiveCoverage:
             self._shown[z, found] += 1
 
     def state(self) -> CoverageState:
-        """Return a copy of the current state."""
+        """Return a snapshot of the coverage."""
         with self._lock:
             lamp = np.array(self._lamp).reshape(-1, 2)
             shown = self._shown.reshape(-1, *self._plan.scan.period).copy()

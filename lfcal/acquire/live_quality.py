@@ -48,7 +48,7 @@ UNSURE = 0.25
 
 
 def alarm(kind: str, size: float, words: str) -> list[Finding]:
-    """Return a finding if ``size`` exceeds the limit of its kind; ``words`` state the fault and the remedy."""
+    """Return one finding if ``size`` exceeds the limit of its kind, else none; ``words`` reads "fault: remedy"."""
     if not size > LIMITS[kind]:
         return []
     what, _, remedy = words.partition(": ")
@@ -63,19 +63,19 @@ class QualityState:
     Attributes
     ----------
     done
-        Number of positions recorded so far, without those of earlier runs.
+        Number of positions recorded in this run.
     energy
-        ``(nz, ny, nx)`` light of each position above the background (counts), NaN if not recorded.
+        Sum of each cutout above the background ``(nz, ny, nx)`` (counts); NaN if not recorded.
     residual_px
-        ``(nz, ny, nx)`` lateral difference between read-back and target (pixels), NaN if not recorded.
+        Lateral distance between read-back and target position ``(nz, ny, nx)`` (pixels); NaN if not recorded.
     saturated
-        ``(nz, ny, nx)`` number of saturated pixels in each cutout.
+        Number of saturated pixels in each cutout ``(nz, ny, nx)``.
     depth_sums
-        ``(nz, nt, ns)`` running sums of the cutouts above the background (counts); ``(1, nt, ns)`` for one plane.
+        Running sums of the cutouts above the background ``(nz, nt, ns)`` (counts); ``(1, nt, ns)`` for one plane.
     lamp
-        ``(n, 2)`` time of recording (s), summed over all recordings, and light (counts) of each reference frame.
+        Time of recording (s), added up over all recordings, and light (counts) of each reference frame, ``(n, 2)``.
     places_px
-        ``(n, 2)`` row and column of the light in the cutout of each reference frame (pixels), NaN if it is too faint.
+        Row and column of the light in the cutout of each reference frame, ``(n, 2)`` (pixels); NaN if it is too faint.
     follow_px
         Movement of the image within the cutout per step (pixels): ``((row per y, row per x), (column per y, column per
         x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
@@ -95,7 +95,7 @@ class QualityState:
 
 
 class LiveQuality:
-    """Observer of a `Runner`; call `state` from any thread.
+    """Observer of a `Runner` that measures the recorded frames; `state` may be called from any thread.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class LiveQuality:
             self._done += 1
 
     def know(self, records: NDArray[Any], levels: NDArray[np.float64]) -> None:
-        """Add positions of earlier runs from their records; depth sums do not change, because they need frames.
+        """Add positions of earlier runs from their records; the depth sums, which need frames, do not change.
 
         Parameters
         ----------
@@ -200,7 +200,7 @@ class LiveQuality:
             self._saturated[place] = records["saturated"]
 
     def state(self, plane: int | None = None) -> QualityState:
-        """Return a copy of the current state; ``plane`` limits the depth sums to one plane."""
+        """Return a snapshot of the quality; ``plane`` limits the depth sums to one plane."""
         with self._lock:
             references = np.array(self._references.seen).reshape(-1, 5)
             follow = self._slopes()

@@ -28,24 +28,25 @@ class Options:
     order
         ``"plan"``: the order of the plan; ``"coarse"``: a coarse grid over all planes first, then finer ones.
     bracket
-        Exposures of each position as factors of its plane's; several are merged to a high dynamic range.
+        Exposures of each position as multiples of its plane's exposure; several are merged to extend the dynamic range.
     margin_px
         Margin around the cutout (pixels), for interpolation at sub-pixel anchors and for drift. None: 12 if the plan's
         anchor is between pixels or frames are resampled, else no margin.
     darks, dark_every
         Number of frames averaged into each dark frame (0: none), taken at the start and after every ``dark_every``
-        positions (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts them;
-        without them, H contains the sensor's pedestal. They need a light that can be switched off.
+        positions (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts the dark
+        frames; without them, H contains the sensor's dark level. Dark frames need a light that can be switched off.
     reference_every
-        Number of positions after which a reference frame at a fixed position is taken, also at the start and at the
-        end; it shows the lamp's drift (0: none). The default costs 1 % of the frames.
+        Number of positions after which a reference frame at a fixed position is taken, also at the start and at the end
+        (0: none). Reference frames show the drift of the lamp. The default adds 1 % to the number of frames.
     controls
         Number of control frames per plane and direction, from one period away to the edge of the field, for the check
         of periodicity (0: none).
     retries
         Number of further attempts at a position after a transient fault.
     tolerance_um, overshoot_um
-        As in `Motion`; None tolerates a tenth of the smallest lateral step and a whole step in depth.
+        As in `Motion`. A tolerance of None is a tenth of the smallest lateral step for lateral errors, and the full
+        lateral step for errors in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
         Longest waits for arrival and for a frame (beyond its exposure), and the waiting time after switching the light
         (s).
@@ -53,8 +54,8 @@ class Options:
         The session does not start, or is paused, while the disk has less than this free in addition to the recording
         (bytes); None: a tenth of the recording, at least 16 MiB.
     origin_tolerance_px
-        When resuming, the last position is taken again; a larger shift of the image means that the stage's origin is
-        lost (pixels). None skips the check.
+        Largest shift of the image (pixels) when the last position is taken again on resuming. A larger shift means that
+        the stage's origin is lost. None: no check.
     on_suspect
         Treatment of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
@@ -130,7 +131,7 @@ class Options:
 
     @property
     def plain(self) -> bool:
-        """Whether each frame is a single exposure, unless the plan averages several."""
+        """Whether each position is recorded with a single exposure time; the plan may still average several frames."""
         return len(self.bracket) == 1
 
     def reserve(self, recording_bytes: int) -> int:
@@ -139,7 +140,7 @@ class Options:
 
     @property
     def bounds(self) -> tuple[Bound, ...]:
-        """Bounds of the gauges; raises `InputError` if a text cannot be parsed."""
+        """Bounds of the gauges, parsed from ``suspend``; raises `InputError` if a text cannot be parsed."""
         return tuple(Bound.parse(text) for text in self.suspend)
 
     def motion(self, plan: ScanPlan) -> Motion:
@@ -165,7 +166,7 @@ class Options:
     def from_dict(cls, data: Mapping[str, Any]) -> Options:
         """Return the options described by ``data``; unknown entries raise `InputError`.
 
-        Options missing in an older session keep their defaults.
+        Options that are missing, as in older sessions, have their default values.
         """
         return build(cls, data, "options", partial=True)
 

@@ -23,7 +23,7 @@ LARGEST = 1 << 28
 class RedoList:
     """Positions (z, y, x) to record, each with a reason.
 
-    ``kept_aside`` are the positions held out from a fit to measure its quality.
+    ``kept_aside`` contains the positions to hold out from a fit, to measure its quality.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def _are_positions(value: Any) -> bool:
 
 
 def read_suspects(folder: Path) -> RedoList:
-    """Return the positions of a session whose newest frames are suspicious, with reasons.
+    """Return the positions of a session whose newest frames are suspicious, with the suspected faults as reasons.
 
     Raises
     ------

@@ -57,9 +57,9 @@ class RecordedNeighbour(NamedTuple):
 
 
 def recorded_neighbours(folder: Path, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
-    """Return trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, at most a few hundred.
+    """Return trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, at most `ENOUGH` of them.
 
-    Unreadable frames are skipped, so that new frames are compared with fewer ones.
+    Unreadable frames are skipped.
     """
     near = todo.copy()
     for axis in (1, 2):
@@ -91,7 +91,7 @@ class TakenFrame(NamedTuple):
 
 
 class Taker:
-    """Device control that takes the steps of a schedule with a rig.
+    """Control of the devices, which takes the frame of each step of a schedule.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Taker:
     sensor
         Limits of the sensor.
     elapsed
-        Time of recording so far, without pauses (s).
+        Function that returns the recording time so far, without pauses (s).
     """
 
     def __init__(
@@ -192,12 +192,12 @@ class _Judged(NamedTuple):
 
 
 class Attempts:
-    """Repeated attempts at a step, each with a check of the frame.
+    """Repeated attempts to take the frame of a step, each with a check of the frame.
 
     A doubtful frame is taken again, because most faults are transient. If it still differs from its neighbours, the
-    latest trusted position is taken again: if it equals its recorded frame, the rig is unchanged and the pattern
-    itself is unusual; otherwise the rig has changed. Thus any pattern costs only a few additional frames, and never
-    causes an alarm.
+    latest trusted position is taken again: if it equals its recorded frame, the rig is unchanged and the pattern itself
+    is unusual; otherwise the rig has changed. An unusual pattern therefore costs only a few additional frames, and
+    causes no alarm.
 
     Parameters
     ----------
@@ -215,11 +215,11 @@ class Attempts:
         self._attempt = 1
 
     def trust(self, step: ScheduledFrame, now: MeasuredFrame) -> None:
-        """Register ``step`` of an earlier run with its content ``now`` as a known position."""
+        """Register ``step`` of an earlier run, with its measurements ``now``, as a known position."""
         self._trusted = step, now
 
     def record(self, step: ScheduledFrame) -> TakenFrame:
-        """Return frame and note of ``step``; the note contains the remaining doubt about the frame.
+        """Return the frame of ``step`` with its record, which contains any remaining doubt about the frame.
 
         Raises
         ------
@@ -327,10 +327,11 @@ Observer = Callable[[ScheduledFrame, Note, NDArray[Any]], None]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """End of a run (``"complete"``, ``"stopped"`` or ``"aborted"``), acknowledged positions, and positions in total.
+    """How a run ended (``"complete"``, ``"stopped"`` or ``"aborted"``), and the number of acknowledged positions.
 
-    ``damaged`` is the number of damaged frames of earlier runs, found on resuming, that will be taken again. ``notes``
-    list omitted checks of the stage, and remarks about it.
+    ``total`` is the number of all positions, and ``seconds`` the recording time of this run without pauses. ``damaged``
+    is the number of damaged frames of earlier runs, found on resuming, that will be taken again. ``notes`` lists
+    omitted checks of the stage, and remarks about it.
     """
 
     how: str
@@ -360,13 +361,13 @@ class Runner:
         Function that returns the reason why the session should pause, such as a full disk or a gauge out of bounds, or
         an empty string.
     elapsed_s
-        Seconds recorded by earlier runs of the session.
+        Recording time of earlier runs of the session (s).
     recorded
-        CRC-32 of the frames that earlier runs stored, with their positions.
+        Maps the CRC-32 of each frame stored by earlier runs to its position.
     known
         Frames of earlier runs around the remaining steps.
     whole_frames
-        Whether frames show many points, instead of one that moves by a pixel.
+        Whether frames are whole frames that show many points of a target.
 
     Raises
     ------
@@ -423,7 +424,7 @@ class Runner:
         self._earlier = elapsed_s if self._done else 0.0
 
     def run(self) -> Work[Outcome]:
-        """Record the remaining steps; yields after acknowledged frames and while paused.
+        """Record the remaining steps and return the outcome; yields after acknowledged frames and while paused.
 
         Raises
         ------

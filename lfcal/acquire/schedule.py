@@ -29,20 +29,20 @@ SPLINE_MEMORY = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Steps of one kind.
+    """Steps of one kind, as parallel arrays.
 
     Attributes
     ----------
     kind
         Kind of the steps.
     slots
-        ``(N,)`` index of each step in the file of its kind.
+        Index ``(N,)`` of each step in the file of its kind.
     positions
-        ``(N, 3)`` position of the plan (z, y, x) that each step belongs to.
+        Planned position ``(N, 3)`` as (z, y, x) to which each step belongs.
     periods
-        ``(N, 2)`` number of periods (y, x) away from that position.
+        Displacement ``(N, 2)`` of each step from that position, in periods (y, x).
     before
-        ``(N,)`` number of the position before which each step is made, in the order of recording.
+        Number ``(N,)`` of the position, in the order of recording, before which each step is made.
     """
 
     kind: Kind
@@ -53,7 +53,7 @@ class Block:
 
     @classmethod
     def of(cls, kind: Kind, positions: NDArray[Any], before: NDArray[Any], slots: NDArray[Any] | None = None) -> Block:
-        """Return a block of steps at the positions themselves; slots are consecutive by default."""
+        """Return a block of steps at ``positions``, displaced by no period; slots are consecutive by default."""
         counted = np.arange(len(positions)) if slots is None else slots
         return cls(kind, counted, positions, np.zeros((len(positions), 2), np.int64), before)
 
@@ -129,8 +129,8 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
     """Return all positions ``(N, 3)`` as (z, y, x), coarse grids first.
 
     The first pass visits every plane on a grid with a pitch of up to 16 pixels. Each later pass visits the remaining
-    points of a grid twice as fine. After 1/256 of the session, all planes have been seen. Within a pass, the order is
-    that of the plan.
+    points of a grid twice as fine. All planes have been recorded coarsely after 1/256 of the session. Within a pass,
+    the order is that of the plan.
 
     Examples
     --------
@@ -152,7 +152,7 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the odd number of rows and columns stored of each frame: the cutout and its margin.
+    """Return the odd numbers of rows and columns that are stored of each frame: the cutout and its margin.
 
     Examples
     --------
@@ -244,9 +244,9 @@ def _redo_positions(shape: tuple[int, ...], redo: Sequence[Position]) -> NDArray
 class ScheduledFrame(NamedTuple):
     """One frame to record.
 
-    ``slot`` is its index in the file of its kind, ``flat`` the plan's position as ``(z * ny + y) * nx + x``,
-    ``target`` the stage coordinates (µm), ``row, column`` the first sensor pixel kept, and ``period_y, period_x`` the
-    number of periods away from the plan's position.
+    ``slot`` is its index in the file of its kind, ``flat`` the plan's position as ``(z * ny + y) * nx + x``, ``target``
+    the stage coordinates (µm), ``row, column`` the first stored sensor pixel, and ``period_y, period_x`` the number of
+    periods by which the source is displaced from the planned position.
     """
 
     kind: Kind
@@ -269,7 +269,8 @@ class Schedule:
     kinds, slots, flat, planes, targets, origins, periods
         As in `ScheduledFrame`; ``targets`` ``(N, 3)``, ``origins`` and ``periods`` ``(N, 2)``.
     window
-        Numbers of rows and columns that are stored of every frame.
+        Number of rows and columns stored of each position, reference and control frame; dark frames contain the whole
+        ``roi``.
     roi
         Region read for all frames except control frames, which use ``control_roi``.
     grid
@@ -311,11 +312,11 @@ class Schedule:
         return self.control_roi if kind is Kind.CONTROL else self.roi
 
     def position(self, flat: int) -> Position:
-        """Return the position (z, y, x) with the number ``flat``."""
+        """Return the position (z, y, x) with the flat index ``flat``."""
         return position_at(flat, self.grid[1:])
 
     def steps(self, todo: NDArray[np.bool_] | None = None) -> Iterator[ScheduledFrame]:
-        """Iterate over the steps in order, those of ``todo`` ``(N,)`` only."""
+        """Iterate over the steps in order; with a mask ``todo`` ``(N,)``, only over those where it is true."""
         which = np.arange(len(self)) if todo is None else np.flatnonzero(todo)
         kinds = list(Kind)
         for start in range(0, len(which), 4096):  # a block at a time, to avoid a list of all steps
@@ -342,7 +343,7 @@ class Schedule:
         *,
         only: Sequence[Position] = (),
     ) -> Schedule:
-        """Return the schedule for ``plan``, for its positions ``redo``, or for a session of ``only`` some positions.
+        """Return the schedule for ``plan``, for its positions ``redo``, or for a session of the positions ``only``.
 
         Raises
         ------
@@ -367,7 +368,7 @@ class Schedule:
 
     @classmethod
     def of_frames(cls, plan: FramePlan, options: Options, redo: Sequence[Position] | None = None) -> Schedule:
-        """Return the schedule of whole frames, or of the frames ``redo`` of them; raises as `frame_blocks`."""
+        """Return the schedule of a plan's whole frames, or of its frames ``redo``; raises as `frame_blocks` does."""
         found = _Joined.of(frame_blocks(plan, options, redo))
         number = {frame: k for k, frame in enumerate(plan.frames)}
         places = plan.stage_um()[[number.get((z, k), 0) for z, _, k in found.positions.tolist()]]

@@ -55,7 +55,7 @@ def check_origin(
     latest: tuple[int, NDArray[Any], NDArray[Any]],
     control: Control,
 ) -> None:
-    """Raise `InputError` unless a new frame at the latest recorded position is equal to the recorded one.
+    """Raise `InputError` unless a new frame at the latest recorded position agrees with the recorded one.
 
     Parameters
     ----------
@@ -108,26 +108,27 @@ def iter_record(
     observers: tuple[Observer, ...] = (),
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
-    """Record ``plan`` into the session ``folder``; return the outcome.
+    """Record ``plan`` into the session ``folder``; return how the run ended.
 
     Parameters
     ----------
     folder
-        A new or empty folder; with ``resume`` or ``redo`` that of an earlier session.
+        A new or empty folder; with ``resume`` or ``redo``, the folder of an earlier session.
     plan, rig, options
-        Plan to record (a scan, or a `lfcal.targets.TargetPlan` of whole frames), devices, and settings; by default the
-        options of the session that is continued, or `Options()`.
+        Plan to record (a scan, or a `lfcal.targets.TargetPlan` of whole frames), devices, and settings. Options of None
+        are those of the session that is continued, or `Options()`.
     resume
         Whether to continue an interrupted run, after checking that plan, options, devices and the stage's origin and
         scale are unchanged. Every frame is checked first, and damaged ones are taken again: in place, or in a separate
         file if the recording was packed.
     redo
-        Record these positions of a finished session again, into a separate file; the later frame counts. Positions
-        that the session does not have are added. Whole frames are named as in `lfcal.acquire.frame_plan`.
+        Positions of a finished session to record again, into a separate file; of several frames of a position, the
+        latest is used. Positions that the session does not have are added. Whole frames are numbered as in
+        `lfcal.acquire.frame_plan`.
     only
         Positions of the scan to record; None: all of them.
     kept_aside
-        Recorded positions that are held out from a fit.
+        Recorded positions to hold out from a fit.
     control, preview, observers
         See `Runner`.
     task
@@ -223,7 +224,7 @@ record = drained(
 
 
 def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
-    """Return the facts that the devices state; raise `InputError` if the camera is not that of the plan.
+    """Return the properties reported by the devices; raise `InputError` if the sensor's shape is not the plan's.
 
     Examples
     --------

@@ -34,13 +34,16 @@ NAME = "session.json"
 def keep_task(folder: Path, task: Mapping[str, Any], run: int = 0) -> None:
     """Write the task of recording ``run`` into the session's folder, as a job that `lfcal run` can continue.
 
-    It is a separate file, because versions of lfcal that store no task refuse a ``session.json`` with further entries.
+    The job is a separate file, because older versions of lfcal refuse a ``session.json`` with additional entries.
     """
     write_text(folder / _job_name(run), json.dumps({**task, "out": task.get("out", ".")}, indent=2))
 
 
 def kept_tasks(folder: Path, recordings: int) -> tuple[dict[str, Any], ...]:
-    """Return the tasks that made the recordings of a session, without their output paths; empty if unknown."""
+    """Return the tasks that made the first ``recordings`` recordings of a session, without their output paths.
+
+    Recordings whose task is not stored are skipped.
+    """
     found = []
     for path in (folder / _job_name(run) for run in range(recordings)):
         with suppress(LfcalError):  # frames can be used without knowing who asked for them
@@ -55,19 +58,19 @@ def _job_name(run: int) -> str:
 
 
 def optics_of(rig: Rig) -> str:
-    """Return the method by which the simulator computes frames; empty for real frames."""
+    """Return how the simulator of ``rig`` computes frames (`Devices.optics`); empty for a real camera."""
     return CheckedCamera.of(rig.camera).optics
 
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The devices of a session by their names, and the settings that the camera reports.
+    """Names of the devices of a session, and properties and settings that the camera reports.
 
     ``optics`` states how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is
     empty for real frames, and for sessions of older versions.
 
-    ``settings`` are those by which the camera may change samples, with their names and values at the start.
-    ``automatic`` lists those that did not leave samples proportional to light.
+    ``settings`` maps the names of the settings by which the camera may change samples to their values at the start.
+    ``automatic`` lists the settings with which samples are not proportional to light.
     """
 
     camera: str
@@ -88,12 +91,12 @@ class Devices:
 
     @property
     def automatic_words(self) -> str:
-        """Text with name and value of each setting by which the camera changes samples; empty if there is none."""
+        """Text with name and value of each setting with which samples are not proportional to light; empty if none."""
         return ", ".join(f"{name} = {self.settings[name]}" for name in self.automatic)
 
     @classmethod
     def of(cls, rig: Rig) -> Devices:
-        """Return the facts that the devices of ``rig`` state."""
+        """Return the properties reported by the devices of ``rig``."""
         camera = CheckedCamera.of(rig.camera)
         found = camera.fixed_settings()
         return cls(
@@ -110,7 +113,7 @@ class Devices:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One run of a recording: start time (ISO 8601), end, number of safe positions, seconds, a message.
+    """One run of a recording: when it started and ended (ISO 8601), how, positions on disk, duration (s), message.
 
     ``recording`` is the number of the recording; -1: not stored by an older version. ``stage`` is the result of the
     stage check before the run, or why it was skipped; empty: not stored by an older version.
@@ -133,17 +136,17 @@ class SessionFile:
     Attributes
     ----------
     identity
-        Random name of the session, which each of its recordings contains.
+        Random name of the session, which is stored in each of its recordings.
     plan, options, devices
         The plan, the settings, and the devices.
     recordings
-        Files with positions, oldest first; if several contain a position, the latest counts.
+        Files with positions, oldest first; if several contain a position, the latest is used.
     redo
-        Positions (z, y, x) of each recording; empty: all, or for the first one only those of ``only``.
+        Positions (z, y, x) of each recording; empty: all positions of the plan.
     runs
         All runs of the session.
     kept_aside
-        Positions (z, y, x) held out from a fit, to measure its quality.
+        Positions (z, y, x) to hold out from a fit, to measure its quality.
     target
         The plan of a target whose whole frames are recorded; `plan` is then the scan that it replaces. None: single
         points.
@@ -179,14 +182,14 @@ class SessionFile:
 
     @property
     def chosen(self) -> NDArray[np.bool_]:
-        """Mask ``(nz, ny, nx)`` of the positions to record: all of the grid unless some were chosen."""
+        """Mask ``(nz, ny, nx)`` of the positions to record: all of the grid unless some were selected."""
         chosen = np.full(self.grid, not self.redo[0])
         if self.redo[0]:
             chosen[tuple(np.array([at for part in self.redo for at in part]).T)] = True
         return chosen
 
     def acknowledged(self, folder: Path) -> NDArray[np.bool_]:
-        """Return a mask ``(nz, ny, nx)`` of the positions that are safe on disk, from the files in ``folder``."""
+        """Return a mask ``(nz, ny, nx)`` of the positions whose frames are stored in the files in ``folder``."""
         there = np.zeros(math.prod(self.grid), np.bool_)
         for name in self.recordings:
             with RecordingFile(folder / name) as file:
@@ -209,13 +212,13 @@ class SessionFile:
         return replace(part, roi=whole.roi)
 
     def attributes(self, run: int, schedule: Schedule) -> dict[str, Any]:
-        """Return the facts stored in the files of recording ``run``."""
+        """Return the attributes of the files of recording ``run``: identity, region of the sensor, and number."""
         roi = schedule.roi
         # the region is needed to place dark frames on the sensor
         return {"session": self.identity, "roi": [roi.row, roi.column, roi.rows, roi.columns], "run": run}
 
     def was_complete(self, run: int) -> bool:
-        """Return whether recording ``run`` is known to have been completed at some time."""
+        """Return whether any run is known to have completed recording ``run``."""
         count = len(set(self.redo[run])) or self.positions
         # another recording may have had as many positions
         own = [past for past in self.runs if past.recording in (run, -1)]

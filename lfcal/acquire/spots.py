@@ -25,16 +25,16 @@ class Spot:
     Attributes
     ----------
     row, column
-        Centroid of the light above the background, in pixels of the frame.
+        Centroid of the light above the background (pixels of the frame).
     energy
         Sum of the light above the background (counts).
     peak
         Highest sample above the background (counts).
     sharpness
-        Sum of squared differences of neighbouring pixels over that of squared values, in [0, 4]; larger is sharper,
-        independent of brightness.
+        Sum of the squared differences between neighbouring pixels, divided by the sum of the squared values; from 0 to
+        4. It is independent of brightness, and larger for a sharper image.
     snr
-        Peak over the noise of the background.
+        Ratio of the peak to the noise of the background.
     radius
         RMS distance of the light from its centroid (pixels).
     """
@@ -49,10 +49,10 @@ class Spot:
 
 
 def find_spot(frame: NDArray[Any]) -> Spot:
-    """Return the light of the source in ``frame`` ``(rows, columns)``.
+    """Return position, brightness and size of the light of the source in ``frame`` ``(rows, columns)``.
 
-    Background and noise are the median and the scaled median deviation. Light must exceed five times the noise and a
-    twentieth of the peak, and must not be a single pixel, which excludes hot pixels.
+    The background is the median, and its noise the scaled median absolute deviation. Light must exceed five times the
+    noise and a twentieth of the peak. Single bright pixels are excluded, because they may be hot pixels.
 
     Raises
     ------
@@ -113,10 +113,10 @@ def _moments(share: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
-    """Return the displacement of the light between two frames of one region, and the correlation of the frames.
+    """Return the displacement of the light between two frames of one region (pixels), and their correlation.
 
-    The result is the displacement in rows and in columns (pixels), then the normalized correlation, which is 1 for
-    equal frames of any brightness.
+    The result contains the displacement in rows, the displacement in columns, and the normalized correlation, which is
+    1 for frames that differ only in brightness.
 
     Raises
     ------

@@ -31,26 +31,26 @@ DARK = 0.05
 
 @dataclass(frozen=True)
 class Stills:
-    """Written frames: kind, files, and brightness (fraction of the range above black)."""
+    """Frames that were written: their kind, their files, and the mean level (fraction of the range above black)."""
 
     kind: str
     files: tuple[Path, ...]
     level: float
 
     def words(self) -> str:
-        """Return the description as one line."""
+        """Return a one-line description for display."""
         return (
             f"{len(self.files)} {self.kind} frames in {self.files[0].parent}, at {100 * self.level:.0f} % of the range"
         )
 
 
 def still_files(folder: Path, kind: str) -> tuple[Path, ...]:
-    """Return the files that `iter_stills` writes."""
+    """Return the paths of the files that `iter_stills` writes."""
     return tuple(folder / kind / f"{kind}_{k}.tif" for k in range(COUNT))
 
 
 def recipe_of(folder: Path) -> CorrectionRecipe:
-    """Return the corrections for a session, with its white image, if there is one, and its dark frames."""
+    """Return the corrections for a session: its white image and the dark frames for it; none without a white image."""
     white, dark = (folder / kind if still_files(folder, kind)[0].is_file() else "" for kind in ("white", "dark"))
     # a recording has separate darks; those of the whole sensor are for the white image
     return CorrectionRecipe(white=white, dark=dark) if white else CorrectionRecipe()
@@ -68,7 +68,7 @@ def iter_stills(
     plan
         Plan of the session; its sensor states black level and range.
     folder, kind
-        Folder of the session; ``"white"`` or ``"dark"``.
+        Folder of the session, and kind of the frames: ``"white"`` or ``"dark"``.
     light
         Light to switch off for dark frames, and on again afterwards.
 

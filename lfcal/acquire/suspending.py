@@ -31,7 +31,7 @@ class Bound:
     gauge
         Name of a gauge of the rig, or path of a text file that ends with the newest reading.
     low, high
-        Smallest and largest reading, in the gauge's unit; infinite: no bound.
+        Smallest and largest allowed reading, in the gauge's unit; infinite: no bound.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class Bound:
 
     @classmethod
     def parse(cls, text: str) -> Bound:
-        """Parse ``GAUGE=LOW:HIGH``; one of the two numbers may be omitted."""
+        """Return the bounds in a text ``GAUGE=LOW:HIGH``; LOW or HIGH may be omitted."""
         name, sign, span = text.rpartition("=")
         low, colon, high = span.partition(":")
         try:
@@ -65,13 +65,13 @@ class Bound:
         return self.low <= value <= self.high
 
     def words(self, value: float, unit: str) -> str:
-        """Return one line on why ``value`` suspends a session."""
+        """Return the reason why the reading ``value`` suspends a session, as one line."""
         after = f" {unit}" if unit else ""
         return f"{self.gauge} {value:.4g}{after}, outside {self.low:g} to {self.high:g}{after}"
 
 
 def gauge_of(rig: Rig, name: str) -> Gauge:
-    """Return the gauge or the file called ``name``; raises `InputError` if neither exists."""
+    """Return the gauge or the file named ``name``; raises `InputError` if neither exists."""
     for gauge in rig.gauges:
         if gauge.name == name:
             return gauge
@@ -84,7 +84,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 
 
 class Suspender:
-    r"""Suspender of a session, from gauges that are read every second.
+    r"""Function object that returns why a session should pause, from gauges that are read every second.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Suspender:
     bounds
         Bounds of the gauges; empty: none are read.
     steady_s
-        Time for which all gauges must be within their bounds before a held session continues (s of the rig's time).
+        Time for which all gauges must be within their bounds before a paused session continues (s of the rig's time).
 
     Raises
     ------

@@ -39,14 +39,14 @@ FEW = 16
 
 
 class FramePlace(NamedTuple):
-    """Position of a frame in the plan, and the number of periods (y, x) from it."""
+    """Planned position of a frame, and the number of periods (y, x) by which the source is displaced from it."""
 
     position: Position
     periods: tuple[int, int] = (0, 0)
 
 
 class RowSample(NamedTuple):
-    """Rows of one exposure, their CRC-32, the bytes of the first and the last row, and the position of the exposure."""
+    """Some rows of one exposure, their CRC-32, the bytes of the first and last row, and the exposure's position."""
 
     place: FramePlace
     rows: NDArray[Any]
@@ -55,7 +55,7 @@ class RowSample(NamedTuple):
 
 
 class Repeats:
-    """Detection of repeated content by checksums of all exposures, and samples of the latest ones.
+    """Detector of repeated content, which compares the checksums of all exposures and samples of the latest ones.
 
     Content is compared in sensor coordinates, and only between different positions: images of a displaced source
     differ even without noise, while images at the same position may be equal.
@@ -65,7 +65,7 @@ class Repeats:
     ceiling
         Sample value of a saturated pixel.
     recorded
-        CRC-32 of the frames that earlier runs of the session kept, with their positions.
+        Maps the CRC-32 of each frame stored by earlier runs of the session to its position.
     """
 
     def __init__(self, ceiling: float, recorded: Mapping[int, Position] | None = None) -> None:
@@ -77,7 +77,7 @@ class Repeats:
     def look(
         self, place: FramePlace, raws: Iterable[NDArray[Any]], floor: float
     ) -> tuple[Doubt, tuple[RowSample, ...]]:
-        """Return the doubt about the exposures ``raws`` of ``place``, and the samples to pass to `remember`.
+        """Check the exposures ``raws`` of ``place``; return the findings, and the samples to pass to `remember`.
 
         Parameters
         ----------
@@ -99,16 +99,16 @@ class Repeats:
         return doubt, tuple(samples)
 
     def remember(self, samples: Iterable[RowSample]) -> None:
-        """Keep samples for comparison with later exposures; do not pass exposures from a wrong position."""
+        """Keep samples for comparison with later exposures; do not pass samples of exposures at a wrong position."""
         for sample in samples:
             self._seen.setdefault(sample.crc, sample.place)
             self._latest.append(sample)
 
     def kept(self, position: Position, frame: NDArray[Any], noise: float, floor: float) -> Doubt:
-        """Compare a frame with those stored by earlier runs of the session, and return the doubt about it.
+        """Compare a frame with those stored by earlier runs of the session, and return the findings.
 
-        Only checksums of their cutouts are stored, and cutouts move with the source: without noise, frames of
-        different positions may be equal.
+        Earlier runs stored only checksums of cutouts, which move with the source. Frames without noise are therefore
+        not compared: those of different positions may be equal.
         """
         if not self._recorded or noise <= 0:
             return NO_DOUBT
@@ -172,14 +172,17 @@ FAR_FROM_FULL, FEW_CLIPPED = 0.7, 4
 
 
 class SensorLimits(NamedTuple):
-    """Saturated sample value, and electrons per count."""
+    """Sample value of a saturated pixel (counts), and gain (electrons per count)."""
 
     ceiling: float
     gain: float
 
 
 class MeasuredFrame(NamedTuple):
-    """Measurements of a frame (`COLUMNS`), standard deviations of level, energy and centroid, and saturated pixels."""
+    """Measurements of a frame (`COLUMNS`), their standard deviations, and the number of saturated pixels.
+
+    ``level_sigma`` and ``energy_sigma`` are in counts, ``place_sigma`` of the centroid in pixels.
+    """
 
     values: NDArray[np.float64]
     level_sigma: float
@@ -199,7 +202,7 @@ class MeasuredFrame(NamedTuple):
 
     @property
     def noise(self) -> float:
-        """Noise of a pixel without light (counts)."""
+        """Standard deviation of a pixel without light (counts)."""
         return float(self.values[5])
 
     @property
@@ -209,7 +212,7 @@ class MeasuredFrame(NamedTuple):
 
 
 def measured(frame: NDArray[Any], saturated: int, sensor: SensorLimits) -> MeasuredFrame:
-    """Return the measurements of ``frame`` ``(rows, columns)``."""
+    """Return the measurements of ``frame`` ``(rows, columns)``, which has ``saturated`` saturated pixels."""
     values = np.empty(len(COLUMNS))
     measure(frame, values)
     rows, columns = frame.shape
@@ -229,11 +232,11 @@ class Neighbours:
     Parameters
     ----------
     shape
-        ``(nz, ny, nx)`` positions of the plan.
+        Number of positions of the plan, ``(nz, ny, nx)``.
     sensor
         Limits of the sensor.
     whole
-        Whether frames are whole frames with many points; each is then compared only with the latest.
+        Whether frames are whole frames with many points; each is then compared only with the latest accepted one.
     """
 
     def __init__(self, shape: tuple[int, int, int], sensor: SensorLimits, *, whole: bool = False) -> None:
@@ -245,7 +248,7 @@ class Neighbours:
         self._latest: tuple[float, MeasuredFrame] | None = None
 
     def look(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> Doubt:
-        """Compare a frame with its neighbours, ``pitch`` positions away, and return the doubt about it."""
+        """Compare a frame with its neighbours, ``pitch`` positions away, and return the findings."""
         way = self._expect(position, pitch)
         if way < 0:
             return self._elsewhere(now, exposure_s)
@@ -262,7 +265,7 @@ class Neighbours:
         return doubt
 
     def accept(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> None:
-        """Store a trusted frame."""
+        """Store the measurements of a trusted frame, for comparison with later ones."""
         way = self._expect(position, pitch)
         if way >= 0 and now.lit:
             learn(now.values, self._expected, self._sensor.ceiling, self._mostly[way])
@@ -289,7 +292,7 @@ class Neighbours:
 
 
 def same_place(now: MeasuredFrame, before: MeasuredFrame, sensor: SensorLimits, *, references: bool = False) -> Doubt:
-    """Compare a frame with an earlier one of the same position and exposure, and return the doubt about it."""
+    """Compare a frame with an earlier one of the same position and exposure, and return the findings."""
     return _compare(now, before.values, REFERENCES if references else AGAIN, 1.5, sensor)
 
 
@@ -328,9 +331,9 @@ LIT_SIGMAS, LIT_COUNTS = 5.0, 3.0
 class Content(NamedTuple):
     """A recorded frame, with the measurements by which its content is checked.
 
-    ``frame`` ``(rows, columns)`` as it will be stored, ``now`` its measurements. ``raws`` are its exposures, in the
-    same region of the sensor for every frame of a kind. ``asked_s`` and ``actual_s`` are the requested and the actual
-    exposures (s); the first entry is that of the frame.
+    ``frame`` contains the samples ``(rows, columns)`` to be stored, and ``now`` their measurements. ``raws`` are the
+    exposures from which the frame was computed, in the same region of the sensor for every frame of a kind. ``asked_s``
+    is the requested exposure time, and ``actual_s`` the actual exposure times (s); the first is that of the frame.
     """
 
     kind: Kind
@@ -343,7 +346,7 @@ class Content(NamedTuple):
 
 
 class CheckedFrame(NamedTuple):
-    """Measurements of a frame, the doubt about it, and what is stored if it is trusted."""
+    """Measurements of a frame, the findings on it, and the samples to remember if it is accepted."""
 
     now: MeasuredFrame
     doubt: Doubt
@@ -351,14 +354,14 @@ class CheckedFrame(NamedTuple):
 
 
 class ContentGuard:
-    """Guard that checks frames in the order of recording.
+    """Guard that checks the content of frames in the order of recording.
 
     Parameters
     ----------
     shape
-        ``(nz, ny, nx)`` positions of the plan.
+        Number of positions of the plan, ``(nz, ny, nx)``.
     sensor
-        Sensor of the camera.
+        Limits of the sensor.
     coarse
         Whether coarse grids are recorded first, so that neighbours are farther away.
     recorded
@@ -384,7 +387,7 @@ class ContentGuard:
         self._any = False
 
     def look(self, content: Content) -> CheckedFrame:
-        """Check a frame; later frames are compared with it only after `accept`."""
+        """Check a frame and return the findings; later frames are compared with it only after `accept`."""
         now = content.now
         doubt = _exposure(content)
         if content.kind is Kind.DARK:
@@ -412,7 +415,7 @@ class ContentGuard:
         return now
 
     def accept(self, content: Content, seen: CheckedFrame) -> None:
-        """Accept a frame, so that later ones are compared with it."""
+        """Accept a checked frame, so that later frames are compared with it."""
         self._repeats.remember(seen.samples)
         if content.kind is Kind.POSITION:
             position = content.place.position

@@ -25,14 +25,14 @@ SUBJECTS = {
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Findings on the content of one frame, and the flags stored with it; false if there are none."""
+    """Suspected faults of one frame, with the findings that explain them; false in a condition if there are none."""
 
     what: Suspicion = Suspicion.NONE
     findings: tuple[Finding, ...] = ()
 
     @classmethod
     def of(cls, what: Suspicion, why: str) -> Doubt:
-        """Return the doubt for one reason: what was expected, what was found, and the remedy after a semicolon."""
+        """Return a doubt with one finding; ``why`` states what was expected and found, then "; " and the remedy."""
         detail, _, remedy = why.rpartition("; ") if "; " in why else (why, "", "")
         one = Finding(
             kind=what.words.replace(" ", "_"),
@@ -61,7 +61,7 @@ class Doubt:
 
     @property
     def text(self) -> str:
-        """All reasons and remedies as one line."""
+        """Details and remedies of all findings as one line."""
         return "; ".join(part for one in self.findings for part in (one.detail, one.remedy) if part)
 
 

@@ -21,7 +21,7 @@ NOTE_BYTES, LONGEST = 2000, 400
 
 
 class FolderLock:
-    """Lock of a session folder that excludes other programs; it is released when the process ends, however it ends."""
+    """Lock of a session folder that excludes other programs; the system releases it when the process ends."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / LOCK
@@ -41,10 +41,10 @@ class FolderLock:
         self.note("")
 
     def note(self, held: str) -> None:
-        """Store in the lock which program records, and why the session is paused (empty: it is not).
+        """Write the number of this process and the reason ``held`` for a pause (empty: not paused) into the lock file.
 
-        The note is only for display, so a full disk, the most frequent reason for a pause, must not end the session
-        here.
+        Disk errors are ignored, because the note is only for display, and a full disk is the most frequent reason for a
+        pause.
         """
         assert self._descriptor is not None
         text = json.dumps({"pid": os.getpid(), "held": held[:LONGEST]}, ensure_ascii=False)
@@ -64,14 +64,14 @@ class FolderLock:
 
 
 class Holder(NamedTuple):
-    """The program that records into a session folder: its process (0: unknown), and the reason for a pause."""
+    """The program that records into a session folder: its process number (0: unknown), and the reason for a pause."""
 
     process: int
     held: str
 
 
 def holder_of(folder: Path) -> Holder | None:
-    """Return the program that records into ``folder`` now, if any."""
+    """Return the program that is recording into ``folder``; None if there is none."""
     path = folder / LOCK
     try:
         descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
@@ -95,7 +95,7 @@ def _read_lock(path: Path) -> Holder:
 
 
 class DiskGuard:
-    """Check the free disk space every few seconds.
+    """Guard that checks the free disk space every few seconds.
 
     The recording itself reserves its space beforehand. This check is for file systems that do not keep a reservation
     (compressing, copy-on-write, network), and for other files that are written.

@@ -105,7 +105,7 @@ def read_layout(path: Path) -> Layout:
 
 
 class RecordingJournal:
-    """A recording open for writing, by one program at a time, which has the lock of the session.
+    """A recording that is open for writing by the program that has the lock of the session.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class RecordingJournal:
     def create(
         cls, path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
     ) -> RecordingJournal:
-        """Lay out a recording of ``count`` frames of ``shape`` and ``dtype``, reserve it on disk and open it.
+        """Create a recording for ``count`` frames of ``shape`` and ``dtype``, reserve its disk space, and open it.
 
         If the disk is too small, `StorageError` is raised and no file is left.
         """
@@ -151,7 +151,7 @@ class RecordingJournal:
     def put(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
         """Hand ``frame`` and its record to the operating system; they are safe after the next `sync`.
 
-        ``frame`` is ``(h, w)`` of the recording's dtype. Raises `StorageError` if the disk refuses.
+        ``frame`` is ``(h, w)`` of the recording's dtype. Raises `StorageError` if the frame cannot be written.
         """
         layout = self.layout
         if frame.shape != layout.shape or frame.dtype != layout.dtype or not 0 <= slot < layout.count:
@@ -172,7 +172,7 @@ class RecordingJournal:
                 raise
 
     def sync(self) -> None:
-        """Wait until all frames put are on disk; raises `StorageError` if that fails or the file is missing."""
+        """Wait until all frames passed to `put` are on disk; StorageError if that fails or the file was removed."""
         try:
             sync_data(self._descriptor)
             # a removed file still accepts writes, which are lost when it is closed
@@ -184,12 +184,12 @@ class RecordingJournal:
             raise StorageError(f"{self.path}: removed while recording; restore the folder, or start a new session")
 
     def records(self) -> NDArray[Any]:
-        """Return all records ``[N]`` as they are on disk; see `RECORD`."""
+        """Return all records on disk, ``(count,)`` of type `RECORD`."""
         data = read_at(self._descriptor, self.layout.count * RECORD.itemsize, self.layout.records_at, self.path)
         return np.frombuffer(data, RECORD).copy()
 
     def copy(self, slot: int, frame: NDArray[Any], record: NDArray[Any]) -> None:
-        """Write a frame of another recording with its unchanged record; see `put`."""
+        """Write a frame of another recording and its unchanged record into ``slot``; see `put`."""
         layout = self.layout
         with storage_errors(self.path):
             data = np.ascontiguousarray(frame).data.cast("B")
@@ -215,7 +215,7 @@ def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
 def lay_out(
     path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
 ) -> tuple[int, int]:
-    """Create the HDF5 file without data; return the end of the frames and the start of the records (bytes)."""
+    """Create the HDF5 file without data; return the offsets of the end of the frames and of the records (bytes)."""
     import h5py
 
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
@@ -241,7 +241,7 @@ def _allocate(file: Any, name: bytes, dtype: np.dtype[Any], shape: tuple[int, ..
 
 
 class RecordingFile:
-    """Frames and records of one file, every frame checked against its CRC-32 as it is read.
+    """Frames and records of one file; every frame is checked against its CRC-32 when it is read.
 
     Reading is safe from several threads and does not disturb a writer.
 
@@ -250,7 +250,8 @@ class RecordingFile:
     path
         The file.
     layout
-        Offsets of frames and records, for a file with a damaged header; data beyond its end is missing.
+        Layout to use in place of a damaged header; data beyond the end of the file count as missing. None: read it from
+        the header.
     """
 
     def __init__(self, path: Path, layout: Layout | None = None) -> None:

@@ -49,15 +49,16 @@ FILES = {Kind.POSITION: "recording", Kind.REFERENCE: "checks", Kind.CONTROL: "ch
 
 
 def file_name(kind: Kind, run: int) -> str:
-    """Return the name of the file for ``kind`` in recording number ``run`` (from 0)."""
+    """Return the name of the file that contains frames of ``kind`` in recording number ``run`` (from 0)."""
     return f"{FILES[kind]}.h5" if run == 0 else f"{FILES[kind]}-{run + 1:03d}.h5"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
-    """Notes on a frame; the fields, their order and their stored types define the record's layout.
+    """Record of a frame; the fields, their order and their stored types define the layout in the file.
 
-    Lengths in µm, times in s, light in counts. ``sequence`` and ``frame_crc`` are filled in when the frame is written.
+    Lengths are in µm, times in s, and light in counts. ``sequence`` and ``frame_crc`` are filled in when the frame is
+    written.
 
     Examples
     --------
@@ -131,12 +132,12 @@ def pack(note: Note, sequence: int, crc: int) -> bytes:
 
 
 def suspicions(records: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return, for each record, the bits of `Suspicion` stored with it."""
+    """Return the `Suspicion` bits stored with each record, ``(n,)``."""
     return (np.asarray(records["attempts"]) >> 8).astype(np.uint8)
 
 
 def intact(records: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return, for each record, whether it was written and is intact."""
+    """Return a mask ``(n,)`` of the records that were written and are intact."""
     # a slot that was never written is all zeros; so compute the CRC-32 only of marked ones
     valid: NDArray[np.bool_] = records["valid"] == _MARK
     raw = np.ascontiguousarray(records).view(np.uint8).reshape(len(records), RECORD.itemsize)

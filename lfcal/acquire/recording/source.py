@@ -48,7 +48,7 @@ __all__ = ["CheckFrame", "RecordingSource", "TargetRecording", "read_checks"]
 
 @dataclass(frozen=True)
 class RecordedDarks:
-    """Mean dark frames by exposure (s), the excluded frames, and exposures (s) without an intact dark frame."""
+    """Mean dark frames by exposure (s), the excluded frames, and the exposures (s) without an intact dark frame."""
 
     darks: dict[float, Dark] = field(default_factory=dict)
     left_out: tuple[LeftOut, ...] = ()
@@ -61,7 +61,7 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
     Parameters
     ----------
     folder, session, schedule
-        The session and the steps of its first recording.
+        Folder and file of the session, and the steps of its first recording.
     skip_damaged
         Whether to average the intact frames and list the damaged ones.
 
@@ -128,9 +128,9 @@ class RecordingSource(Frames):
     planes
         Depth planes to use, which are numbered from 0 in this order. None: all.
     skip_damaged
-        Whether to open damaged files, and average only the intact dark frames. Damaged frames remain in the source,
-        and cannot be read: `lfcal.frames.iter_undamaged` leaves them out. An older frame never replaces a damaged one
-        that replaced it.
+        Whether to open damaged files, and average only the intact dark frames. Damaged frames remain in the source, and
+        cannot be read: `lfcal.frames.iter_undamaged` leaves them out. A damaged frame is not replaced by an older frame
+        of the same position.
 
     Raises
     ------
@@ -208,7 +208,7 @@ class RecordingSource(Frames):
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Metadata of all frames, computed once."""
+        """Metadata common to all frames."""
         return self._known()
 
     def _known(self) -> FrameMetadata:
@@ -266,7 +266,7 @@ class RecordingSource(Frames):
         return self._files[self._where[index]].records[self._slots[index]]
 
     def suspects(self) -> list[tuple[Position, Suspicion]]:
-        """Return the positions with suspicious content when they were recorded, and the suspected faults."""
+        """Return the positions whose frames were suspicious when they were recorded, with the suspected faults."""
         bits = np.zeros(len(self), np.uint8)
         for k, file in enumerate(self._files):
             here = self._where == k
@@ -289,7 +289,7 @@ class RecordingSource(Frames):
         return np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples; for frames of several exposures, saturation comes from the record."""
+        """Return the samples of frame ``index``; for several merged exposures, the saturation is that of the record."""
         # means of several exposures have no single level of saturation
         if self.dtype.kind != "f":
             return super().samples(index, region)
@@ -298,7 +298,7 @@ class RecordingSource(Frames):
         )
 
     def repeats(self) -> FrameSource | None:
-        """Return the reference frames of the newest recording with at least two; None without such a recording."""
+        """Return the reference frames of the newest recording that has at least two; None if no recording has."""
         for run in reversed(range(len(self.session.recordings))):
             found = [
                 (record, frame) for record, frame in _checks(self._folder, run) if record["kind"] == Kind.REFERENCE
@@ -333,8 +333,9 @@ class CheckFrame(NamedTuple):
     """A reference or control frame.
 
     ``kind`` distinguishes reference from control frames. ``position`` is the planned position with which the frame is
-    compared, and ``periods`` (y, x) the number of periods between them. ``elapsed_s`` is the time since the recording
-    began (s), ``energy`` the sum of the frame (counts), and ``origin`` the sensor (row, column) of its first pixel.
+    compared, and ``periods`` (y, x) the number of periods between them. ``elapsed_s`` is the recording time so far,
+    without pauses (s). ``energy`` is the sum of the frame (counts), and ``origin`` the row and column of its first
+    pixel on the sensor.
     """
 
     kind: Kind
@@ -393,10 +394,10 @@ def _devices(devices: Devices) -> dict[str, Any]:
 class TargetRecording(RecordingSource):
     """The acknowledged frames of a target's session, in the plan's order.
 
-    In a complete session, frame ``k`` is frame ``k`` of its plan; otherwise `frames` states which it is. The
-    ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
+    In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states plane and offset number of
+    each frame. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
     ``target.points(plane, offset)``. The actual pose of the target is found in the frames. ``metadata`` contains the
-    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to those of every session.
+    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the entries of every session.
 
     Parameters
     ----------
@@ -426,7 +427,7 @@ class TargetRecording(RecordingSource):
 
     @property
     def target(self) -> TargetPlan:
-        """The recorded plan."""
+        """Plan of the recorded target."""
         return self.session.target  # type: ignore[return-value]  # `read_frame_plan` returns no other type
 
     @cached_property

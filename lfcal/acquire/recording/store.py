@@ -26,13 +26,13 @@ class Store:
     Parameters
     ----------
     journals
-        Journal of each kind in the schedule whose file is not packed; packed files are complete.
+        Journals by kind of frame, for the files that are not packed; packed files are complete.
     schedule
         The steps.
     taken
         For each kind, whether each slot contains an intact acknowledged frame; None: none does.
     earlier
-        Records ``[N]`` of all files of the recording, also of packed ones.
+        Records ``(n,)`` of each file of the recording, including packed files.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Store:
         identity: str,
         damaged: Callable[[str], NDArray[np.int64]],
     ) -> Store:
-        """Open the files of recording ``run`` to continue it; ``damaged`` lists the slots to take again by file.
+        """Open the files of recording ``run`` to continue it; ``damaged`` returns the slots of a file to take again.
 
         Raises `FileFormatError` if they belong to another session.
         """
@@ -127,7 +127,7 @@ class Store:
             journal.sync()
 
     def todo(self) -> NDArray[np.bool_]:
-        """Return, for each step of the schedule, whether it has no acknowledged frame."""
+        """Return a mask of the steps of the schedule that have no acknowledged frame."""
         todo = np.zeros(len(self._schedule), np.bool_)
         for kind, taken in self._taken.items():
             steps = self._schedule.kinds == kind
@@ -135,7 +135,7 @@ class Store:
         return todo
 
     def checksums(self) -> dict[int, int]:
-        """Return CRC-32 and position of every acknowledged frame, except those of packed recordings."""
+        """Return the flat position of every acknowledged frame by its CRC-32; empty if the recording is packed."""
         journal = self._journals.get(Kind.POSITION)
         if journal is None:
             return {}
@@ -157,7 +157,7 @@ def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
 
 
 def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
-    """Return count, shape and dtype of the file of each kind; references include all check frames."""
+    """Return number, shape and dtype of the frames in each kind's file; control frames are counted as references."""
     plans: dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]] = {}
     for kind, count, shape, sample in (
         (Kind.POSITION, schedule.count(Kind.POSITION), schedule.window, dtype),

@@ -21,7 +21,7 @@ __all__ = ["Acknowledged", "Sink", "Writer"]
 
 
 class Sink(Protocol):
-    """Receiver of frames."""
+    """Protocol of a receiver of frames."""
 
     def put(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> None:
         """Write a frame with its note, without waiting for the disk."""
@@ -43,8 +43,8 @@ class Acknowledged(NamedTuple):
 class Writer:
     """Writer that puts frames into a `Sink` and synchronizes it in a thread, with at most ``depth`` frames in flight.
 
-    Call all methods from one thread. An error of the disk is raised by one of the next ``depth`` calls; nothing is
-    acknowledged after it.
+    Call all methods from one thread. A disk error is raised by one of the next ``depth`` calls; nothing is acknowledged
+    after it.
     """
 
     def __init__(self, sink: Sink, *, depth: int = 4) -> None:
@@ -57,7 +57,7 @@ class Writer:
         self._thread.start()
 
     def submit(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> list[Acknowledged]:
-        """Put a frame, waiting while ``depth`` others are in flight; return the frames acknowledged meanwhile."""
+        """Write a frame, waiting while ``depth`` others are in flight; return the frames acknowledged meanwhile."""
         while self._in_flight >= self._depth:
             self._take(self._answers.get())
         self._sink.put(step, frame, note)
@@ -76,7 +76,7 @@ class Writer:
         return self._handed_out()
 
     def flush(self) -> list[Acknowledged]:
-        """Wait until all frames put are on disk; return those acknowledged meanwhile."""
+        """Wait until all submitted frames are on disk; return those acknowledged meanwhile."""
         while self._in_flight:
             self._take(self._answers.get())
         return self._handed_out()
@@ -89,7 +89,7 @@ class Writer:
         return self._handed_out()
 
     def close(self) -> None:
-        """End the thread after the frames in flight; may be called twice."""
+        """Wait for the frames in flight and end the thread."""
         self._jobs.put(None)
         self._thread.join()
 

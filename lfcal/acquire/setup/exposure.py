@@ -23,9 +23,11 @@ TRIES = 12
 def suggest_exposure(
     peak: float, exposure_s: float, *, black_level: float, max_value: float, target: float = 0.7
 ) -> float | None:
-    """Return the exposure (s) at which the peak ``peak`` (counts) is the fraction ``target`` of the range above black.
+    """Return the exposure (s) at which the peak reaches the fraction ``target`` of the range above black.
 
-    The result is None if the frame shows no light, or is saturated, because its brightness is then unknown.
+    ``peak`` is the highest sample (counts) of a frame exposed for ``exposure_s``.
+
+    The result is None if the frame shows no light or is saturated, because its brightness is then unknown.
 
     Examples
     --------
@@ -49,7 +51,7 @@ def iter_exposures(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[tuple[float, ...]]:
-    """Return an exposure for every plane, from frames at four positions of its cell.
+    """Return an exposure (s) for every plane, from frames at four positions of the plane's cell.
 
     Nothing is recorded, and the stage returns to its previous position. At the returned exposure, the brightest of the
     positions (corner, middle, and half-way along either side) has a peak of the fraction ``target`` of the range above

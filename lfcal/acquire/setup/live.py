@@ -31,12 +31,12 @@ def _count(data: NDArray[Any], histogram: NDArray[np.int64]) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """The exact histogram of a frame.
+    """Histogram of all pixels of a frame.
 
     Attributes
     ----------
     histogram
-        ``(max_value + 1,)`` number of pixels with each sample value; the last entry includes all higher values.
+        Number of pixels with each sample value, ``(max_value + 1,)``; the last entry includes all higher values.
     """
 
     histogram: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Levels:
 
     @property
     def saturated(self) -> int:
-        """Number of pixels at the highest value."""
+        """Number of pixels at or above the saturated value."""
         return int(self.histogram[-1])
 
     @property
@@ -89,15 +89,15 @@ class LiveState:
     Attributes
     ----------
     levels
-        Histogram of every pixel.
+        Histogram of the frame; None without a frame.
     spot
-        The light of the source on the sensor; None if none is significant.
+        Light of the source on the sensor; None if no light is significant.
     stage_um
         Position of the stage (µm).
     expected_px
-        Planned position of the image (row, column), None without a plan.
+        Planned position of the image on the sensor (row, column; pixels); None without a plan.
     trouble
-        Reason why the last attempt returned no frame, or empty.
+        Reason why the last attempt returned no frame; empty if it returned one.
     """
 
     levels: Levels | None
@@ -108,7 +108,7 @@ class LiveState:
 
     @property
     def offset_px(self) -> tuple[float, float] | None:
-        """Measured minus expected position of the image (rows, columns; pixels)."""
+        """Measured minus expected position of the image (rows, columns; pixels); None if either is unknown."""
         if self.spot is None or self.expected_px is None:
             return None
         return self.spot.row - self.expected_px[0], self.spot.column - self.expected_px[1]
@@ -142,7 +142,7 @@ def iter_live(
     plan: ScanPlan | None = None,
     timeout_s: float = 5.0,
 ) -> Generator[LiveState, float | None, None]:
-    """Grab whole frames until stopped; put each into ``preview`` and yield its measurements.
+    """Take whole frames until stopped; put each into ``preview`` and yield its measurements.
 
     Send a number to change the exposure (s). A missing or incomplete frame is reported in `LiveState.trouble`, and the
     view continues.

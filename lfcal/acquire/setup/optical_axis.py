@@ -27,7 +27,7 @@ class OpticalAxis:
     object_um
         Lateral position (right, down) at which the image does not move while the depth changes (µm).
     image_px
-        Position of that image on the sensor (row, column; pixels).
+        Position of the image on the sensor (row, column; pixels).
     residual_px
         RMS distance of the centroids from the model (pixels).
     """
@@ -38,7 +38,7 @@ class OpticalAxis:
 
 
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
-    """Return the axis from images of the source at several depths and lateral positions.
+    """Return the optical axis from images of the source at several depths and lateral positions.
 
     In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral position p; the axis is the p at
     which all planes agree best (least squares).

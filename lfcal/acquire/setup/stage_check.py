@@ -66,11 +66,11 @@ class StageCheck:
     Attributes
     ----------
     fits
-        Fit of the first plane, and of the last if there are more.
+        Fits of the image's motion in the first plane and, if there are several planes, in the last.
     repeat_px
-        RMS distance of the image from its mean over several visits of one position, along an axis (pixels).
+        RMS deviation of the image, per axis, from its mean position over several visits of one stage position (pixels).
     depth
-        Movement in depth; None if it was not measured.
+        Measured movement in depth compared with the plan; None if it was not measured.
     notes
         Omitted checks and remarks, one sentence each.
     frames
@@ -102,7 +102,7 @@ def _left_out(why: str) -> StageCheck:
 def iter_stage_check(
     rig: Rig, plan: ScanPlan | FramePlan, options: Options | None = None, control: Control | None = None
 ) -> Work[StageCheck]:
-    """Check the stage at five positions in the first and last plane; the middle of the cell is visited several times.
+    """Check the stage at five positions in the first and the last plane, with several visits to the middle of the cell.
 
     Nothing is recorded, and the stage returns to its previous position.
 

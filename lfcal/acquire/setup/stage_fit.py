@@ -56,7 +56,7 @@ class StageFit:
     matrix
         Image movement (right, down) per planned movement (right, down), ``((a, b), (c, d))``; ideally the unit matrix.
     axes
-        Stage axes and origin that agree with the measurement.
+        Stage axes and origin according to the measurement.
     residual_px
         RMS distance of the centroids from the fit (pixels).
     """
@@ -67,13 +67,13 @@ class StageFit:
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Ratio of measured to planned movement, for the axes that should move the image right and down."""
+        """Ratios of measured to planned movement of the image to the right and down."""
         (a, b), (c, d) = self.matrix
         return math.hypot(a, c), math.hypot(b, d)
 
     @property
     def mirrored(self) -> bool:
-        """Whether an axis is reversed, or the axes are swapped."""
+        """Whether the image moves as a mirror image of the plan: one axis is reversed, or the two are swapped."""
         (a, b), (c, d) = self.matrix
         return a * d - b * c < 0
 
@@ -101,9 +101,9 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     z
         Index of the depth plane.
     stage_um
-        ``(N, 3)`` positions read back (µm), three or more, not on one line.
+        Positions read back ``(N, 3)`` as (x, y, z) (µm): three or more, not on one line.
     image_px
-        ``(N, 2)`` centroids (row, column) on the sensor (pixels).
+        Centroids on the sensor ``(N, 2)`` as (row, column) (pixels).
 
     Raises
     ------
@@ -188,8 +188,8 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     fit, plan
         The measurement, and the plan to compare it with.
     cell_px, residual_px
-        Largest displacement of the source over one period by an error of the scale or the angle, and RMS residual
-        (pixels).
+        Largest displacement of the image over one period that an error of the scale or the angle may cause, and largest
+        RMS residual of the fit (pixels).
 
     Examples
     --------
@@ -235,7 +235,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
 def iter_stage_fit(
     rig: Rig, plan: ScanPlan, *, z: int = 0, options: Options | None = None, control: Control | None = None
 ) -> Work[StageFit]:
-    """Return the motion of the image, from moves to the corners and the middle of a rectangle about the cell.
+    """Return the motion of the image with the stage, measured in the middle and at the corners of a rectangle.
 
     The rectangle is that of `places_about`. Nothing is recorded, and the stage returns to its previous position.
 
@@ -265,7 +265,7 @@ def iter_stage_fit(
 
 
 def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
-    """Return the relative difference ``(y, x)`` of the plan's period from that of the lenslets."""
+    """Return the relative difference ``(y, x)`` between the plan's period and that of the lenslets."""
     if plan.resample:
         return np.zeros(2)
     drift: NDArray[np.float64] = np.array(plan.period_residual_px) / np.array(plan.period)
@@ -273,7 +273,7 @@ def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
 
 
 def room(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return the number of periods ``(y, x)`` by which the cutout of the cell's middle can move in either direction."""
+    """Return by how many periods (y, x) the cutout of the cell's middle can move up and left, and down and right."""
     image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
     half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
     periods = np.array(plan.period) / factors
@@ -283,11 +283,11 @@ def room(plan: ScanPlan) -> NDArray[np.intp]:
 def places_about(
     plan: ScanPlan, z: int, limits: Limits, overshoot_um: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Return five stage positions ``(5, 3)`` (µm): the middle of the cell in plane ``z``, and a rectangle about it.
+    """Return five stage positions ``(5, 3)`` (µm): the middle of the cell in plane ``z``, and a rectangle around it.
 
-    The corners are whole periods from the middle, so that the lenslets' pattern cancels: three periods or a tenth of
-    the sensor. They are closer if the period was rounded, or if the cutout would leave the sensor or the stage its
-    travel. If the sensor has no `room`, they are one period away.
+    The corners are whole periods away from the middle, so that the pattern of the lenslets is the same there: three
+    periods, or a tenth of the sensor if that is more. They are closer if the period was rounded, or if the cutout would
+    leave the sensor or the stage would leave its travel. If the sensor has no `room`, they are one period away.
 
     Raises
     ------
@@ -332,7 +332,7 @@ ALIKE, APART_PX = 0.98, 2.0
 
 
 class DepthLook(NamedTuple):
-    """Measurements in a plane: fit, spread of the light at the positions (pixels), cutout of the middle of the cell."""
+    """Measurements in one plane: the fit, the spread of the light at each position (pixels), and the middle cutout."""
 
     fit: StageFit
     spread: NDArray[np.float64]
@@ -341,7 +341,7 @@ class DepthLook(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DepthFit:
-    """Ratio of the movement in depth to the plan, from the first to the last plane.
+    """Measured movement in depth from the first to the last plane, compared with the plan.
 
     Attributes
     ----------
@@ -360,7 +360,7 @@ class DepthFit:
 def depth_fit(
     plan: ScanPlan, looks: Sequence[DepthLook], slope_error: NDArray[np.float64], optics: str = ""
 ) -> DepthFit:
-    """Return the movement in depth from measurements in the first and the last plane.
+    """Return the movement in depth compared with the plan, from measurements in the first and the last plane.
 
     Parameters
     ----------
@@ -369,9 +369,10 @@ def depth_fit(
     looks
         Measurements in the first and in the last plane.
     slope_error
-        Error of a fit's slopes (right, down).
+        Standard deviations of a fit's slopes (right, down).
     optics
-        Optics of a simulated camera: the quick pattern does not spread like that of a lens.
+        ``"pattern"`` if frames show the simulator's quick pattern, which does not spread with depth; empty for a real
+        camera.
     """
     step, last = (plan.camera.step_um(plan.depths_um[z]) for z in (0, -1))
     grows = last / step - 1
@@ -414,7 +415,7 @@ def _correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
 
 
 def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
-    """Raise `InputError` if the movement in depth differs from the plan; return remarks about it."""
+    """Return remarks on the movement in depth; raise `InputError` if it differs from the plan."""
     if math.isnan(fit.scale):
         return (f"depth axis not checked: {fit.by}",)
     off, axis = abs(fit.scale - 1), plan.stage.away[1]
