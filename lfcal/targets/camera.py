@@ -40,11 +40,11 @@ class _Hole(NamedTuple):
 
 
 class TargetCamera(Frames):
-    """A `FrameSource` whose frames show a target where a plan moves it, in the plan's order.
+    """A `FrameSource` of simulated frames that show a target at the positions of a plan, in the plan's order.
 
-    Every hole is a source like that of a scan, at its depth and in its region of the field, with the optics there
-    (cat's eye, field curvature, distortion). Their light is added, then converted to a frame by the sensor. Exposures
-    are those of the scan: the brightest pixel of a single point reaches ``peak``.
+    Every hole is a point source at its own depth, imaged by the optics of its region of the field (cat's eye, field
+    curvature, distortion). The light of all holes is added and then converted to a frame by the sensor. Exposures are
+    those of the scan: the brightest pixel of a single point reaches ``peak``.
 
     Parameters
     ----------
@@ -150,19 +150,19 @@ class TargetCamera(Frames):
         return len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index`` without positions, which must be detected in the frame."""
+        """Return the metadata of frame ``index`` without positions, which must be detected in the frame."""
         z, k = self._at(index)
         label = f"simulated target {index} (z {z}, offset {k})"
         return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it, in sample values; the complete frame is computed in both cases."""
+        """Return frame ``index``, or a region of it, in sample values; the complete frame is computed in both cases."""
         frame = self.exposed(self.light(index), index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     # -- light -----------------------------------------------------------------------------------------
     def points(self, index: int) -> HoleImages:
-        """Return the actual positions at which the paraxial chief rays of all holes meet the sensor in frame ``index``.
+        """Return the actual image positions of all holes in frame ``index``, by their paraxial chief rays.
 
         If frames of the plan show several offsets together, ``index`` is the number of a single offset.
         """
@@ -179,7 +179,7 @@ class TargetCamera(Frames):
         return found
 
     def light_at(self, z: int, offset_px: tuple[float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons of a frame of plane ``z`` at any offset of images (rows, columns) (pixels)."""
+        """Return the photoelectrons ``(rows, columns)`` of a frame of plane ``z`` with any offset of the images."""
         out = np.zeros(self.shape, np.float32)
         # one depth after the other, to reuse results
         for hole in sorted(self._seen_holes(z, offset_px), key=lambda hole: hole.farther_um):
@@ -188,10 +188,10 @@ class TargetCamera(Frames):
         return out
 
     def iter_lights(self, frames: Sequence[int] | None = None, workers: int | None = None) -> Work[NDArray[np.float32]]:
-        """Return the photoelectrons of many frames ``(n, rows, columns)``, as in `light`; yields progress.
+        """Return the photoelectrons of several frames, ``(n, rows, columns)``, as in `light`; yields progress.
 
-        The optics of every region and depth are set up once for all frames, used, and released, because many finely
-        sampled regions would not fit in memory together.
+        The optics of each region and depth are computed once for all frames and then released, because those of all
+        regions would not fit in memory together.
 
         Parameters
         ----------
@@ -313,7 +313,9 @@ class TargetCamera(Frames):
 
 
 def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
-    """Return random brightnesses ``(n,)`` of the holes of ``target`` with a given relative standard deviation.
+    """Return random relative brightnesses ``(n,)`` of the holes of ``target``, with mean 1.
+
+    ``spread`` is their relative standard deviation.
 
     Examples
     --------

@@ -21,8 +21,9 @@ F8 = NDArray[np.float64]
 class DecodedFrames(SourceView):
     """Frames of single offsets, decoded from frames that show several offsets together.
 
-    Frame k of plane z is a weighted sum of recorded frames, with its noise. For an S-matrix of order n, this is 4n/(n
-    + 1)² of the sensor's own variance, and 2/(n + 1) of the photon noise of all patterns at a pixel.
+    Frame k of plane z is a weighted sum of recorded frames, with the noise of the sum. For an S-matrix of order n, its
+    variance is 4n/(n + 1)² times the read-noise variance, plus 2/(n + 1) times the photon-noise variance of all
+    patterns at a pixel.
 
     Parameters
     ----------
@@ -72,11 +73,11 @@ class DecodedFrames(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, without the range of the sensor, which no longer applies."""
+        """Return the metadata of the frames without saturation and bit depth, which no longer apply."""
         return replace(known, saturation=None, bit_depth=None, decoded=True)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the combined metadata of the recorded frames in the sum."""
+        """Return the combined metadata of the recorded frames from which frame ``index`` is decoded."""
         parts = [self.source.info(k) for k, _, _ in self._parts(index)]
         masks = [one.mask for one in parts if one.mask is not None]
         counts = [one.saturated for one in parts]
@@ -88,7 +89,7 @@ class DecodedFrames(SourceView):
         return FrameInfo((), own.origin, own.exposure_s, None, saturated, label, mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the decoded frame of a single offset."""
+        """Return the decoded frame ``index``, which shows a single offset."""
         parts = self._parts(index)
         return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
 
@@ -123,7 +124,7 @@ def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise |
 
 
 def decoded(source: FrameSource, plan: TargetPlan) -> FrameSource:
-    """Return frames that each show a single offset: decoded for a coded plan, otherwise unchanged.
+    """Return the frames of single offsets: decoded if frames of the plan show several offsets, otherwise unchanged.
 
     Examples
     --------

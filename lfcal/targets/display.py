@@ -90,10 +90,10 @@ def parse_display(text: str) -> Display | None:
 
 
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Return a plan of the display's pixels to light in each frame, so that few frames show all phases of a scan.
+    """Return a plan of the display pixels to light in each frame, so that few frames show all phases of a scan.
 
-    Points and offsets are whole pixels of the display. If these are wide in the image, phases are reached as well as
-    possible, and `TargetPlan.coverage` returns the fraction reached.
+    Points and offsets are whole pixels of the display. If the images of these pixels are wider than the tolerance, some
+    phases cannot be shown; `TargetPlan.coverage` returns the fraction shown.
 
     Raises
     ------
@@ -141,14 +141,14 @@ def _on_display(scan: ScanPlan, display: Display, target: Target) -> Target:
 
 
 def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> TargetPlan:
-    """Return the plan whose frames show several offsets together; the last group is completed by repeats.
+    """Return a plan whose frames each show several offsets together; repeats of offsets complete the last group.
 
     Parameters
     ----------
     plan
         Plan with one frame for each offset.
     code
-        Square matrix of 0 and 1 that selects the offsets of a group for each frame; an S-matrix.
+        Square matrix of 0 and 1, such as an S-matrix; row k selects the offsets of a group that its frame k shows.
     pixel_um
         Pixel pitch of the display (µm); repeats are displaced by a period of the array, in whole pixels.
 
@@ -219,7 +219,7 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """Return the paths of the images of an earlier plan in a folder."""
+    """Return the paths of the images for a display in ``folder``, in the order of their numbers."""
     return sorted(folder.glob("frame_[0-9][0-9][0-9][0-9].png"))
 
 

@@ -32,9 +32,10 @@ class ErrorForecast:
     single
         Error of a pattern recorded by the scan of a single point.
     shown
-        ``(frames,)`` fraction of the positions shown after each frame.
+        Fraction of the positions shown after each frame, ``(frames,)``.
     error
-        ``(frames,)`` rms error of the positions shown so far; repeats of a position are averaged.
+        RMS of the expected errors of the positions shown after each frame, ``(frames,)``; repeats of a position are
+        averaged.
 
     Examples
     --------
@@ -78,7 +79,7 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 
 
 def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
-    """Return the expected error for plane ``z`` frame by frame; ``single`` is the result of `noise_share`.
+    """Return the expected error for plane ``z`` after each frame; ``single`` is the result of `noise_share`.
 
     Examples
     --------

@@ -17,10 +17,11 @@ __all__ = ["facts_of_plan"]
 def facts_of_plan(
     plan: TargetPlan, cost: TargetForecast, single: Forecast, verdict: CodingVerdict | None, field: RegionPlan | None
 ) -> dict[str, Any]:
-    """Return the positions and light that the frames of a plan show, and their ``cost``.
+    """Return a summary of a plan, with its coverage, crosstalk, cost and expected errors, as plain JSON types.
 
-    ``single`` in ``cost`` is the cost of a single point. ``verdict`` states whether showing several frames together is
-    better. ``field`` contains the regions covered by the frames; None: one region.
+    ``cost`` is the forecast for the plan, and ``single`` that for a scan with a single point. ``verdict`` states
+    whether showing several offsets together reduces noise. ``field`` contains the regions of the field; None: one
+    region.
     """
     planes, errors = [], []
     for z, depth in enumerate(plan.scan.depths_um):

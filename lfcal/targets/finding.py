@@ -34,7 +34,7 @@ NEAR = 0.3
 
 
 def refined_basis(pixels: Array, basis: Array) -> Array:
-    """Return the two lattice vectors ``(2, 2)`` of the spots, closest to the expected ones.
+    """Return the two lattice vectors ``(2, 2)`` of the spots that are closest to the expected vectors ``basis``.
 
     Raises
     ------
@@ -68,8 +68,8 @@ def refined_basis(pixels: Array, basis: Array) -> Array:
 def lattice_labels(pixels: Array, basis: Array) -> tuple[Index, NDArray[np.bool_]]:
     """Return the lattice positions ``(n, 2)`` of spots, and a mask of the spots that have one.
 
-    Labels are assigned from spot to spot, the most certain step first, each relative to its neighbour, so that tilt
-    and distortion are followed. Spots between lattice positions, or at an occupied one, have no label.
+    Each spot is labelled relative to a labelled neighbour, the most certain step first, so that labels follow tilt and
+    distortion. Spots between lattice positions, or at an occupied one, have no label.
     """
     n = len(pixels)
     label, has = np.zeros((n, 2), np.intp), np.zeros(n, np.bool_)
@@ -130,17 +130,17 @@ TURNS = {
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """A placement of a lattice on a target.
+    """A possible assignment of lattice positions to the holes of a target.
 
     Attributes
     ----------
     shift
-        Shift of the lattice positions.
+        Shift from lattice positions to those of the holes (rows, columns).
     turn
         Orientation of the target, one of `TURNS`.
     hits, misses, extra
-        Spots on holes; holes on the frame without a spot, where an empty row or column counts once; spots without a
-        hole.
+        Number of spots on holes; of holes in the frame without a spot, where an empty row or column counts once; and of
+        spots without a hole.
     """
 
     shift: tuple[int, int]
@@ -151,12 +151,12 @@ class Match:
 
     @property
     def score(self) -> int:
-        """Score of the agreement."""
+        """Score of the agreement between spots and holes; larger is better."""
         return self.hits - self.misses - 2 * self.extra
 
 
 def places_of(holes: Index, target: Target) -> Index:
-    """Return the lattice positions of holes ``(n, 2)`` (row, column); rows of a hexagonal array are sheared."""
+    """Return the lattice positions ``(n, 2)`` of holes (row, column); rows of a hexagonal array are sheared."""
     out = np.array(holes, np.intp)
     if target.kind == "hexagonal":
         out[:, 1] -= out[:, 0] // 2
@@ -164,7 +164,7 @@ def places_of(holes: Index, target: Target) -> Index:
 
 
 def holes_of(places: Index, target: Target) -> Index:
-    """Return the holes (row, column) at lattice positions ``(n, 2)``."""
+    """Return the holes ``(n, 2)`` as (row, column) at lattice positions; the inverse of `places_of`."""
     out = np.array(places, np.intp)
     if target.kind == "hexagonal":
         out[:, 1] += out[:, 0] // 2
@@ -172,10 +172,9 @@ def holes_of(places: Index, target: Target) -> Index:
 
 
 def turned_absent(target: Target, turn: str) -> Target | None:
-    """Return the target with the marks as seen in another orientation; None if that is impossible.
+    """Return the target with its absent holes as seen in another orientation; None if that is impossible.
 
-    A quarter turn of a rectangular array results in a different array, as does any turn but a half turn of a hexagonal
-    one.
+    It is impossible if the turned array has holes at other positions, as after a quarter turn of a rectangular array.
     """
     mirror, quarters = TURNS[turn]
     if quarters % 2 and (target.shape[0] != target.shape[1] or target.pitch_um[0] != target.pitch_um[1]):
@@ -196,7 +195,7 @@ def matches(
     around: tuple[int, int],
     reach: int,
 ) -> Iterator[Match]:
-    """Yield possible placements of a lattice on a target as described, and in other orientations.
+    """Yield possible assignments of lattice positions to the holes of a target, as described and in other orientations.
 
     Parameters
     ----------
@@ -205,12 +204,12 @@ def matches(
     target
         The target as described.
     on_frame
-        Mask ``(rows, columns)`` of the lattice positions that the frame shows completely, for counting misses; the
-        first is ``around`` before position (0, 0) of the lattice.
+        Mask ``(rows, columns)`` of the lattice positions that the frame shows completely, for counting misses. Its
+        element ``around`` is position (0, 0) of the lattice.
     around
-        Number of lattice positions before (0, 0) (rows, columns).
+        Row and column of lattice position (0, 0) in ``on_frame``.
     reach
-        Smallest number of spots on holes.
+        Smallest number of spots that must be on holes.
     """
     seen = np.zeros(on_frame.shape, np.bool_)
     inside = places + np.array(around)
@@ -265,25 +264,25 @@ class FoundPoints:
     holes
         Labels ``(n, 2)`` as (row, column) of the target, row by row.
     pixels
-        Sensor position ``(n, 2)`` of each image from the common pose: (row, column).
+        Position ``(n, 2)`` of each image on the sensor as (row, column), from the fitted pose (pixels).
     sigma_px
-        Standard deviation ``(n, 2)`` of ``pixels``.
+        Standard deviation ``(n, 2)`` of the positions ``pixels`` (pixels).
     seen
-        Centroid of the light of each image ``(n, 2)``; ``deviation`` is its displacement from the position.
+        Centroid ``(n, 2)`` of the light of each image (row, column; pixels).
     light
-        Sum of each pattern above the dark level ``(n,)``.
+        Sum of each pattern above the dark level ``(n,)`` (counts).
     confidence
-        Confidence of the label, 0 to 1 ``(n,)``, from its displacement and relative brightness.
+        Confidence of each label ``(n,)``, from 0 to 1, based on displacement and relative brightness of the image.
     away_um, shift
         Depth of each hole, and relative motion of its image, as in `HoleImages`.
     fit
-        The pose with further results.
+        The fitted pose, with further results of the fit.
     mistakes
-        Deviations from the description.
+        Deviations of the target from its description.
     dark
-        The dark level of the frame.
+        Dark level of the frame (counts).
     moved_px
-        Planned image of the target's middle in the depth plane, (rows, columns) from the axis (pixels).
+        Planned displacement of the image of the target's middle from the optical axis, (rows, columns) (pixels).
 
     Examples
     --------
@@ -331,7 +330,7 @@ def find_points(
     offset_px: tuple[float, float] = (0.0, 0.0),
     valid: NDArray[np.bool_] | None = None,
 ) -> FoundPoints:
-    """Return the holes of ``target`` that a frame shows, each with its label and its position.
+    """Return the holes of ``target`` that a frame shows, each with its label and the position of its image.
 
     Parameters
     ----------
@@ -342,9 +341,9 @@ def find_points(
     camera, z_um
         The camera, and the depth of the target's pose.
     offset_px
-        Displacement of the target for this frame, as images in the depth plane (rows, columns).
+        Displacement of the target in this frame, as that of images in the depth plane (rows, columns; pixels).
     valid
-        Mask of valid pixels.
+        Mask ``(rows, columns)`` of valid pixels; None: all.
 
     Raises
     ------

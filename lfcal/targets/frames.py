@@ -16,7 +16,7 @@ __all__ = ["TargetFrames", "frames_of", "open_target_frames", "read_target_plan"
 
 
 class TargetFrames(SourceView):
-    """Whole frames of a target at planned positions; ``metadata`` contains ``target`` and ``target_frames``.
+    """Whole frames of a target in the order of a plan; ``metadata`` contains ``target`` and ``target_frames``.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class TargetFrames(SourceView):
     plan
         Plan of the frames.
     order
-        Index of each frame of the plan in ``source``; None: already in this order.
+        Index in ``source`` of each frame of the plan; None: the source is in the plan's order.
     """
 
     def __init__(self, source: FrameSource, plan: TargetPlan, order: list[int] | None = None) -> None:
@@ -42,7 +42,7 @@ class TargetFrames(SourceView):
             )
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of all frames, and of the target."""
+        """Return the metadata common to all frames, with the plan of the target."""
         return replace(known, plan_shape=None, target=self.plan, target_frames=self.plan.frames, plan=self.plan.scan)
 
     def __len__(self) -> int:
@@ -50,7 +50,7 @@ class TargetFrames(SourceView):
         return len(self._order)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the metadata of frame ``index``, without its positions, which must be found in it."""
+        """Return the metadata of frame ``index`` without positions, which must be detected in the frame."""
         info = self.source.info(self._order[index])
         z, _ = self.plan.frames[index]
         exposure = self.plan.scan.exposures[z] if info.exposure_s is None else info.exposure_s
@@ -61,14 +61,14 @@ class TargetFrames(SourceView):
         return self.source.read(self._order[index], region)
 
     def samples(self, index: int, region: Any = None) -> Any:
-        """Return frame ``index`` with noise and validity of its samples."""
+        """Return the samples of frame ``index`` with their noise and validity."""
         return self.source.samples(self._order[index], region)
 
 
 def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
-    """Return the target plan in a file, or in ``plan.json`` in or above the folder of the frames; None: no plan.
+    """Return the target plan in the file ``plan``, or in ``plan.json`` in or above the folder of the frames.
 
-    A scan plan for a single point is not a target plan.
+    The result is None if there is no file, or if the file contains the plan of a single point.
     """
     from lfcal.base import read_text
 
@@ -81,9 +81,9 @@ def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
 
 
 def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = False) -> Frames:
-    """Open whole frames from a folder, or from a file with many, in the order of their plan.
+    """Open whole frames in a folder, or in a file with several, in the order of their plan.
 
-    Images of a folder are in the natural order of their names, or in that of a manifest with frame numbers as x.
+    Images in a folder are sorted by their names in natural order, or by a manifest with the frame numbers as x.
 
     Raises
     ------
@@ -111,12 +111,12 @@ def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = F
 
 
 def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], ...]:
-    """Return plane and offset number of every frame of a source, from its metadata or its plan.
+    """Return plane and offset number of every frame of a source, from its metadata or from ``plan``.
 
     Raises
     ------
     InputError
-        If the source does not state them, and the number of frames differs from the plan.
+        If frames show several offsets and were not decoded, or their number differs from that expected.
     """
     if plan.lit is not None and not source.metadata.decoded:
         wanted = "frames that show one offset each"

@@ -22,11 +22,11 @@ class HoleImages:
     holes
         Labels ``(n, 2)`` as (row, column) of the target.
     pixels
-        Sensor position ``(n, 2)`` as (row, column) of each chief ray; whole numbers are centres of pixels.
+        Position ``(n, 2)`` at which each chief ray meets the sensor (row, column; pixels); integers are pixel centres.
     away_um
-        Depth of each hole ``(n,)``, which differs for a tilted target (µm).
+        Depth of each hole ``(n,)`` (µm); the depths differ if the target is tilted.
     shift
-        Motion of each image (pixels) if the image of a hole in the depth plane moves by one pixel ``(n,)``.
+        Motion of each image ``(n,)`` (pixels) for a motion of one pixel in the depth plane.
     """
 
     holes: NDArray[np.intp]
@@ -39,7 +39,7 @@ class HoleImages:
         return len(self.holes)
 
     def moved(self, offset_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the pixels ``(n, 2)`` after moving the target so that images in the depth plane move by an offset."""
+        """Return the positions ``(n, 2)`` for a target moved so that images in the depth plane move by an offset."""
         moved: NDArray[np.float64] = self.pixels + self.shift[:, None] * offset_px
         return moved
 
@@ -50,7 +50,7 @@ class HoleImages:
         return whole_at(self.moved(np.array(offset_px)), sensor, cutout)
 
     def only(self, which: NDArray[np.bool_]) -> HoleImages:
-        """Return the chosen images."""
+        """Return the images selected by a mask ``(n,)``."""
         return HoleImages(self.holes[which], self.pixels[which], self.away_um[which], self.shift[which])
 
 
@@ -72,7 +72,7 @@ def hole_images(target: Target, camera: Camera, z_um: float) -> HoleImages:
 
 
 def whole_at(pixels: NDArray[np.float64], sensor: tuple[int, int], cutout: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return which cutouts about ``pixels`` ``(..., 2)`` are completely on the sensor."""
+    """Return a mask ``(...)`` of the positions ``pixels`` ``(..., 2)`` whose cutouts are completely on the sensor."""
     middle = np.floor(pixels + 0.5)
     half = (np.array(cutout) - 1) // 2
     inside: NDArray[np.bool_] = ((middle >= half) & (middle <= np.array(sensor) - 1 - half)).all(axis=-1)

@@ -17,7 +17,7 @@ __all__ = ["Covering", "covered_by", "iter_cover", "iter_whole_offsets", "line_o
 
 @njit()
 def add_squares(counts: NDArray[np.int32], corners: NDArray[np.int32], side: int, weight: int) -> None:
-    """Add ``weight`` to squares of ``side`` cells of ``counts`` with first cells ``corners`` (n, 2); -1: no square."""
+    """Add ``weight`` to squares of ``side`` cells in ``counts``, whose first cells are ``corners`` (n, 2); -1: none."""
     for k in range(corners.shape[0]):
         row, column = corners[k, 0], corners[k, 1]
         if row < 0:
@@ -38,7 +38,7 @@ TRIED = 16
 
 
 def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_px: float) -> Index:
-    """Return the positions that one frame shows with complete cutouts, numbered row by row."""
+    """Return the numbers (row by row) of the positions that one frame shows with complete cutouts."""
     plan = phases.plan
     pixels = images.moved(offset_px)
     return phases.covered(pixels[whole_at(pixels, plan.camera.sensor.shape, plan.cutout)], tolerance_px)
@@ -46,10 +46,10 @@ def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_p
 
 @dataclass(eq=False)
 class OffsetSearch:
-    """A grid of offsets over one period, and for each the number of pairs of a hole and a missing phase that it shows.
+    """A grid of offsets over one period, with an upper limit for the number of missing phases that each offset shows.
 
-    Several holes at one phase are counted separately, so a count is an upper limit; the best offsets are evaluated
-    exactly.
+    Each count is the number of pairs of a hole and a missing phase, and therefore an upper limit: several holes may
+    show the same phase. The best offsets are evaluated exactly.
 
     Attributes
     ----------
@@ -58,9 +58,9 @@ class OffsetSearch:
     step, first
         Step of the grid, and its first offset (rows, columns) (pixels).
     corner
-        First cells ``(phases, holes, 2)`` of the grid that show a pair; -1 if none does.
+        First cell of the grid ``(phases, holes, 2)`` in which a hole shows a phase; -1 if no cell does.
     counts
-        Number of pairs that each offset of the grid shows.
+        Number of pairs that each offset of the grid shows, ``(rows, columns)``.
     """
 
     phases: Phases
@@ -73,7 +73,7 @@ class OffsetSearch:
 
     @classmethod
     def of(cls, phases: Phases, images: HoleImages, tolerance_px: float) -> OffsetSearch:
-        """Return a new search, with all phases missing."""
+        """Return a new search in which all phases are missing."""
         step = 2 * tolerance_px / SIDE
         asked = asked_offsets(phases, images)
         # slightly more than half a period, so that its ends can be reached from either side
@@ -92,11 +92,11 @@ class OffsetSearch:
         add_squares(self.counts, self.corner[positions].reshape(-1, 2), SIDE, weight)
 
     def remove(self, positions: Index) -> None:
-        """Remove shown positions from the counts."""
+        """Remove positions from the counts, because they have been shown."""
         self._add(positions, -1)
 
     def best(self, missing: NDArray[np.bool_]) -> tuple[Array, Index]:
-        """Return the offset that shows the most missing positions, and these positions."""
+        """Return the offset (rows, columns; pixels) that shows the most missing positions, and these positions."""
         flat = self.counts.reshape(-1)
         best, shown, left = np.zeros(2), np.zeros(0, np.intp), TRIED
         level = int(flat.max())
@@ -118,7 +118,10 @@ class OffsetSearch:
 
 
 def asked_offsets(phases: Phases, images: HoleImages) -> Array:
-    """Return the offsets ``(phases, holes, 2)`` that move each hole to each phase, by at most half a period."""
+    """Return the offsets ``(phases, holes, 2)`` (pixels) by which each hole must move to show each phase.
+
+    Each offset changes the phase by at most half a period.
+    """
     rates = phases.rates(images.pixels) * images.shift[:, None, None]
     away = phases.wanted()[:, None, :] - phases.at(images.pixels)[None]
     away -= phases.period * np.round(away / phases.period)
@@ -127,16 +130,16 @@ def asked_offsets(phases: Phases, images: HoleImages) -> Array:
 
 
 def line_offsets(at: Array, count: int, length: float, tolerance_px: float) -> tuple[Array, bool]:
-    """Return offsets along one axis, chosen greedily, the images that show each phase, and whether all are shown.
+    """Return offsets along one axis (pixels), chosen greedily, and whether they show all phases.
 
     Parameters
     ----------
     at
         Phases of the images ``(n,)`` without an offset (pixels).
     count, length
-        Phases 0 … count - 1, of a period of this length (pixels).
+        Number of phases to show (0, 1, …, count - 1), and length of the period (pixels).
     tolerance_px
-        Largest deviation of a phase.
+        Largest deviation of a phase (pixels).
     """
     asked = np.arange(count)[:, None] - at
     asked -= length * np.round(asked / length)
@@ -177,9 +180,9 @@ class Covering:
     Attributes
     ----------
     offsets_px
-        Displacement of the images relative to zero offset, ``(frames, 2)`` as (rows, columns) of the plane.
+        Displacement of the images in the depth plane, ``(frames, 2)`` as (rows, columns) (pixels).
     shown
-        Number of new positions that each frame shows ``(frames,)``.
+        Number of positions ``(frames,)`` that each frame shows and no earlier frame does.
     wanted
         Number of positions of the scan.
     """
@@ -194,12 +197,12 @@ class Covering:
         return float(self.shown.sum()) / self.wanted
 
     def first(self, most: int | None) -> Covering:
-        """Return the covering with only the first ``most`` frames; None: with all."""
+        """Return the covering by the first ``most`` frames; None: by all frames."""
         return Covering(self.offsets_px[:most], self.shown[:most], self.wanted)
 
 
 def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most: int | None = None) -> Work[Covering]:
-    """Return offsets within one period that show every phase a target can show, with few frames.
+    """Return few offsets, within one period, with which a target shows every phase that it can show.
 
     If all columns have the same row phases, and all rows the same column phases, the axes are separable: offsets of
     rows times offsets of columns cover the cell. Otherwise, or if that needs many frames, both axes are searched
@@ -211,9 +214,9 @@ def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most:
     phases, images
         The scan, and the images of the target without an offset.
     tolerance_px
-        Largest deviation of a phase, in rows and in columns.
+        Largest deviation of a phase in rows and in columns (pixels).
     most
-        Largest number of frames.
+        Largest number of frames; None: no limit.
     """
     check_number("tolerance of a phase (px)", tolerance_px, at_least=FINEST_PX, at_most=0.5)
     if most is not None:
@@ -287,18 +290,18 @@ LOOKED_AT = 8
 def iter_whole_offsets(
     phases: Phases, images: HoleImages, tolerance_px: float, unit_px: float, most: int | None = None
 ) -> Work[NDArray[np.intp]]:
-    """Return offsets ``(frames, 2)`` in units, each showing the most missing phases; yields progress.
+    """Return offsets ``(frames, 2)`` in display pixels, each of which shows the most missing phases; yields progress.
 
     Parameters
     ----------
     phases, images
         The scan, and the images of the target without an offset.
     tolerance_px
-        Largest deviation of a phase, in rows and in columns.
+        Largest deviation of a phase in rows and in columns (pixels).
     unit_px
         Pitch of the display's pixels in the image (sensor pixels).
     most
-        Largest number of frames.
+        Largest number of frames; None: no limit.
     """
     asked = asked_offsets(phases, images)
     cells = np.rint(asked / unit_px).astype(np.intp)

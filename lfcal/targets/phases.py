@@ -81,18 +81,18 @@ class Phases:
         return np.where(phases >= self.period, 0.0, phases)
 
     def rates(self, pixels: Array, step: float = 1.0) -> Array:
-        """Return the change of each phase with its pixel ``(n, 2, 2)``: the identity for an upright, straight array."""
+        """Return the Jacobians ``(n, 2, 2)`` of the phases at sensor pixels (identities for an undistorted array)."""
         columns = [(self.cells(pixels + e) - self.cells(pixels - e)) / (2 * step) for e in step * np.eye(2)]
         rates: Array = np.stack(columns, axis=-1) * self.period[:, None]
         return rates
 
     def wanted(self) -> Array:
-        """Return the phases ``(ny nx, 2)`` of the positions of the scan, row by row."""
+        """Return the phases ``(ny * nx, 2)`` (y, x) of the scan's positions, row by row (pixels)."""
         rows, columns = np.indices(self.plan.period).reshape(2, -1)
         return self.at(self.plan.image_px(np.stack([np.zeros_like(rows), rows, columns], axis=1)))
 
     def covered(self, pixels: Array, tolerance_px: float) -> NDArray[np.intp]:
-        """Return the positions, numbered row by row, that images at ``pixels`` ``(n, 2)`` show within a tolerance.
+        """Return the numbers (row by row) of the positions that images at ``pixels`` ``(n, 2)`` show.
 
         An image shows a position if its phase deviates by at most ``tolerance_px`` in rows and in columns.
         """
@@ -108,14 +108,14 @@ class Phases:
 
 
 class Nearest(NamedTuple):
-    """Positions ``(n, 2)`` as (y, x), and the phases of the images minus theirs ``(n, 2)`` (pixels)."""
+    """Nearest positions ``(n, 2)`` as (y, x), and the phases of the images minus those of the positions (pixels)."""
 
     positions: NDArray[np.intp]
     residual_px: NDArray[np.float64]
 
 
 def nearest_positions(phases: Phases, pixels: ArrayLike) -> Nearest:
-    """Return the position nearest to each image ``(n, 2)`` (sensor row, column), by its phase in the array."""
+    """Return the position whose phase in the array is nearest to that of each image ``(n, 2)`` (sensor row, column)."""
     wanted, found = phases.wanted(), phases.at(np.asarray(pixels, float).reshape(-1, 2))
     if not len(found):
         return Nearest(np.zeros((0, 2), np.intp), np.zeros((0, 2)))

@@ -30,7 +30,7 @@ MOST = 4096
 
 
 def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
-    """Return the offsets that each frame shows, out of ``count``; groups of offsets use the same code.
+    """Return the numbers of the offsets that each frame shows, out of ``count``; each group of offsets uses ``code``.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
-    """Check the offsets that the frames of each plane show; raises `InputError` unless each can be decoded."""
+    """Return the offsets shown by the frames of each plane; raise `InputError` unless each offset can be decoded."""
     what = "offsets lit in each frame"
     check_type(what, lit, (tuple, list))
     found = []
@@ -79,7 +79,7 @@ def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
 
 
 def lit_matrix(frames: Sequence[Sequence[int]], count: int) -> NDArray[np.float64]:
-    """Return a matrix ``(frames, count)`` with 1 where a frame shows an offset, else 0."""
+    """Return a matrix ``(frames, count)`` that is 1 where a frame shows an offset, and 0 elsewhere."""
     out = np.zeros((len(frames), count))
     for row, one in zip(out, frames, strict=True):
         row[list(one)] = 1.0
@@ -87,7 +87,7 @@ def lit_matrix(frames: Sequence[Sequence[int]], count: int) -> NDArray[np.float6
 
 
 def lit_blocks(frames: Sequence[Sequence[int]], count: int) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Return groups of frames and offsets that depend on each other."""
+    """Return the independent groups of frames and offsets, each as indices of its frames and of its offsets."""
     rows = np.repeat(np.arange(len(frames)), [len(one) for one in frames])
     columns = np.concatenate([np.asarray(one, np.intp) for one in frames]) if frames else np.zeros(0, np.intp)
     graph = coo_array((np.ones(len(rows)), (rows, len(frames) + columns)), shape=(len(frames) + count,) * 2)
@@ -120,9 +120,9 @@ class TargetForecast:
     frames
         Total number of frames, including repetitions.
     exposure_hours, settle_hours, move_hours
-        Time for exposing, settling and moving (h).
+        Time for exposures, for settling, and for moves (h).
     readout_hours
-        Time for readout (h); None, and not included, if the camera's rate is unknown.
+        Time for readout (h); None if the camera's frame rate is unknown.
 
     Examples
     --------
@@ -156,15 +156,16 @@ class TargetPlan:
     Attributes
     ----------
     scan
-        The scan of a single point whose positions the frames show: camera, planes, cutout, stage, exposures.
+        Scan of a single point (camera, planes, cutout, stage, exposures) whose positions the frames show.
     target
         The target, with its pose at zero offset.
     offsets_px
         For each plane, the displacement of images in the depth plane, as (rows, columns) in pixels, one per frame.
     tolerance_px
-        Largest deviation of the phase of an image that shows a position.
+        Largest deviation between the phases of an image and of a position that it shows (pixels).
     crosstalk
-        For each plane, the largest light of neighbours in a cutout, for equally bright holes.
+        For each plane, the largest amount of light from neighbouring holes in a cutout, relative to that of its own
+        hole, for equally bright holes.
     tails
         How ``crosstalk`` was computed: ``"geometric"`` (rays, without diffraction) or by waves.
     lit
@@ -230,7 +231,7 @@ class TargetPlan:
         return hole_images(self.target, self.scan.camera, self.scan.depths_um[z])
 
     def points(self, z: int, k: int) -> HoleImages:
-        """Return the images in one frame whose cutouts are completely on the sensor."""
+        """Return the images in frame ``k`` of plane ``z`` whose cutouts are completely on the sensor."""
         images, offset = self.images(z), self.offsets_px[z][k]
         moved = HoleImages(images.holes, images.moved(np.array(offset)), images.away_um, images.shift)
         return moved.only(moved.whole(self.scan.camera.sensor.shape, self.scan.cutout))
@@ -244,7 +245,7 @@ class TargetPlan:
     def stage_um(self) -> NDArray[np.float64]:
         """Return the stage's coordinates ``(frames, 3)`` as (x, y, z) of all frames (µm).
 
-        Without an offset, the stage is at the position that puts a single source on the axis, in the plane.
+        At zero offset, the stage is at the position at which a single source would be on the axis, in the depth plane.
         """
         places = []
         for z, depth in enumerate(self.scan.depths_um):
@@ -253,9 +254,9 @@ class TargetPlan:
         return self.scan.stage.to_stage(np.concatenate(places))
 
     def forecast(self, stage_um_per_s: float = 1000.0, frames_per_s: float | None = None) -> TargetForecast:
-        """Return the time for all frames, with a stage that moves all axes simultaneously at this speed (µm/s).
+        """Return the time for all frames, with a stage that moves all axes simultaneously at the given speed.
 
-        ``frames_per_s`` is the largest rate of the camera; without it, readout is not counted.
+        ``frames_per_s`` is the largest frame rate of the camera; without it, readout is not counted.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, above=0)
         path, scan = self.stage_um(), self.scan
@@ -277,16 +278,19 @@ class TargetPlan:
 
     # -- what is shown ---------------------------------------------------------------------------------
     def points_a_frame(self, z: int) -> tuple[int, int]:
-        """Return the smallest and the largest number of complete cutouts in a frame of plane ``z``."""
+        """Return the smallest and the largest number of complete cutouts in any frame of plane ``z``."""
         counts = [len(self.points(z, k)) for k in range(len(self.offsets_px[z]))]
         return (min(counts), max(counts)) if counts else (0, 0)
 
     def least_frames(self, z: int) -> int:
-        """Return a lower bound of the number of frames: positions divided by the largest number of holes in a frame."""
+        """Return a lower limit for the number of frames of plane ``z``.
+
+        It is the number of positions divided by the largest number of holes in a frame.
+        """
         return math.ceil(math.prod(self.scan.period) / max(1, self.points_a_frame(z)[1]))
 
     def shown(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> NDArray[np.intp]:
-        """Return the number of frames that show each position of plane ``z`` ``(ny, nx)``.
+        """Return the number of frames ``(ny, nx)`` that show each position of plane ``z``.
 
         Parameters
         ----------
@@ -327,7 +331,7 @@ class TargetPlan:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TargetPlan:
-        """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
+        """Return the plan described by ``data``; raises `InputError` if entries are unknown or missing."""
         what = "plan of a target"
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
@@ -353,7 +357,7 @@ class TargetPlan:
 def region_points(plan: TargetPlan, regions: RegionPlan, z: int) -> NDArray[np.intp]:
     """Return the number of points of each frame of plane ``z`` in each region, ``(frames, regions)``.
 
-    A point belongs to the region with the nearest middle.
+    A point belongs to the region whose middle is nearest.
     """
     scan, images = plan.scan, plan.images(z)
     middles = np.array(regions.anchors) + (np.array(scan.period) - 1) / 2

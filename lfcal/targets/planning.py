@@ -42,18 +42,18 @@ WIDEST = 2.5
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A pitch along one axis.
+    """A proposed pitch of the holes along one axis.
 
     Attributes
     ----------
     pitch_px
-        Distance of the images (pixels): a whole number of the array's periods, and ``step`` pixels.
+        Distance between neighbouring images (pixels): a whole number of the array's periods plus ``step`` pixels.
     step
-        Difference of phase between neighbouring holes.
+        Difference between the phases of neighbouring holes (pixels).
     holes
-        Number of holes that fit on the sensor with complete cutouts, wherever they are in a period.
+        Number of holes that fit on the sensor with complete cutouts at every offset within a period.
     frames
-        Number of offsets along this axis that show all its phases.
+        Number of offsets along this axis with which the holes show all its phases.
     """
 
     pitch_px: float
@@ -63,12 +63,12 @@ class Proposal:
 
 
 def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: float) -> Proposal:
-    """Return the pitch of images along an axis that needs the fewest frames; among equals, that with most holes.
+    """Return the pitch of images along an axis that needs the fewest frames; of equals, the one with the most holes.
 
-    Holes that are a whole number p of pixels apart show phases 0, p, 2p … modulo the period, and all of them if the
-    two have no common divisor. The array's period is not a whole number, so each cycle leaves a residual. The pitch is
-    therefore whole periods plus a few whole pixels (a vernier): phases are consecutive, and a target covers its period
-    at most once.
+    Holes that are p pixels apart, p an integer, show the phases 0, p, 2p … modulo the period, and all phases if p and
+    the period have no common divisor. The array's period is not an integer, so each cycle leaves a residual. The pitch
+    is therefore a whole number of periods plus a few whole pixels (a vernier): neighbouring holes show equally spaced
+    phases, and a target covers the period at most once.
     """
     plan, length, count = phases.plan, float(phases.period[axis]), phases.plan.period[axis]
     # offsets extend half a period in either direction, plus a pixel for rounding
@@ -108,11 +108,11 @@ def proposed_target(
     plan, z
         The scan, and the number of the plane, which determines the magnification and the pitch of the images.
     least_px
-        Smallest distance of images (pixels).
+        Smallest distance between images (pixels).
     tolerance_px
-        Largest deviation of a phase.
+        Largest deviation of a phase (pixels).
     hole_um
-        Diameter of the holes (µm).
+        Diameter of the holes (µm); 0: points.
 
     Raises
     ------
@@ -152,12 +152,12 @@ class Tails:
     Attributes
     ----------
     light
-        Mean pattern ``(rows, columns)`` with odd sides in a window four cutouts wide, or the widest that fits on a
-        grid of waves (`WINDOWS`); the light in its cutout is 1.
+        Mean pattern ``(rows, columns)`` with odd sides, normalized to a sum of 1 in its cutout. The window is four
+        cutouts wide, or the widest that fits on the grid of a wave computation (`WINDOWS`).
     cutout
-        Pixels ``(nt, ns)`` of a cutout.
+        Rows and columns ``(nt, ns)`` of a cutout.
     level
-        Level of the computation.
+        How the pattern was computed: ``"geometric"`` or by waves.
     """
 
     light: NDArray[np.float64]
@@ -165,7 +165,10 @@ class Tails:
     level: str
 
     def share(self, away_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the light in a cutout from points at distances ``(n, 2)`` (pixels), relative to that of its point."""
+        """Return the light ``(n,)`` that points displaced by ``away_px`` ``(n, 2)`` contribute to a cutout.
+
+        It is relative to the light of the cutout's own point.
+        """
         sums = np.pad(self.light.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
         shape = np.array(self.light.shape)
         half = (np.array(self.cutout) - 1) // 2
@@ -175,14 +178,14 @@ class Tails:
         return np.maximum(shares, 0.0)
 
     def grid(self, pitch_px: tuple[float, float]) -> float:
-        """Return the crosstalk in a rectangular grid of equally bright points, from all points within the window."""
+        """Return the crosstalk in a rectangular grid of equally bright points, without points outside the window."""
         reach = [int(n // p) + 1 for n, p in zip(self.light.shape, pitch_px, strict=True)]
         index = np.mgrid[-reach[0] : reach[0] + 1, -reach[1] : reach[1] + 1].reshape(2, -1).T
         others = index[(index != 0).any(axis=1)]
         return float(self.share(others * np.array(pitch_px)).sum())
 
     def among(self, images: HoleImages) -> float:
-        """Return the largest crosstalk of any hole at ``images``, for equally bright holes."""
+        """Return the largest crosstalk in any cutout of ``images``, for equally bright holes."""
         if len(images) < 2:
             return 0.0
         # distant holes do not matter, and tables of all pairs of thousands would be large
@@ -196,7 +199,7 @@ class Tails:
         return float(sums.max())
 
     def least_pitch(self, crosstalk: float) -> int:
-        """Return the smallest spacing of a square grid whose crosstalk is at most a limit (pixels).
+        """Return the smallest pitch (pixels) of a square grid whose crosstalk is at most ``crosstalk``.
 
         Raises
         ------
@@ -217,10 +220,10 @@ class Tails:
 
 @lru_cache(maxsize=KEPT)
 def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
-    """Return the tails of plane ``z``: mean pattern of the described camera over phases, by rays or by waves.
+    """Return the tails of plane ``z``: the mean over phases of simulated patterns of the plan's camera.
 
-    The error of a pattern is insensitive to its tails, which contain less than a percent of its light, and windows
-    about lenslets cut them off. Waves are therefore computed on one grid for the whole array.
+    Waves are computed on one grid for the whole array, because windows around single lenslets would cut the tails off.
+    An error tolerance would not reveal this: tails contain less than a percent of a pattern's light.
 
     Parameters
     ----------
@@ -279,7 +282,7 @@ def _light_by_grid(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """Limits for a plan.
+    """Limits for the plan of a target.
 
     Attributes
     ----------
@@ -317,7 +320,7 @@ class Wishes:
 def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:
     """Return the array of holes that shows all phases of the middle plane with the fewest frames.
 
-    Holes are as close to each other as crosstalk allows, in all planes.
+    Holes are as close to each other as the limit of the crosstalk allows in all planes.
 
     Examples
     --------
@@ -430,17 +433,17 @@ def _nearest_px(images: HoleImages) -> float:
 
 
 def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
-    """Iterate over random poses, uniform within the bounds of the target's pose."""
+    """Iterate over ``count`` random poses, uniformly distributed within the bounds of the target's pose."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         yield target.pose.off_by(target.within, rng.uniform(-1.0, 1.0, 6))
 
 
 def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
-    """Return the fraction of positions shown for ``count`` random poses within the target's bounds.
+    """Return the fraction of positions shown ``(count,)`` for random poses within the bounds of the target's pose.
 
-    Offsets are as planned, but the pose is not. If its bounds exceed the tolerance at the target's rim, holes are at
-    unplanned phases. A first recorded frame determines the pose, and a plan for that pose covers all phases.
+    If an error of the pose displaces holes by more than the tolerance, they show other phases than planned. Determine
+    the pose from a first recorded frame, and make a plan for that pose, to cover all phases.
     """
     poses = poses_within(plan.target, count, seed)
     return np.array([plan.coverage(z, target=replace(plan.target, pose=pose)) for pose in poses])

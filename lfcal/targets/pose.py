@@ -90,7 +90,7 @@ class Pose:
         return ",".join(one for one in (*turns, *places) if not one.endswith("=0"))
 
     def points(self, flat_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points ``(..., 2)`` (right, down) of the target as object points (right, down, away) (µm)."""
+        """Return points ``(..., 2)`` of the target (right, down) as object points (right, down, away) (µm)."""
         middle = np.array([self.right_um, self.down_um, self.away_um])
         placed: NDArray[np.float64] = flat_um @ self.turn()[:, :2].T + middle
         return placed
@@ -107,14 +107,14 @@ class Pose:
         return turn
 
     def off_by(self, within: Pose, shares: NDArray[np.float64]) -> Pose:
-        """Return this pose plus ``shares`` (6,), -1 … 1, times the bounds ``within``, in attribute order."""
+        """Return this pose plus fractions ``shares`` ``(6,)`` of the bounds ``within``, in the order of attributes."""
         names = [field.name for field in fields(self)]
         moved = [getattr(self, n) + s * getattr(within, n) for n, s in zip(names, shares.tolist(), strict=True)]
         return Pose(*moved)
 
     @property
     def known(self) -> bool:
-        """For bounds: whether all values are exact."""
+        """Whether all values are 0; as bounds, this means that the pose is exact."""
         return not any(getattr(self, field.name) for field in fields(self))
 
 

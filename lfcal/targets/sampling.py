@@ -10,8 +10,8 @@ __all__ = ["coarsest_pixel_um", "may_resample", "resampling_words"]
 def coarsest_pixel_um(camera: Camera) -> float:
     """Return the largest pixel that samples the light behind a lenslet without loss (µm).
 
-    The light behind a lenslet contains no spatial frequencies above ``1 / (wavelength N)``, with the f-number N (gap
-    divided by pitch; Goodman, Introduction to Fourier Optics, section 6.3). Two samples per period are sufficient.
+    The light behind a lenslet contains no spatial frequencies above ``1 / (wavelength N)``, where N is the f-number,
+    gap divided by pitch (Goodman, Introduction to Fourier Optics, section 6.3). Two samples per period are sufficient.
     """
     lattice = camera.lattice
     found: float = camera.wavelength_um * lattice.gap_um / lattice.pitch_um / 2.0
@@ -19,12 +19,12 @@ def coarsest_pixel_um(camera: Camera) -> float:
 
 
 def may_resample(camera: Camera) -> bool:
-    """Return whether patterns may be resampled to whole phases without loss."""
+    """Return whether the pixels of a camera are fine enough to resample patterns to other phases without loss."""
     return camera.sensor.pixel_um <= coarsest_pixel_um(camera)
 
 
 def resampling_words(scan: ScanPlan) -> str:
-    """Return a sentence on why points that show no position are not resampled to one."""
+    """Return a sentence on why points whose phase is not that of a position are not resampled."""
     camera = scan.camera
     if may_resample(camera):
         return "their phases differ, which resampling cannot correct"

@@ -26,9 +26,9 @@ TOLERANCE = 0.1
 
 
 def group_order(frames: int) -> int:
-    """Return the best number of a plane's frames to show together; 0 if there are too few.
+    """Return the number of a plane's frames to show together for the lowest noise; 0 if there are too few frames.
 
-    An S-matrix of order n reduces additive noise by (n + 1) / (2 sqrt n); the last group is completed by repeats.
+    An S-matrix of order n reduces additive noise by the factor (n + 1) / (2 sqrt n). Repeats complete the last group.
     """
     fitting = [n for n in ORDERS if n <= frames]
     return max(fitting, key=lambda n: (n + 1) / (2 * math.sqrt(n)) * math.sqrt(frames / _filled(frames, n)), default=0)
@@ -39,7 +39,7 @@ def _filled(frames: int, order: int) -> int:
 
 
 def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64]:
-    """Return the patterns of one hole in the first frames of a plane at their positions, ``(frames, rows, columns)``.
+    """Return the patterns of one hole in the first ``frames`` frames of a plane, ``(frames, rows, columns)``.
 
     Neighbouring holes have the same pattern, so the window is as large as the distance of their images, and wraps
     around. Values are NaN outside each pattern's cutout.
@@ -61,12 +61,12 @@ def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64
 
 
 def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | None = None) -> CodingVerdict | None:
-    """Return whether showing coded frames together reduces noise; None for too few frames, or one hole.
+    """Return whether showing coded sums of frames reduces noise; None if frames are too few or there is one hole.
 
     Parameters
     ----------
     plan
-        Plan of the target, whose frames would be shown as sums by an S-matrix.
+        Plan of the target; an S-matrix would select the frames to show together.
     z
         Number of the plane; None: the middle one.
     signal_e
@@ -90,9 +90,9 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
 
 
 def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdict | None) -> TargetPlan:
-    """Return the plan for a display: several offsets together if that reduces noise, else one after the other.
+    """Return the plan for a display: with several offsets in each frame if that reduces noise, else with one.
 
-    The exposures stay the same. Sums that would saturate are not shown.
+    The exposures do not change. If sums would saturate, each frame shows one offset.
     """
     if verdict is None or not verdict.pays or verdict.gain.time.exposure < 1:
         return plan

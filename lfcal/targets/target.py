@@ -28,7 +28,7 @@ MOST_HOLES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Point sources in one plane.
+    """A target with point sources in one plane.
 
     Attributes
     ----------
@@ -38,14 +38,14 @@ class Target:
     shape
         Number of holes (rows, columns).
     pitch_um
-        Distance of neighbouring rows, and of neighbouring holes in a row (µm).
+        Distance between neighbouring rows, and between neighbouring holes in a row (µm).
     hole_um
         Diameter of a hole (µm); 0: a point.
     absent
         Holes (row, column) that are intentionally absent. An array equals its own mirror image; asymmetric marks show
         whether it is reversed.
     pose
-        Pose of the target, as far as known.
+        Pose of the target, as far as it is known.
     within
         Bounds of the error of each value of the pose, which is then fitted. All 0: the pose is known.
 
@@ -115,7 +115,7 @@ class Target:
         return np.argwhere(there)
 
     def flat_um(self, holes: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return the positions of holes ``(n, 2)`` on the target, (right, down) from its middle (µm)."""
+        """Return the positions ``(n, 2)`` of holes on the target, (right, down) from its middle (µm)."""
         index = np.asarray(holes, float)
         down, right = np.moveaxis(index - (np.array(self.shape) - 1) / 2, -1, 0)
         if self.kind == "hexagonal":
@@ -125,7 +125,7 @@ class Target:
 
     @property
     def nearest_um(self) -> float:
-        """Distance of neighbouring holes (µm); infinite for a point."""
+        """Distance between neighbouring holes (µm); infinite for a point."""
         near = [math.inf]
         rows, columns = self.shape
         lean = 0.5 * self.pitch_um[1] if self.kind == "hexagonal" else 0.0
@@ -197,7 +197,10 @@ def parse_target(text: str) -> Target:
 
 
 def proposed_hole(text: str) -> float | None:
-    """Return the holes' diameter (µm) in ``"array"`` or ``"array,hole=20um"`` (arrays without a pitch); else None."""
+    """Return the diameter of the holes (µm) in the text of an array without a pitch; None for other texts.
+
+    Such texts are ``"array"`` and ``"array,hole=20um"``; other settings raise `InputError`.
+    """
     head, *more = (part.strip() for part in text.strip().split(","))
     if head != "array":
         return None
@@ -232,7 +235,7 @@ def _wrong(text: str) -> InputError:
 
 
 def target_words(target: Target) -> str:
-    """Return the text from which `parse_target` creates the same target, without its pose.
+    """Return the text from which `parse_target` creates the same target; the pose is not included.
 
     Examples
     --------
