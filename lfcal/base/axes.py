@@ -57,7 +57,7 @@ Region: TypeAlias = tuple[slice, slice]
 
 
 class Position(NamedTuple):
-    """Source position as indices into the scan plan, ``H[z, y, x]``.
+    """Source position as indices (z, y, x) into the scan plan, as in ``H[z, y, x]``.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class Position(NamedTuple):
 
 
 def position_at(flat: int, period: tuple[int, int]) -> Position:
-    """Return the position at index ``flat`` in storage order; ``period`` is ``(ny, nx)``."""
+    """Return the position with the flat index ``flat`` in storage order; ``period`` is ``(ny, nx)``."""
     ny, nx = period
     rows, x = divmod(flat, nx)
     return Position(*divmod(rows, ny), x)
@@ -87,7 +87,7 @@ def centre(n: int) -> int:
 
 
 def check_cutout(nt: int, ns: int) -> None:
-    """Raise `InputError` unless the cutout ``nt`` x ``ns`` is odd x odd and positive."""
+    """Raise `InputError` unless the cutout has odd, positive numbers of rows ``nt`` and columns ``ns``."""
     if nt < 1 or ns < 1 or nt % 2 == 0 or ns % 2 == 0:
         raise InputError.expected(
             "cutout",
@@ -99,7 +99,7 @@ def check_cutout(nt: int, ns: int) -> None:
 
 
 def check_psf_shape(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
-    """Return ``shape`` as ``(nz, ny, nx, nt, ns)`` or raise `InputError` if it cannot be a PSF matrix."""
+    """Return ``shape`` as ``(nz, ny, nx, nt, ns)``; raise `InputError` if it cannot be that of a PSF matrix."""
     if len(shape) != 5:
         raise InputError.expected(
             "PSF matrix",
@@ -125,7 +125,7 @@ def region_shape(region: Region) -> tuple[int, int]:
 
 
 def check_region(region: Region, shape: tuple[int, int]) -> Region:
-    """Return ``region`` with explicit bounds, or raise `InputError` unless it lies within ``shape``."""
+    """Return ``region`` with explicit bounds; raise `InputError` unless it is within a frame of ``shape``."""
     checked = []
     for part, n, what in zip(region, shape, ("rows", "columns"), strict=True):
         start = 0 if part.start is None else int(part.start)
@@ -143,7 +143,7 @@ def check_region(region: Region, shape: tuple[int, int]) -> Region:
 
 
 def grow_region(region: Region, margin: int, shape: tuple[int, int]) -> Region:
-    """Return ``region`` extended by ``margin`` pixels on every side, cut off at the border of ``shape``."""
+    """Return ``region`` extended by ``margin`` pixels on every side, clipped at the border of a frame of ``shape``."""
     rows, columns = check_region(region, shape)
     return (
         slice(max(0, rows.start - margin), min(shape[0], rows.stop + margin)),
@@ -161,7 +161,7 @@ def moved(region: Region, origin: tuple[int, int]) -> Region:
 
 
 def clipped(region: Region, shape: tuple[int, int]) -> Region:
-    """Return the part of ``region`` that lies inside a frame of ``shape``; it may be empty."""
+    """Return the part of ``region`` that is inside a frame of ``shape``; it may be empty."""
     rows, columns = (
         slice(min(max(part.start, 0), n), min(max(part.stop, 0), n)) for part, n in zip(region, shape, strict=True)
     )

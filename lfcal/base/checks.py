@@ -45,7 +45,7 @@ def check_number(
     integer: bool = False,
     remedy: str = "correct this value",
 ) -> None:
-    """Raise `InputError` unless ``value`` is finite, within the bounds, and at most `MAX_NUMBER` in magnitude."""
+    """Raise `InputError` unless ``value`` is a finite number within the bounds and at most `MAX_NUMBER`."""
     # plain types first: checking abstract ones takes as long as everything else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
     good = (plain or isinstance(value, Integral if integer else Real)) and not isinstance(value, bool)
@@ -92,15 +92,15 @@ def check_commas(what: str, text: str, *, whole: bool = False, several: bool = F
 
 
 def check_length(what: str, value_um: object, **bounds: Any) -> None:
-    """Raise `InputError` unless ``value_um`` is a length possible in optics (µm), within the ``bounds`` given.
+    """Raise `InputError` unless ``value_um`` is a length within ``bounds``; by default, a length of at least 1e-9 µm.
 
-    Outside these limits, which are far from any real instrument, squares of lengths and of their ratios overflow.
+    The limits are far from any real instrument. Beyond them, squares of lengths and of their ratios overflow.
     """
     check_number(what, value_um, **{"at_most": MAX_NUMBER, **(bounds or {"at_least": 1e-9})})
 
 
 def check_exposure(what: str, value_s: object) -> None:
-    """Raise `InputError` unless ``value_s`` is a possible exposure of a camera (s); ratios of other values overflow."""
+    """Raise `InputError` unless ``value_s`` is a possible exposure (s); ratios of values out of range overflow."""
     check_number(what, value_s, at_least=1e-12, at_most=1e9)
 
 
@@ -141,7 +141,7 @@ def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
 
 
 def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
-    """Return ``frame`` as a read-only, contiguous float32 array after checking that it is a finite 2-D frame."""
+    """Return ``frame`` as a read-only, contiguous float32 array; raise `InputError` unless it is 2-D and finite."""
     import numpy as np  # imported late: records are checked without numpy
 
     array = np.asarray(frame)

@@ -35,9 +35,10 @@ _SPENT = _Spent()
 
 
 def preparing_seconds() -> float:
-    """Return the CPU-seconds that this thread has spent on loading numba, and on loading and compiling kernels.
+    """Return the CPU time (s) that this thread has spent on loading numba, and on loading and compiling kernels.
 
-    Forecasts from a timed sample subtract the difference, because a process prepares its kernels only once.
+    Forecasts subtract the increase of this time during a timed sample, because a process prepares its kernels only
+    once.
     """
     return _SPENT.seconds
 
@@ -57,7 +58,7 @@ def _preparing() -> Iterator[None]:
 
 
 class Kernel(Generic[P, R]):
-    """A Python function with a compiled form from its first call on.
+    """A Python function that is compiled when it is first called.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ class Kernel(Generic[P, R]):
         return result
 
     def compiled(self) -> Any:
-        """Return the numba object of this kernel."""
+        """Return the compiled numba function of this kernel, and compile it if necessary."""
         with _LOCK, _preparing():
             if self._compiled is None:
                 import numba
@@ -200,6 +201,6 @@ def _clock(dispatcher: Any) -> None:
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
-    """Return a decorator that compiles a function at its first call, caches it on disk, and releases the GIL."""
+    """Return a decorator that compiles a function at its first call and caches it on disk; it runs without the GIL."""
     settings = {"cache": True, "nogil": True, **options}
     return lambda function: Kernel(function, settings)

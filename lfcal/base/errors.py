@@ -23,7 +23,7 @@ MAX_MESSAGE = 480
 
 
 def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
-    """Return ``text`` as one printable line: control characters escaped, its middle omitted if it is too long."""
+    """Return ``text`` as one printable line; control characters are escaped, and a long text is shortened."""
     # avoid processing far more than is shown
     if len(text) > 4 * longest:
         text = f"{text[: 2 * longest]}…{text[-longest:]}"
@@ -37,14 +37,14 @@ def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
 
 
 def choose(name: object, choices: Iterable[str]) -> str:
-    """Return the remedy for a name that is not among ``choices``: the most similar one, if there is one."""
+    """Return the remedy for a name that is not among ``choices``; it names the most similar choice, if there is one."""
     by_lower = {choice.lower(): choice for choice in choices}
     close = get_close_matches(str(name)[:MAX_MESSAGE].lower(), by_lower, 1)
     return f"did you mean {by_lower[close[0]]}?" if close else "choose one of these"
 
 
 class LfcalError(Exception):
-    """Base class of all errors that are meant for users."""
+    """Base class of all errors whose messages are meant for users."""
 
     @classmethod
     def expected(cls, what: str, wanted: object, got: object, remedy: str) -> Self:
@@ -57,7 +57,7 @@ class LfcalError(Exception):
 
 
 class InputError(LfcalError, ValueError):
-    """The user gave a value that cannot be used."""
+    """A value from the user cannot be used."""
 
 
 class FileFormatError(InputError):

@@ -50,7 +50,7 @@ _STYLE: dict[str, Any] = {
 
 @contextmanager
 def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[Figure]:
-    """Yield an empty figure of ``width`` x ``height`` inches in the common style; no global state is changed."""
+    """Yield an empty figure of ``width`` x ``height`` inches in the common style, without changing global state."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -65,8 +65,8 @@ def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[
 def save_figure(fig: Figure, path: str | os.PathLike[str], *, colours: int = 0) -> None:
     """Write ``fig`` atomically as a PNG, or in the format of the suffix.
 
-    ``colours`` is the largest number of colours in a PNG, up to 256, which makes the file several times smaller; 0:
-    all.
+    ``colours`` limits the number of colours in a PNG (at most 256), which makes the file several times smaller; 0: no
+    limit.
     """
     suffix = os.path.splitext(os.fspath(path))[1].lstrip(".").lower() or "png"
     with replace_whole(path) as part:
@@ -90,7 +90,7 @@ def draw_image(
     signed: bool = False,
     extent: tuple[float, float, float, float] | None = None,
 ) -> None:
-    """Draw a 2-D array with colour bar, axis labels and units; ``signed`` centres the map on zero."""
+    """Draw a 2-D array with a colour bar and axis labels; ``signed`` centres the colour map on zero."""
     data = np.asarray(image, dtype=float)
     finite = data[np.isfinite(data)]
     limit = float(np.abs(finite).max()) if finite.size else 1.0

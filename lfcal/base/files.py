@@ -64,9 +64,9 @@ _REMEDIES = {
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Convert an error of the operating system about ``path`` to a one-line `StorageError`.
+    """Convert errors of the operating system about ``path`` to a one-line `StorageError`, within the context.
 
-    HDF5 reports a failing disk as OSError or RuntimeError with the system's error number in the text.
+    HDF5 reports a failing disk as an OSError or RuntimeError with the system's error number in its message.
     """
     try:
         yield
@@ -79,7 +79,7 @@ def storage_errors(path: Path) -> Iterator[None]:
 
 
 def storage_words(error: OSError | RuntimeError, path: object) -> str:
-    """Return a one-line message with the system's reason for the error at ``path``, and what to do."""
+    """Return a one-line message with the path, the system's reason for the error, and a remedy."""
     number = system_error(error)
     known = None if number is None else os.strerror(number)
     reason = known or (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
@@ -93,7 +93,7 @@ def storage_words(error: OSError | RuntimeError, path: object) -> str:
 
 
 def system_error(error: OSError | RuntimeError) -> int | None:
-    """Return the system's error number, even if HDF5 only writes it in its message."""
+    """Return the system's error number, which HDF5 may state only in its message; None if there is none."""
     if isinstance(error, OSError) and error.errno is not None:
         return error.errno
     found = re.search(r"errno = (\d+)", str(error))
@@ -123,7 +123,7 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Return the file that a name or link leads to; raise `StorageError` unless it can be written or replaced.
+    """Return the file to which a name or link leads; raise `StorageError` unless it can be written or replaced.
 
     Folders, pipes, devices, read-only files, and names in folders without write permission are refused. The name of a
     store (`STORES`) may be that of an existing folder that contains one.
@@ -154,10 +154,10 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
 def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a scratch path next to ``path``; move it into place when the block succeeds, else remove it.
 
-    The scratch file is flushed to disk before it takes the name (`lfcal.base.system.replace`). Thus ``path`` is always
-    the old file, the complete new file, or absent. Parent folders are created. A link is followed, not replaced. An
-    existing file keeps its mode; a read-only one is refused. Only one program can write a file at a time. Scratch
-    files for the same name left by programs that have ended are removed.
+    The scratch file is flushed to disk before it is renamed (`lfcal.base.system.replace`). Thus ``path`` is always the
+    old file, the complete new file, or absent. Parent folders are created. A link is followed, not replaced. An
+    existing file keeps its mode; a read-only one is refused. Only one program can write a file at a time. Scratch files
+    for the same name left by programs that have ended are removed.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def _remove(path: Path) -> bool:
 
 @contextmanager
 def only_writer(target: Path) -> Iterator[bool]:
-    """Context that excludes other writers of ``target`` by a lock file; yields whether locks are supported."""
+    """Context in which a lock file excludes other writers of ``target``; yields whether locks are supported."""
     path = target.with_name(f".{target.name}.lock")
     descriptor = _locked(path, target)
     try:
@@ -301,7 +301,7 @@ def _unlink(path: Path) -> bool:
 
 
 def sweep_scratch(folder: Path) -> None:
-    """Remove scratch files in ``folder`` that killed programs left."""
+    """Remove the scratch files in ``folder`` that killed programs left behind."""
     left = {path.name[1:].rsplit(".", 2)[0] for path in folder.glob(".*.*.part")}
     left |= {path.name[1:].removesuffix(".lock") for path in folder.glob(".*.lock")}
     for name in left:
@@ -319,7 +319,7 @@ def _sweep(target: Path, *, alone: bool) -> None:
 
 
 def check_regular(path: Path) -> None:
-    """Raise `StorageError` unless ``path`` is a file: reading a pipe or device may never end."""
+    """Raise `StorageError` unless ``path`` is a regular file: reading a pipe or device may never end."""
     with storage_errors(path):
         kind = path.stat().st_mode
     if stat.S_ISDIR(kind):
@@ -329,9 +329,9 @@ def check_regular(path: Path) -> None:
 
 
 def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:
-    """Return a text file in UTF-8 of at most ``limit`` bytes (64 MB).
+    """Return the content of a text file in UTF-8 of at most ``limit`` bytes (64 MB).
 
-    If ``foreign`` is set, it may have the encoding of a spreadsheet: UTF-16 with a byte-order mark, or Windows code
+    If ``foreign`` is set, the file may have an encoding of spreadsheets: UTF-16 with a byte-order mark, or Windows code
     page 1252.
 
     Raises
@@ -387,7 +387,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
-    """Write ``(rows, columns)`` or ``(rows, columns, 3)`` (blue, green, red) of 8 or 16 bits as PNG.
+    """Write an image of 8 or 16 bits as PNG, ``(rows, columns)`` or ``(rows, columns, 3)`` as (blue, green, red).
 
     Raises
     ------

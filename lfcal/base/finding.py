@@ -47,17 +47,17 @@ class Finding:
     Attributes
     ----------
     kind, what
-        Key for programs, and a description for people.
+        Identifier for programs, and short description for display.
     subject
-        The subject, one of `SUBJECTS`.
+        Part of the setup to which the problem belongs, one of `SUBJECTS`.
     detail
         Details, with numbers and units.
     where
-        Text on the affected positions or pixels; empty if unknown.
+        Description of the affected positions or pixels; empty if unknown.
     positions
         Affected positions as indices: (z, y, x) of a scan, or holes (row, column) of a target.
     size, limit
-        The value, and the limit that it exceeds, in the same unit; NaN if there is none.
+        Measured value, and the limit that it exceeds, in the same unit; NaN if there is none.
     sigma
         Significance relative to noise, in standard deviations; NaN if unknown.
     cost
@@ -67,7 +67,7 @@ class Finding:
     remedy
         Remedy for the problem.
     merit
-        Merit of data with this problem.
+        Rating of data with this problem.
     repeat
         Number of positions to record again to fix it; 0 if it does not concern single positions.
 
@@ -96,7 +96,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """Sentence with description, position and cost."""
+        """Sentence with description, details, position and cost."""
         parts = [self.detail, self.where, f"it costs {self.cost_words}" if self.cost_words else ""]
         found = "; ".join(part for part in parts if part)
         return f"{self.what[:1].upper()}{self.what[1:]}{': ' if found else ''}{found}."
@@ -108,21 +108,21 @@ class Finding:
         return f"{self.kind}: {value}{self.what}: {self.remedy}"
 
     def __str__(self) -> str:
-        """Return the finding as plain values."""
+        """Return the details, or the description if there are none."""
         return self.detail or self.what
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The verdict on data, from all findings.
+    """Rating of data, based on all findings.
 
     Attributes
     ----------
     data
         Kind of data: "PSF", "session", "camera".
     findings
-        All findings, the worst first. Those with merit good concern positions to repeat; those with merit unknown
-        explain why the quality is unknown.
+        All findings, the worst first. Findings of merit ``"good"`` concern positions to repeat; findings of merit
+        ``"unknown"`` explain why the quality is unknown.
     known
         Further facts, such as "good by 26 metrics"; may be empty.
 
@@ -147,12 +147,12 @@ class Judgement:
 
     @property
     def merit(self) -> Merit:
-        """The merit of the data."""
+        """Rating of the data: that of the worst finding; without findings, good if ``known`` is set, else unknown."""
         return self.findings[0].merit if self.findings else "good" if self.known else "unknown"
 
     @property
     def verdict(self) -> str:
-        """Text with the first finding (position, cost and remedy), and the verdict on the remaining findings."""
+        """Text with the rating, the first finding (position, cost and remedy), and a summary of the remaining ones."""
         if not self.findings:
             nothing = f"Nothing could be measured: it is not known whether this {self.data} is good."
             return f"This {self.data} is {self.known}." if self.known else nothing
@@ -178,7 +178,7 @@ class Judgement:
         return " ".join((f"What remains {', and '.join(parts)}.", *doubts)) if parts else ""
 
     def by_subject(self) -> dict[str, tuple[Finding, ...]]:
-        """Return the findings by subject, in the order of `SUBJECTS`; in each, the worst is first."""
+        """Return the findings by subject, in the order of `SUBJECTS`, and the worst first within each subject."""
         found: dict[str, tuple[Finding, ...]] = {}
         for one in sorted(self.findings, key=lambda one: SUBJECTS.index(one.subject)):
             found[one.subject] = (*found.get(one.subject, ()), one)
@@ -195,6 +195,6 @@ class Judgement:
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return a text with the first of the names, and the number of further ones."""
+    """Return a text with the first ``most`` names, and the number of further ones."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more

@@ -23,7 +23,7 @@ def warn(text: str) -> None:
 
 
 def tell(text: str) -> None:
-    """Report an event, such as a hold and its end, without a leading "note:" or "warning:"."""
+    """Report an event, such as the start and end of a pause, without a leading "note:" or "warning:"."""
     LOG.info("%s", text, extra={"plain": True})
 
 
@@ -47,7 +47,7 @@ class _Lines(logging.Handler):
 
 @contextmanager
 def notes_to(sink: Callable[[str], None]) -> Iterator[None]:
-    """Pass messages of long work to ``sink``, one line each, within the context."""
+    """Pass the notes, warnings and events of long work to ``sink``, one line each, within the context."""
     handler, level = _Lines(sink), LOG.level
     LOG.addHandler(handler)
     LOG.setLevel(logging.INFO)

@@ -77,7 +77,7 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer: str) -> str:
-    """Return a page without scripts or external links; ``sections`` are already HTML."""
+    """Return an HTML page without scripts or external links; ``sections`` contain HTML."""
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -92,19 +92,19 @@ def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer:
 
 
 def html_text(value: object) -> str:
-    """Return a value as HTML text."""
+    """Return the text of a value, escaped for HTML."""
     return html.escape(str(value))
 
 
 def html_section(title: str, body: str) -> str:
-    """Return a section with its heading; empty if it has no body."""
+    """Return a section with its heading; empty if ``body`` is empty."""
     return f"<section><h2>{html_text(title)}</h2>\n{body}</section>" if body else ""
 
 
 def html_table(
     headers: Sequence[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = (), *, escape: bool = False
 ) -> str:
-    """Return a table of cells that are HTML, or text with ``escape``; columns ``numeric`` are aligned right."""
+    """Return a table; cells contain HTML, or text if ``escape`` is set; ``numeric`` columns are right-aligned."""
     if escape:
         rows = (map(html_text, row) for row in rows)
     right = set(numeric)
@@ -125,7 +125,7 @@ def html_figure(png: bytes, caption: str) -> str:
 
 
 def html_paragraphs(lines: Iterable[str]) -> str:
-    """Return lines of text as paragraphs with an initial capital."""
+    """Return each line of text as a paragraph, with an initial capital."""
     return "".join(f"<p>{html_text(one[0].upper() + one[1:])}</p>" for one in lines)
 
 

@@ -48,9 +48,9 @@ class Progress:
     seconds
         Wall time since the work began.
     note
-        Remark to display, or empty.
+        Remark to display; may be empty.
     per
-        Units of ``done`` per displayed unit, because a run of a few long units counts thousandths of them.
+        Units of ``done`` per displayed unit. A run with a few long units counts thousandths of them.
     """
 
     done: int
@@ -72,7 +72,7 @@ class Progress:
 
     @property
     def eta_seconds(self) -> float | None:
-        """Estimated seconds to the end, or None if no estimate is possible yet."""
+        """Estimated remaining time (s); None if it cannot be estimated yet."""
         if self.done <= 0 or self.total <= 0:
             return None
         return self.seconds * max(0, self.total - self.done) / self.done
@@ -83,7 +83,7 @@ Work = Generator[Progress, None, R]
 
 
 class Clock:
-    """Clock that makes the `Progress` records of one stage, with a common start time."""
+    """Clock that creates the `Progress` records of one stage, with a common start time."""
 
     def __init__(self, stage: str, total: int) -> None:
         self.stage = stage
@@ -97,7 +97,7 @@ class Clock:
 
 
 def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) -> R:
-    """Run ``work`` to its end, pass each record to ``on_progress``, and return the result.
+    """Run ``work`` to its end, pass each progress record to ``on_progress``, and return the result.
 
     Examples
     --------
@@ -165,9 +165,10 @@ def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> C
 
 
 def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signature: Signature | None = None) -> Any:
-    """Return ``made``, which was defined in another function, as part of ``function``'s module, with its docstring.
+    """Return the nested function ``made`` as if it were defined in place of ``function``, with its docstring.
 
-    Doctest, pickle and `inspect` then treat it as defined there. ``made`` must use only its closure, no global names.
+    Doctest, pickle and `inspect` then treat it as part of that module. ``made`` must use only its closure, no global
+    names.
     """
     # doctest finds functions by the globals of their module
     own = FunctionType(made.__code__, function.__globals__, closure=made.__closure__)
@@ -198,7 +199,7 @@ def _result_of(work: Callable[..., Any]) -> Any:
 
 
 def docstring_of(generator: str, doc: str = "") -> str:
-    """Return the docstring of the function derived from a generator: that of the generator, changed by ``doc``."""
+    """Return the docstring of a function derived from a generator: the generator's, with changes from ``doc``."""
     kept = {heading: text for heading, text in _parts_of(generator).items() if heading not in STEPS}
     merged = kept | {heading: text for heading, text in _parts_of(doc).items() if text}
     return "\n\n".join(text for text in merged.values() if text)
@@ -224,9 +225,9 @@ _NEEDED: ContextVar[Callable[[], bool] | None] = ContextVar("needed", default=No
 
 @contextmanager
 def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
-    """End this thread's computation early with `WorkAbandoned`, as soon as ``needed`` returns False.
+    """Context in which this thread's computation ends with `WorkAbandoned` as soon as ``needed`` returns False.
 
-    It is for functions that are not generators, and whose request may be replaced before they return.
+    Use it for functions that are not generators, and whose results may become unnecessary before they return.
     """
     token = _NEEDED.set(needed)
     try:

@@ -22,7 +22,7 @@ class Named(Protocol):
 
     @property
     def name(self) -> str:
-        """Name used by commands, files and people."""
+        """Name used in commands, files and display."""
         ...
 
 
@@ -30,12 +30,12 @@ T = TypeVar("T", bound=Named)
 
 
 class Registry(Generic[T]):
-    """Parts of one kind by name, discovered on first use.
+    """Registry of the parts of one kind by name, discovered on first use.
 
     Parameters
     ----------
     what
-        Name of the kind in messages: ``"solver"``.
+        Name of the kind in messages, such as ``"solver"``.
     package
         Package whose public modules are searched, except its ``__init__``.
     attribute
@@ -107,7 +107,7 @@ class Registry(Generic[T]):
         return tuple(self._found())
 
     def get(self, name: str) -> T:
-        """Return the part called ``name``; raises `InputError` with the known names."""
+        """Return the part named ``name``; raises `InputError` with the known names if there is none."""
         found = self._found()
         if name not in found:
             raise InputError.expected(self.what, " or ".join(found), repr(name), choose(name, found))

@@ -10,12 +10,12 @@ __all__ = ["sample_recording", "sample_session"]
 
 
 def sample_session() -> Path:
-    """Return the folder of sample frames in files, with plan, dark and white frames."""
+    """Return the folder of the sample session: frames in image files, with plan, dark frames and white image."""
     return _place("session", "plan.json")
 
 
 def sample_recording() -> Path:
-    """Return the folder of a session recorded by lfcal itself."""
+    """Return the folder of the sample session that was recorded by lfcal."""
     return _place("recorded", "session.json")
 
 

@@ -48,7 +48,7 @@ _SEEKING = threading.Lock()
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Reserve ``size`` bytes of the disk for a file and keep its content, so that a full disk is noticed early."""
+    """Reserve ``size`` bytes of disk space for a file without changing its content; OSError if the disk is full."""
     if hasattr(os, "posix_fallocate"):
         try:
             os.posix_fallocate(descriptor, 0, size)
@@ -80,7 +80,7 @@ def _write_some(descriptor: int, view: memoryview, offset: int) -> int:
 
 
 def read_at(descriptor: int, size: int, offset: int) -> bytes:
-    """Return ``size`` bytes at ``offset``, fewer only at the end of the file."""
+    """Return ``size`` bytes at ``offset``; fewer only at the end of the file."""
     parts = []
     while size > 0:
         part = _read_some(descriptor, size, offset)
@@ -100,7 +100,7 @@ def _read_some(descriptor: int, size: int, offset: int) -> bytes:
 
 
 def sync_data(descriptor: int) -> None:
-    """Wait until the written data of an open file are on the disk."""
+    """Wait until the data written to an open file are on disk."""
     if sys.platform == "darwin":
         import fcntl
 
@@ -115,7 +115,7 @@ def sync_data(descriptor: int) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Flush a file to the disk; it is opened for writing, because some systems do not flush it otherwise."""
+    """Flush a file to disk; it is opened for writing, because some systems do not flush it otherwise."""
     descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
     try:
         sync_data(descriptor)
@@ -158,7 +158,7 @@ _NOT_IN_NAMES = frozenset('<>:"|?*')
 
 
 def name_refused(path: Path) -> str:
-    """Return the reason why Windows refuses a file name or treats it as a device; empty on other systems."""
+    """Return the reason why Windows would refuse a file name or treat it as a device; empty on other systems."""
     if sys.platform != "win32":
         return ""
     for part in path.parts[1:] if path.anchor else path.parts:
@@ -175,7 +175,7 @@ def name_refused(path: Path) -> str:
 
 
 def on_network(path: str) -> bool:
-    """Return whether Windows would search for a path on another computer, and log on there: ``//server/share/x``."""
+    """Return whether Windows would access another computer to open a path, such as ``//server/share/x``."""
     start = path.replace("/", "\\")
     local = start[:4] in ("\\\\?\\", "\\\\.\\", "\\??\\") and start[5:6] == ":"
     return start.startswith(("\\\\", "\\??\\")) and not local
@@ -188,7 +188,7 @@ def too_long(path: object) -> bool:
 
 
 def lock(descriptor: int) -> None:
-    """Lock an open file for this process, until it is closed or the process ends; OSError if it is locked."""
+    """Lock an open file until it is closed or the process ends; raises OSError if it is locked by another process."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -319,9 +319,9 @@ def memory_in_use(root: Path = Path("/")) -> int:
 
 
 def peak_memory(*, children: bool = False) -> int:
-    """Return the peak memory of this process, or the largest of its ended ``children`` (bytes).
+    """Return the peak memory of this process, or the largest peak of its ended child processes (bytes).
 
-    On Windows, the value for children is 0.
+    On Windows, the value for child processes is 0.
     """
     if sys.platform == "win32":
         return 0 if children else int(_psutil().Process().memory_info().peak_wset)

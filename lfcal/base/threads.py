@@ -77,11 +77,11 @@ def worker_count(workers: int | None = None) -> int:
 
 @contextmanager
 def bounded_threads(workers: int | None = None) -> Iterator[int]:
-    """Context that limits everything inside it to at most `worker_count` threads; yields the number.
+    """Context that limits everything inside it to at most `worker_count` threads; yields this number.
 
-    The limit applies to this library's pools, to child processes, and to other libraries. Loaded libraries get the
-    limit by a call, and libraries loaded later read it from the environment. A smaller limit that the user has set for
-    a library is kept.
+    The limit applies to this library's pools, to child processes, and to other libraries. The limit is set in loaded
+    libraries by a call, and in libraries loaded later by environment variables. A smaller limit that the user has set
+    for a library is kept.
     """
     count = worker_count(workers)
     before = {name: os.environ.get(name) for name in (WORKERS, *_VARIABLES)}
@@ -197,7 +197,7 @@ def for_each_chunk(
     Parameters
     ----------
     function
-        Function to call; it must release the GIL most of the time for any gain.
+        Function to call; threads save time only if it releases the GIL most of the time.
     n
         Number of independent items.
     workers
@@ -263,9 +263,10 @@ def for_each_block(function: Callable[[int, int], object], n: int, step: int, wo
 
 
 def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None = None) -> Iterator[R]:
-    """Yield ``function(item)`` for each item in order, computed in threads: sums do not depend on timing.
+    """Yield ``function(item)`` for each item, computed in threads; the order is that of ``items``.
 
-    At most one result more than the number of workers is in memory.
+    Sums of the results therefore do not depend on timing. At most one result more than the number of workers is in
+    memory.
     """
     count = worker_count(workers)
     waiting = iter(items)
@@ -339,7 +340,7 @@ def one_blas_thread() -> Iterator[None]:
     """Context in which matrix products run on the calling thread only.
 
     Small products in a thread pool are up to ten times slower if each starts further threads. The limit applies to the
-    process; it is lifted when the last of several concurrent blocks ends.
+    whole process until the last of several concurrent blocks ends.
     """
     with _GATE.lock:
         if _GATE.users == 0:

@@ -20,7 +20,7 @@ __all__ = [
 
 
 def format_bytes(n: float) -> str:
-    """Return ``n`` bytes in decimal units, e.g. ``'685.0 MB'``."""
+    """Return ``n`` bytes as text in decimal units, such as ``'685.0 MB'``."""
     value = float(n)
     for unit in ("B", "kB", "MB", "GB", "TB"):
         if abs(value) < 1000 or unit == "TB":
@@ -30,7 +30,7 @@ def format_bytes(n: float) -> str:
 
 
 def format_seconds(seconds: float) -> str:
-    """Return a duration, e.g. ``'2 h 05 min'``, ``'42 s'``, ``'3.1 ms'``."""
+    """Return a duration as text, such as ``'2 h 05 min'``, ``'42 s'`` or ``'3.1 ms'``."""
     if seconds < 1e-3:
         return f"{seconds * 1e6:.0f} µs"
     if seconds < 1:
@@ -47,12 +47,12 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_span(seconds: float) -> str:
-    """Return a difference between two times, which from two days on is in days: ``'5.3 days'``, ``'6 h 00 min'``."""
+    """Return a time span as text, such as ``'6 h 00 min'``; in days from two days on, such as ``'5.3 days'``."""
     return f"{seconds / 86400:.1f} days" if seconds >= 2 * 86400 else format_seconds(seconds)
 
 
 def format_slope(slope: float, span_s: float, error: float | None = None) -> str:
-    """Return a slope as text, or the time span if it is too short to determine a slope.
+    """Return a slope as text; if it could not be determined (NaN), return the time span.
 
     Parameters
     ----------
@@ -72,13 +72,13 @@ def format_slope(slope: float, span_s: float, error: float | None = None) -> str
 
 
 def format_dates(first: datetime, last: datetime) -> str:
-    """Return a range of days as text, ``'2026-05-01 to 2026-06-01'``, or a single day."""
+    """Return a range of days as text, such as ``'2026-05-01 to 2026-06-01'``, or a single day."""
     days = dict.fromkeys(f"{one:%Y-%m-%d}" for one in (first, last))
     return " to ".join(days)
 
 
 def format_length(um: float) -> str:
-    """Return a length (µm) with a suitable unit, e.g. ``'250 mm'``."""
+    """Return a length (µm) as text in a suitable unit, such as ``'250 mm'``."""
     size = abs(um)
     if size >= 1e6:
         return f"{um / 1e6:.4g} m"
@@ -90,25 +90,28 @@ def format_length(um: float) -> str:
 
 
 def format_plane(depth_um: float, z: int, name: str = "") -> str:
-    """Return plane ``z`` as text: its depth (µm), or the value of ``name`` if given; its number if that is NaN."""
+    """Return plane ``z`` as text: its depth, or its number if ``depth_um`` is NaN.
+
+    With ``name``, the text has the form ``'name = 250 µm'``.
+    """
     if math.isnan(depth_um):
         return f"plane {z}"
     return f"{name} = {format_length(depth_um)}" if name else format_length(depth_um)
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Return a number with ``digits`` digits, up to a million without powers of ten, e.g. ``'49,440'``, ``'0.35'``."""
+    """Return a number with ``digits`` digits as text, such as ``'49,440'``; powers of ten only from a million on."""
     if not 1e3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{float(f'{value:.{digits}g}'):,.0f}"
 
 
 def format_count(many: int, one: str, several: str) -> str:
-    """Return a count with its noun in the right form: ``1 position``, ``12 positions``."""
+    """Return a count with its noun in the singular or plural: ``1 position``, ``12 positions``."""
     return f"{many} {one if many == 1 else several}"
 
 
 def format_share(share: float) -> str:
-    """Return a fraction in per cent, with two digits and without powers of ten, e.g. ``'0.35 %'``, ``'140 %'``."""
+    """Return a fraction in per cent with two digits, without powers of ten, such as ``'0.35 %'`` or ``'140 %'``."""
     percent = 100 * share
     return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{percent:.2g} %"

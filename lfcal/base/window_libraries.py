@@ -36,7 +36,7 @@ ON_X11 = {
 def missing_libraries(
     names: Mapping[str, str], load: Callable[[str], Any] = ctypes.CDLL, platform: str = sys.platform
 ) -> dict[str, str]:
-    """Return those of ``names`` (library: package) that cannot be loaded; empty if the system includes all of them."""
+    """Return the entries of ``names`` (library: package) that cannot be loaded; empty except on Linux."""
     if not platform.startswith("linux"):
         return {}
     missing = {}
@@ -49,7 +49,7 @@ def missing_libraries(
 
 
 def without(missing: Mapping[str, str]) -> str:
-    """Return a one-line message: which libraries are missing, and what to do."""
+    """Return a one-line message that names the missing libraries and the command that installs them."""
     return (
         f"the window needs system libraries that are missing: {', '.join(missing)}; "
         f"run: sudo apt install {' '.join(missing.values())} (Debian, Ubuntu)"
@@ -65,7 +65,7 @@ def shows_on_x11(environment: Mapping[str, str] = os.environ) -> bool:
 
 
 def why_no_window(error: ImportError) -> str:
-    """Return a one-line message: why PySide6 cannot be imported, and what to do."""
+    """Return a one-line message with the reason why PySide6 cannot be imported, and the remedy."""
     if find_spec("PySide6") is None:
         return "PySide6 is not installed; run: pip install 'lfcal[gui]'"
     if missing := missing_libraries(NEEDED):

@@ -86,7 +86,7 @@ def fletcher32(data: bytes) -> int:
 
 
 def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = PIPELINE) -> bytes:
-    """Return the bytes that HDF5 stores for a chunk with these values.
+    """Return the bytes that HDF5 stores for a chunk with the given values.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def decode_chunk(
     dtype, shape
         Type and shape of the chunk.
     filter_mask
-        Bit k set: filter k was left out for this chunk.
+        Bits of the filters that were not applied to this chunk (bit k for filter k).
     filters
         The dataset's filters in order.
     where
@@ -216,14 +216,14 @@ def _numbers(chunk: Any) -> tuple[int, int, int]:
 
 
 class ChunkTable:
-    """Locations of the chunks of a dataset.
+    """Locations in the file of the chunks of a dataset.
 
     Parameters
     ----------
     dataset
         Open, chunked h5py dataset.
     path, where
-        Path of its file, and file with name for messages.
+        Path of the file, and name of file and dataset for messages.
 
     Raises
     ------
@@ -300,15 +300,15 @@ class ChunkTable:
 
     @property
     def first_rows(self) -> int:
-        """Length along the first axis up to which all chunks were written; 0 if later ones were written as well."""
+        """Length of the first axis up to which all chunks were written; 0 if there are chunks after a gap."""
         lost = (self._at < 0).reshape(self._grid[0], -1)
         first = int(lost.any(axis=1).argmax()) if lost.any() else self._grid[0]
         return min(first * self._chunk[0], self._shape[0]) if lost[first:].all() else 0
 
     def stored(self, start: Start) -> tuple[int, bytes] | None:
-        """Return the filters left out of a chunk (bits) and its stored bytes; None if it was never written.
+        """Return the mask of filters not applied to a chunk, and its stored bytes; None if it was never written.
 
-        ``start`` are the indices of its first sample. The method is thread-safe.
+        ``start`` contains the indices of its first sample. The method is thread-safe.
         """
         place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
         at, size = int(self._at[place]), int(self._size[place])
@@ -319,9 +319,9 @@ class ChunkTable:
         return int(self._filter_masks[place]), raw
 
     def each_stored(self, starts: Iterable[Start]) -> Iterator[tuple[Start, int, memoryview]]:
-        """Yield the written chunks at ``starts``, as `stored` does; consecutive chunks are read together.
+        """Yield start, filter mask and bytes of the written chunks at ``starts``; adjacent chunks are read together.
 
-        The method is not thread-safe. A chunk is valid until the next one is requested.
+        The method is not thread-safe. The bytes of a chunk are valid until the next one is requested.
         """
         asked = list(starts)
         # look up all together: for small chunks, the look-up takes as long as reading
@@ -346,14 +346,14 @@ class ChunkTable:
             return self._descriptor
 
     def close(self) -> None:
-        """Close the file until the next read."""
+        """Close the file; the next read opens it again."""
         with self._lock:
             if self._closer is not None:
                 self._closer()
                 self._closer = None
 
     def decoded(self, start: Start) -> NDArray[Any]:
-        """Return the values of a whole chunk; the fill value if it was never written."""
+        """Return the values of the chunk at ``start``; fill values if it was never written."""
         stored = self.stored(start)
         if stored is None:
             return np.full(self._chunk, self._fill, self._dtype)
@@ -362,7 +362,7 @@ class ChunkTable:
         return decode_chunk(stored[1], self._dtype, self._chunk, stored[0], self.filters, where=name)
 
     def read(self, slices: tuple[slice, ...]) -> NDArray[Any]:
-        """Return a box of samples, given by one slice per axis with step 1 and explicit ends."""
+        """Return the samples in a box that is described by one slice per axis, with step 1 and explicit ends."""
         out = np.empty([s.stop - s.start for s in slices], self._dtype)
         starts = [range(s.start - s.start % c, s.stop, c) for s, c in zip(slices, self._chunk, strict=True)]
         for start in product(*starts):

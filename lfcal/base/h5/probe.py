@@ -47,7 +47,7 @@ Mark = tuple[int, int, int, int]
 def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
     """Raise `FileFormatError` if reading the HDF5 file ``path`` crashes or hangs a process.
 
-    With ``only``, data are read only from these datasets, and of large ones only the middle chunk.
+    With ``only``, the check reads data only from these datasets, and of large datasets only the middle chunk.
 
     A file that was checked before and has not changed since is not checked again. A file is accepted without a check
     if no child can be started (no memory, no permission, libraries that do not load), or if the child ends by a Python

@@ -46,16 +46,16 @@ def _opened(path: Path) -> Any:
 class H5File:
     """An HDF5 file opened for reading. All content is checked, and errors have one-line messages.
 
-    Names are paths within the file, such as ``H`` or ``regions/corner/H``; empty for the root. Soft links within the
-    file are followed; external links are not. Use the object as a context manager, or close it with `close`.
+    Names are paths within the file, such as ``H`` or ``regions/corner/H``; the name of the root is empty. Soft links
+    within the file are followed; external links are not. Use the object as a context manager, or close it with `close`.
 
     Parameters
     ----------
     path
         Path of the file.
     only
-        Datasets whose data may be read, large ones only by `H5Data.read_middle`; all others are only described.
-        Opening then needs milliseconds for a file of any size. None: all data may be read.
+        Datasets whose data may be read (large ones only by `H5Data.read_middle`), so that a file of any size is opened
+        in milliseconds. None: all data may be read.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class H5File:
         return Attributes(self.path, self._object(name), name)
 
     def dataset_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of an entry of the root; empty if it is not a dataset, or a link."""
+        """Return the shape of a dataset in the root; empty if ``name`` is a link or not a dataset."""
         import h5py
 
         with damage(self.path, name):
@@ -129,7 +129,7 @@ class H5File:
             return tuple(entry.shape or ()) if isinstance(entry, h5py.Dataset) else ()
 
     def datasets(self) -> dict[str, tuple[int, ...]]:
-        """Return name and shape of every dataset of plain numbers in the file, following only hard links."""
+        """Return the shape of every dataset of plain numbers, by name; soft and external links are not followed."""
         import h5py
 
         found: dict[str, tuple[int, ...]] = {}
@@ -153,7 +153,7 @@ class H5File:
         return found
 
     def links_out(self) -> list[str]:
-        """Return the targets of links to other files as ``file::/dataset``, without opening them."""
+        """Return the targets of external links as ``file::/dataset``, without opening them."""
         import h5py
 
         found: list[str] = []
@@ -177,7 +177,7 @@ class H5File:
     def dataset(
         self, name: str, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None, holes: bool = False
     ) -> H5Data:
-        """Return a dataset; see `H5Data` for what is refused."""
+        """Return a dataset of numbers, with checks of its type, size and storage."""
         import h5py
 
         data = self._object(name)
@@ -274,7 +274,7 @@ class H5Data:
     path, name
         Path of the file, and name of the dataset.
     table
-        Locations of its chunks; None if data are contiguous or absent.
+        Locations of the chunks; None if data are contiguous or absent.
     shape, dtype, chunks
         Declared shape, type and shape of chunks; ``chunks`` is None for contiguous data.
     filters
@@ -379,7 +379,7 @@ class H5Data:
 
     @property
     def where(self) -> str:
-        """File and name, for messages."""
+        """Name of file and dataset, for messages."""
         return f"{self.path}:/{self.name}"
 
     @property
@@ -415,7 +415,7 @@ class H5Data:
         return None if found is None else int(found)
 
     def read(self, index: Index = ()) -> NDArray[Any]:
-        """Return the part ``index`` as a new array: an integer or a slice per axis; by default everything.
+        """Return a part of the data as a new array; ``index`` contains an integer or a slice per axis; default: all.
 
         Raises `IndexError` outside the dataset.
         """
@@ -430,7 +430,7 @@ class H5Data:
         return np.asarray(values[key], self.dtype)  # numpy converts single values to the native byte order
 
     def read_middle(self) -> NDArray[Any]:
-        """Return the middle chunk of the data, or the middle image along the last two axes."""
+        """Return the middle chunk of the data; of contiguous data, the middle image along the last two axes."""
         sides = self.chunks or (*(1 for _ in self.shape[:-2]), *self.shape[-2:])
         grid = tuple(-(-n // side) for n, side in zip(self.shape, sides, strict=True))
         at = np.unravel_index(int(np.prod(grid)) // 2, grid)
@@ -446,7 +446,7 @@ class H5Data:
                 self._data.file.close()
 
     def release(self) -> None:
-        """Close file descriptors other than that of HDF5."""
+        """Close the file descriptors that were opened in addition to that of HDF5."""
         if self.table is not None:
             self.table.close()
 
@@ -481,7 +481,7 @@ D = TypeVar("D")
 
 
 class Attributes:
-    """Attributes of one object in a file; a missing one has the default, and one of another kind raises an error.
+    """Attributes of one object in a file; an attribute of the wrong type raises `FileFormatError`.
 
     Parameters
     ----------
@@ -505,7 +505,7 @@ class Attributes:
     @overload
     def text(self, key: str, default: str) -> str: ...
     def text(self, key: str, default: str | None = None) -> str | None:
-        """Return an attribute that must be text."""
+        """Return an attribute that must be text; ``default`` if it is absent."""
         value = self._get(key)
         if value is None:
             return default
@@ -526,7 +526,10 @@ class Attributes:
         return int(value)
 
     def numbers(self, key: str, lengths: tuple[int, ...]) -> NDArray[np.float64] | None:
-        """Return an attribute that must be finite numbers, as many as one of ``lengths`` (1: also a plain number)."""
+        """Return an attribute that must be finite numbers; None if it is absent.
+
+        Their number must be one of ``lengths``; 1 also accepts a plain number.
+        """
         value = self._get(key)
         if value is None:
             return None
@@ -564,7 +567,7 @@ _OF_THE_DISK = {errno.EIO, errno.EACCES, errno.EPERM, errno.ESTALE, errno.ENODEV
 
 
 class damage:
-    """Context that converts all errors of h5py on damaged data to a `FileFormatError` with the name ``where``.
+    """Context that converts all errors of h5py on damaged data to a `FileFormatError` that contains ``where``.
 
     h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError.
     """

@@ -24,7 +24,7 @@ __all__ = ["new_h5"]
 def new_h5(
     path: str | os.PathLike[str], *, header: bytes = b"", libver: tuple[str, str] | None = None
 ) -> Iterator[Any]:
-    """Yield an open h5py file to write to; it is moved to ``path`` when the block succeeds, else nothing changes.
+    """Yield an open h5py file to write to; it replaces ``path`` if the block succeeds, and is removed otherwise.
 
     Parameters
     ----------
