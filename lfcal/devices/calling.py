@@ -24,7 +24,7 @@ CANCELLED = object()
 
 
 def never() -> bool:
-    """Return False, as the default of ``cancelled`` in `Caller.call`."""
+    """Return False; the default of ``cancelled`` in `Caller.call`."""
     return False
 
 
@@ -37,7 +37,7 @@ class _Call(NamedTuple):
 
 
 class Caller:
-    """Caller of one device's driver, always in the same thread.
+    """Caller of one device's driver; all calls are made in the same thread.
 
     A driver may hang in any call. The call is then abandoned: its later result is discarded, and no other call begins
     before it returns. The thread does not keep the program from ending.
@@ -73,7 +73,7 @@ class Caller:
         seconds: float = 0.0,
         cancelled: Callable[[], bool] = never,
     ) -> Any:
-        """Return the result of ``function(*arguments)``; `CANCELLED` once ``cancelled`` is true.
+        """Return the result of ``function(*arguments)``; `CANCELLED` as soon as ``cancelled`` returns True.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class Caller:
         function, arguments
             Function of the driver, and its arguments.
         seconds
-            Time limit (s); the wait ends `ANSWER_S` later.
+            Time that the call may take (s); the wait ends `ANSWER_S` later.
         cancelled
             Function that is called repeatedly while waiting.
 

@@ -140,14 +140,17 @@ class CheckedCamera(_Checked[CameraDevice]):
         return found
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Read only ``roi`` from now on; the returned actual region may be larger."""
+        """Set the region of interest; return the requested and the actual region, which may be larger."""
         found = self._caller.call("set_roi", self.device.set_roi, roi, seconds=SETTING_S)
         if not (isinstance(found, Setting) and isinstance(found.actual, Roi) and _is_region(found.actual)):
             raise self._wrong("set_roi", "a Setting with a Roi", found)
         return found
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return the requested and actual settings by which the camera may change samples; empty: unknown."""
+        """Return the requested and actual values of the settings by which the camera may change samples.
+
+        The result is empty if the driver does not report them.
+        """
         method = self._caller.call("fixed_settings", getattr, self.device, "fixed_settings", None)
         if method is None:
             return {}
@@ -158,11 +161,11 @@ class CheckedCamera(_Checked[CameraDevice]):
 
     @property
     def optics(self) -> str:
-        """Name of the way in which the simulator computes its light; empty for a real camera."""
+        """How the simulator computes frames (`Rendered.optics`); empty for a real camera."""
         return self.device.optics if isinstance(self.device, Rendered) else ""
 
     def grab(self, timeout_s: float, cancelled: Callable[[], bool] = never) -> Frame | None:
-        """Return a frame whose exposure started after this call; None once ``cancelled`` is true."""
+        """Return a frame whose exposure started after this call; None as soon as ``cancelled`` returns True."""
         frame = self._caller.call("grab", self.device.grab, timeout_s, seconds=timeout_s, cancelled=cancelled)
         if frame is CANCELLED:
             return None
@@ -234,7 +237,7 @@ class CheckedStage(_Checked[StageDevice]):
 
     @property
     def limits(self) -> Limits:
-        """Travel of each axis (µm)."""
+        """Lowest and highest position of each axis (x, y, z) (µm)."""
         found = self._caller.call("limits", getattr, self.device, "limits")
         try:
             axes = tuple((float(low), float(high)) for low, high in found)
@@ -254,7 +257,7 @@ class CheckedStage(_Checked[StageDevice]):
         self._caller.call("move", self.device.move, target, seconds=seconds, cancelled=cancelled)
 
     def moving(self, cancelled: Callable[[], bool] = never) -> bool:
-        """Return whether any axis is moving; False once ``cancelled`` is true."""
+        """Return whether any axis is moving; False if ``cancelled`` returns True."""
         found = self._caller.call("moving", self.device.moving, cancelled=cancelled)
         if found is True or found is False:  # the usual answers, needed several times per frame
             return found
@@ -265,7 +268,7 @@ class CheckedStage(_Checked[StageDevice]):
         return bool(found)
 
     def position(self) -> Point:
-        """Return the position read back from the device (µm)."""
+        """Return the position (x, y, z) read back from the device (µm)."""
         found = self._caller.call("position", self.device.position)
         if type(found) is tuple and [*map(type, found)] == POINT:
             return found
@@ -282,7 +285,7 @@ class CheckedStage(_Checked[StageDevice]):
             self._caller.call("stop", self.device.stop)
 
     def home(self) -> None:
-        """Begin to move to the reference switches and return."""
+        """Begin to move to the reference switches, and return without waiting."""
         self._caller.call("home", self.device.home)
 
     def _wrong(self, what: str, wanted: str, got: object) -> StageError:

@@ -49,7 +49,7 @@ class StaleFrame(CameraError):
 
 
 class WrongFrame(CameraError):
-    """A frame has another shape or sample type than the camera announced."""
+    """The shape or sample type of a frame differs from what the camera reported."""
 
 
 class StageError(DeviceError):
@@ -65,10 +65,11 @@ class LimitError(StageError, InputError):
 
 
 class driver_errors:
-    """Context that converts all other errors of a driver to a `DeviceError` with the name of ``device``.
+    """Context that converts errors of a driver to a `DeviceError` with the name of ``device``.
 
-    Drivers raise errors of their libraries: RuntimeError, or an OSError of the USB bus. An OSError, or a StorageError
-    of a device that works with files, would otherwise be mistaken for an error of the recording's disk.
+    Drivers raise errors of their libraries, such as RuntimeError, or an OSError of the USB bus. An OSError, or a
+    StorageError of a device that works with files, would otherwise be mistaken for an error of the recording's disk.
+    Other errors of lfcal are not converted.
     """
 
     # a class: entered about ten times per frame, where a generator would take as long as the frame's checks

@@ -78,7 +78,7 @@ class Roi:
 
 @dataclass(frozen=True, slots=True)
 class Setting(Generic[T]):
-    """A requested value, and the actual value of the device.
+    """Requested value of a setting, and the actual value reported by the device.
 
     Examples
     --------
@@ -135,15 +135,16 @@ class Frame:
 class CameraDevice(Protocol):
     """A camera that exposes on request.
 
-    A camera that can change samples automatically (exposure, gain, black level, gamma) has a further method,
-    ``fixed_settings()``. It maps the name of each such setting to a `Setting` of two texts: the value at which samples
-    are proportional to light, such as ``"Off"``, and the value read back. The first is None for a setting that is only
-    recorded, such as the gain. The driver switches the automatic functions off when the camera is opened.
+    A camera that can change samples automatically (exposure, gain, black level, gamma) has an additional method,
+    ``fixed_settings()``. It returns a mapping from the name of each such setting to a `Setting` of two texts: the value
+    at which samples are proportional to light, such as ``"Off"``, and the value read back. The first is None for a
+    setting that is only recorded, such as the gain. The driver switches automatic functions off when it opens the
+    camera.
     """
 
     @property
     def name(self) -> str:
-        """Maker, model and serial number: the same camera has the same name after a restart."""
+        """Manufacturer, model and serial number; the name must be the same after a restart."""
         ...
 
     @property
@@ -166,7 +167,7 @@ class CameraDevice(Protocol):
         ...
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Read only ``roi`` from now on; the returned actual region may be larger."""
+        """Set the region of interest; return the requested and the actual region, which may be larger."""
         ...
 
     def grab(self, timeout_s: float) -> Frame:
@@ -192,16 +193,16 @@ class StageDevice(Protocol):
 
     @property
     def name(self) -> str:
-        """Maker, model and serial number."""
+        """Manufacturer, model and serial number."""
         ...
 
     @property
     def limits(self) -> Limits:
-        """Travel of each axis (µm); infinite if the controller does not know it."""
+        """Lowest and highest position of each axis (x, y, z) (µm); infinite if the controller does not know them."""
         ...
 
     def move(self, target: Point) -> None:
-        """Begin to move to ``target`` (µm) and return."""
+        """Begin to move to ``target`` (x, y, z) (µm), and return."""
         ...
 
     def moving(self) -> bool:
@@ -209,7 +210,7 @@ class StageDevice(Protocol):
         ...
 
     def position(self) -> Point:
-        """Return the position read back from the device (µm)."""
+        """Return the position (x, y, z) read back from the device (µm)."""
         ...
 
     def stop(self) -> None:
@@ -217,7 +218,7 @@ class StageDevice(Protocol):
         ...
 
     def home(self) -> None:
-        """Begin to move to the reference switches and return."""
+        """Begin to move to the reference switches, and return."""
         ...
 
     def close(self) -> None:
@@ -255,11 +256,11 @@ class Gauge(Protocol):
 
 @runtime_checkable
 class Rendered(Protocol):
-    """A simulated camera, or its optics, that states how its light is computed; a session records it."""
+    """A simulated camera, or its optics, that states how its frames are computed."""
 
     @property
     def optics(self) -> str:
-        """``"pattern"``, or a level of `lfcal.simulate`."""
+        """How frames are computed: ``"pattern"``, or a level of `lfcal.simulate`."""
         ...
 
 
@@ -275,7 +276,7 @@ class MovedElsewhere(Protocol):
 
 @runtime_checkable
 class Waiting(Protocol):
-    """A device that states whether its driver waits in real time; all others are assumed to wait."""
+    """A device that states whether its driver waits in real time; all other devices are assumed to wait."""
 
     @property
     def waits(self) -> bool:
@@ -287,7 +288,7 @@ class TimeSource(Protocol):
     """Clock of a rig. The simulator's clock does not wait: it advances immediately by each requested pause."""
 
     def monotonic(self) -> float:
-        """Return seconds from an arbitrary start; never decreases."""
+        """Return the seconds since an arbitrary start; the value never decreases."""
         ...
 
     def sleep(self, seconds: float) -> None:
@@ -295,7 +296,7 @@ class TimeSource(Protocol):
         ...
 
     def wall(self) -> float:
-        """Return seconds since 1970 by the computer's clock, which may jump."""
+        """Return the seconds since 1970 by the computer's clock, which may be adjusted."""
         ...
 
 
@@ -313,7 +314,7 @@ class SystemTime:
     """
 
     def monotonic(self) -> float:
-        """Return `time.monotonic`."""
+        """Return the seconds of `time.monotonic`."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
@@ -321,5 +322,5 @@ class SystemTime:
         time.sleep(max(0.0, seconds))
 
     def wall(self) -> float:
-        """Return `time.time`."""
+        """Return the seconds since 1970, from `time.time`."""
         return time.time()

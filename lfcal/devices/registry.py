@@ -32,7 +32,7 @@ GROUP = "lfcal.devices"
 
 @runtime_checkable
 class Backend(Protocol):
-    """Protocol of a way to access devices, such as a driver library.
+    """Protocol of a backend, which provides access to devices, such as through a driver library.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ BACKENDS = backend_registry()
 
 
 def get_backend(name: str) -> Backend:
-    """Return backend ``name``; raises `InputError` if it does not exist, `DeviceMissing` if it cannot be loaded.
+    """Return the backend ``name``; raises `InputError` if there is none, `DeviceMissing` if it cannot be loaded.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def get_backend(name: str) -> Backend:
 
 
 def find_backends() -> list[BackendStatus]:
-    """Return the availability of every backend, with the reason if it cannot be used.
+    """Return the status of every backend, with the reason if it cannot be used.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def open_rig(
 ) -> Rig:
     """Return the devices of ``backend``, with the stage of the backend named ``stage`` if one is given.
 
-    Options of the stage's backend are given with its name in front: ``micromanager.config=…``.
+    Names of options for the stage's backend begin with the backend's name, such as ``micromanager.config``.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def open_rig(
 
 
 def check_options(backend: Backend, options: Mapping[str, str]) -> None:
-    """Raise `InputError` if an option is not one of the backend's."""
+    """Raise `InputError` if the backend does not have one of the options."""
     for key in options:
         if key not in backend.options:
             known = ", ".join(sorted(backend.options)) or "none"
@@ -216,7 +216,7 @@ def _split(options: Mapping[str, str], stage: str) -> tuple[dict[str, str], dict
 def number_option(
     options: Mapping[str, str], key: str, default: float, *, low: float = -math.inf, high: float = math.inf
 ) -> float:
-    """Return option ``key`` as a number within [``low``, ``high``].
+    """Return option ``key`` as a number within [``low``, ``high``]; ``default`` if it is missing.
 
     Examples
     --------
@@ -237,7 +237,7 @@ def number_option(
 
 
 def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | None:
-    """Parse option ``key``, ``x0:x1,y0:y1,z0:z1`` in µm, into limits; None if it is not given.
+    """Return the limits (µm) in option ``key``, a text ``x0:x1,y0:y1,z0:z1``; None if it is missing.
 
     Examples
     --------

@@ -17,7 +17,7 @@ __all__ = ["FileGauge", "Rig"]
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera, a stage, and a light if it can be switched; as a context manager, the rig closes them at its end.
+    """A camera, a stage and, if it can be switched, a light; as a context manager, the rig closes them at the end.
 
     Every call of camera, stage and light has a time limit, and every answer is checked; see `lfcal.devices.checked`.
     ``others`` are devices that were opened together with these and are closed with them. ``gauges`` measure the

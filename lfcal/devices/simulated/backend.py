@@ -35,7 +35,7 @@ def simulated_rig(
     automatic: Collection[str] = (),
     seed: int = 0,
 ) -> Rig:
-    """Return a simulated rig for ``plan``.
+    """Return a rig with a simulated camera, stage, light and gauges for ``plan``.
 
     Parameters
     ----------
@@ -46,10 +46,10 @@ def simulated_rig(
     axes
         Actual motion of the source by the stage's axes; by default as planned.
     optics
-        A `Renderer`, or a `FrameSource` of full sensor frames such as `lfcal.simulate.SimulatedCamera`; by default a
-        light, quick pattern.
+        A `Renderer`, or a `FrameSource` of full sensor frames such as `lfcal.simulate.SimulatedCamera`; None: a quick
+        pattern without lenslets.
     time
-        Clock; by default virtual: waits take no time.
+        Clock of the rig; None: a virtual clock, with which waits take no time.
     automatic
         Settings that the camera keeps automatic, from ``"ExposureAuto"``, ``"GainAuto"`` and ``"Gamma"``.
     seed
@@ -90,7 +90,7 @@ def simulated_rig(
 
 
 def inject(rig: Rig, fault: DeviceFault) -> None:
-    """Add a fault to a simulated rig in use, to begin ``fault.at`` calls after the next one.
+    """Add a fault to a simulated rig in use; it begins ``fault.at`` calls after the next one.
 
     Raises
     ------
@@ -152,7 +152,7 @@ class SimBackend:
 
 
 def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
-    """Return ``options`` completed by the defaults of the simulator, and its optics.
+    """Return ``options`` with the simulator's default optics and effects, unless ``options`` contains ``optics``.
 
     The plan's camera is simulated with the effects that it needs, because ideal optics focus a point into single
     pixels, which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because
@@ -233,7 +233,7 @@ class SimGauge:
         self.faults = FaultSchedule(faults, (fault,))
 
     def read(self) -> float:
-        """Return the present reading."""
+        """Return the current reading."""
         return self._off if self._fault in self.faults.next_call() else self._usual
 
 

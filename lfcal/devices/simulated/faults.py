@@ -91,7 +91,7 @@ def parse_faults(text: str) -> list[DeviceFault]:
 
 
 class FaultSchedule:
-    """Fault schedule of one device. It counts the device's calls, and decides which faults occur."""
+    """Fault schedule of one device, which counts the device's calls and decides which faults occur."""
 
     def __init__(self, faults: Iterable[DeviceFault], kinds: tuple[str, ...]) -> None:
         self.kinds = kinds
