@@ -35,7 +35,7 @@ class Rung:
     others
         Further values by name, with the unit in the name: ``{"read (s)": 0.2}``.
     note
-        Remark, or empty.
+        Remark; may be empty.
     efficient
         Whether no other point of the curve is both cheaper and more accurate.
 
@@ -81,7 +81,7 @@ class Curve:
     unit
         Unit of the cost, one of `UNITS`.
     truth
-        Reference of the errors.
+        Description of the reference with which results are compared.
     rungs
         Measured points, cheapest first; those on the Pareto front are marked.
     notes
@@ -122,7 +122,7 @@ class Curve:
 
     @property
     def best(self) -> Rung | None:
-        """The most accurate point, the cheapest if several are equal; None without points."""
+        """The most accurate point; of equally accurate points, the cheapest. None without points."""
         return min(self.rungs, key=lambda rung: (rung.error, rung.cost), default=None)
 
     def cheapest(self, error: float) -> Rung | None:
@@ -166,7 +166,7 @@ def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
 
 
 def cost_axis(curve: Curve) -> tuple[str, float]:
-    """Return the label of a chart's cost axis, and the number by which to divide costs for the unit of the label."""
+    """Return the label of the cost axis of a chart, and the divisor that converts costs to the unit in the label."""
     unit, scale = SHOWN[curve.unit]
     name = curve.cost.split(",")[0]  # the whole text does not fit along an axis
     return f"{name} ({unit})" if unit else name, scale

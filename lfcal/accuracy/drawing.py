@@ -25,7 +25,7 @@ FLOOR = 1e-9
 def draw_curves(
     curves: Sequence[Curve], path: str | os.PathLike[str], title: str = "", *, error: float | None = None
 ) -> None:
-    """Write all curves that have points to one page: a logarithmic panel for each, with the Pareto front as a line.
+    """Plot all curves that have points on one page, each in a logarithmic panel with the Pareto front as a line.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ class _Run:
 def iter_measure_curve(
     place: Place, subject: Subject, seconds: float = SECONDS, *, number: int = 0, total: int = 1
 ) -> Work[Curve]:
-    """Return the measured curve of one part of the processing.
+    """Measure one part of the processing, and return its curve of error against cost.
 
     If there is no curve for this subject, or the measurement ends early, `Curve.stopped` states why.
 
@@ -100,7 +100,7 @@ def iter_measure_curve(
     place
         Part of the processing to measure.
     subject
-        The measured plan or H.
+        Plan or H to measure.
     seconds
         Approximate time limit (s): no point is begun that would end later.
     number, total

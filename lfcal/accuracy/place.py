@@ -14,7 +14,7 @@ __all__ = ["PLACES", "AccuracyStep", "Measuring", "Place", "Truth", "find_places
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Reference and conditions of the errors of a curve; yielded once, before the first point."""
+    """Reference with which results of a curve are compared, and conditions; yielded once, before the first point."""
 
     label: str
     notes: tuple[str, ...] = ()
@@ -22,7 +22,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyStep:
-    """Description of the next step, and its approximate duration (s; None: as long as the previous one)."""
+    """Description of the next step, and its approximate duration (s); None: as long as the previous step."""
 
     label: str
     seconds: float | None = None

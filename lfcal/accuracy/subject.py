@@ -32,7 +32,7 @@ LONGEST_WAVES = 6.0
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A part of H over whole periods: the middle of the cutout in some planes.
+    """A sample of H over whole periods: some of its planes, with the middle part of each cutout.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Patterns:
     Attributes
     ----------
     values
-        Patterns ``(rows, columns, nt, ns)`` at a grid of positions.
+        Patterns at a grid of positions, ``(rows, columns, nt, ns)``.
     scale
         Ratio of the number of patterns of the whole H to that of the sample.
     notes
@@ -70,16 +70,16 @@ class Patterns:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A scan plan, H, or H with its plan.
+    """Subject of a measurement: a scan plan, H, or H with its plan.
 
     Attributes
     ----------
     name
         Name for titles.
     plan
-        The scan plan, if known.
+        The scan plan; None if unknown.
     matrix
-        H, if there is one; otherwise samples are simulated.
+        H; None: samples are simulated from the plan.
     no_plan
         Reason why there is no plan; empty if there is one.
     workers
@@ -112,7 +112,10 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return H, or the H of an HT file, as a subject, with the plan from its provenance or its camera."""
+        """Return the subject for H, or for the H of a transposed matrix.
+
+        The plan is read from the provenance of H, or made from its camera.
+        """
         H = matrix.T if matrix.is_transposed else matrix
         plan, reason = _plan_of(H)
         return cls(name, plan, H, reason, workers)
@@ -131,7 +134,7 @@ class Subject:
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """Shape of the whole H."""
+        """Shape ``(nz, ny, nx, nt, ns)`` of the whole H."""
         return self.planned.shape if self.matrix is None else self.matrix.shape
 
     @property
@@ -141,7 +144,7 @@ class Subject:
 
     # -- samples ---------------------------------------------------------------------------------------
     def iter_sample(self, planes: int) -> Work[Sample]:
-        """Return at most ``planes`` planes of H over whole periods, computed once; yields progress."""
+        """Return a sample of at most ``planes`` planes of H, which is computed once; yields progress."""
         count = min(planes, self.shape[0])
         if count not in self._samples:
             made = self._read(count) if self.matrix is not None else self._simulated(count)
@@ -151,7 +154,7 @@ class Subject:
         return self._samples[count]
 
     def iter_patterns(self) -> Work[Patterns]:
-        """Return patterns of the middle plane, spread over the period, computed once; yields progress."""
+        """Return patterns of the middle plane, spread over the period, which are computed once; yields progress."""
         if not self._patterns:
             yield Clock("patterns", 1).at(0)
             _, ny, nx, nt, ns = self.shape

@@ -37,7 +37,7 @@ def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") 
     Parameters
     ----------
     command_line
-        Function that runs the commands; another program may pass its own one, and then handles errors in the same way.
+        Function that runs the commands. Another program may pass its own function, to report errors in the same way.
     program
         Name of the program in its help.
 

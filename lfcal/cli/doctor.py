@@ -77,7 +77,10 @@ def _show_window(json: bool) -> None:
 
 
 def examine() -> dict[str, Any]:
-    """Return the findings as plain values: ``machine``, ``libraries`` (None if absent), ``devices``, ``plugins``."""
+    """Return the findings as plain values, by ``machine``, ``libraries``, ``devices`` and ``plugins``.
+
+    The version of a library is None if it is absent.
+    """
     from dataclasses import asdict
 
     from lfcal import __version__

@@ -10,7 +10,7 @@ from lfcal.tasks import PositionsPlanned
 
 
 def show(made: tuple[PositionsPlanned]) -> None:
-    """Print the expected error against the number of positions."""
+    """Print the expected error for each number of positions."""
     from lfcal.fit import ERRORS, Fineness
 
     (one,) = made

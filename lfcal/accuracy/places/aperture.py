@@ -30,7 +30,7 @@ TOLERANCE = 0.05
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of the iris fitted to sums over increasingly fine grids of positions, with the sensor's noise.
+    """Yield the error of the iris fitted to sums of noisy patterns on increasingly fine grids of positions.
 
     The sums are simulated with rays.
     """
@@ -69,10 +69,11 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def iris_diameter_px(camera: Camera, z_um: float) -> float:
-    """Return the diameter of a circle with the area of the iris's shadow on the sensor (pixels).
+    """Return the diameter (pixels) of a circle with the area of the iris's shadow on the sensor.
 
-    Without deflection by its lenslet, a ray through pupil point p meets the sensor at ``p (a - B)/(b + a)`` from the
-    chief ray.
+    A ray through point p of the iris that no lenslet deflects meets the sensor at the distance ``p (a - B)/(b + a)``
+    from the chief ray. Here a is the shift of the image in depth, B the gap between lenslets and sensor, and b the
+    image distance of the main lens.
 
     Raises
     ------
@@ -100,7 +101,8 @@ def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.r
     Parameters
     ----------
     total
-        Sum of the patterns, in units of the brightest pixel of a frame, whose level is `FULL` of the full well.
+        Sum of the patterns, in units of the brightest pixel of a frame; that pixel reaches the fraction `FULL` of the
+        full well.
     frames
         Number of frames in the sum.
     sensor, rng

@@ -67,7 +67,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def dark_level(camera: Camera) -> float:
     """Return the mean sample value of dark frames.
 
-    If the black level is within the noise, values below zero are clipped, and the mean is above the black level.
+    If the black level is below the noise, negative values are clipped to zero, and the mean exceeds the black level.
     """
     black = np.zeros(camera.sensor.shape, np.float32)
     frames = range(max(1, DARK_PIXELS // black.size))
@@ -112,8 +112,8 @@ def _cut_off(camera: Camera) -> tuple[str, ...]:
 def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_count: float, count: int) -> float:
     """Return the mean absolute error of the mean of ``count`` frames, relative to the mean light.
 
-    The mean of n values with normal noise of variance v has the mean absolute error ``sqrt(2 v / (pi n))``. For few
-    electrons, noise is not normal.
+    The mean of n values with normal noise of variance v has the mean absolute error ``sqrt(2 v / (pi n))``. With few
+    electrons, the noise is not normal, and the result is approximate.
     """
     counts = light_e.astype(np.float64) / electrons_per_count
     variance = float(noise.constant) + float(noise.slope) * counts

@@ -57,14 +57,14 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def sample_noise(
     modulator: Modulator, inverse: np.ndarray, electrons: float, sensor: Sensor, rng: np.random.Generator
 ) -> float:
-    """Return the rms error of recovered samples relative to their value, with photon and read noise.
+    """Return the rms error of recovered samples, relative to their value, with photon and read noise.
 
     Parameters
     ----------
     modulator, inverse
-        The modulator and its pseudo-inverse ``(N, K)``.
+        The modulator and its pseudo-inverse ``(samples, pixels)``.
     electrons
-        Electrons of a pixel in unmodulated light.
+        Number of electrons in a pixel in unmodulated light.
     sensor
         Sensor with its read noise.
     rng

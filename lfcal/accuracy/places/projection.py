@@ -51,9 +51,9 @@ class PointByPoint:
     Attributes
     ----------
     H
-        ``(nz, ny, nx, nt, ns)``.
+        PSF matrix ``(nz, ny, nx, nt, ns)``.
     anchor
-        Pixel (row, column) on which position (0, 0) is imaged.
+        Pixel (row, column) onto which position (0, 0) is imaged.
     shape
         Rows and columns of the image.
     """
@@ -63,7 +63,7 @@ class PointByPoint:
     shape: tuple[int, int]
 
     def pattern(self, voxel: tuple[int, int, int]) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
-        """Return the position of the pattern of a voxel (z, y, x) in the image, and its part inside the image."""
+        """Return the slices of the image that the pattern of a voxel (z, y, x) covers, and that part of the pattern."""
         z, y, x = voxel
         _, ny, nx, nt, ns = self.H.shape
         whole = np.asarray(self.H[z, (y - self.anchor[0]) % ny, (x - self.anchor[1]) % nx], np.float64)
@@ -73,7 +73,7 @@ class PointByPoint:
         return (rows, columns), whole[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
 
     def forward(self, voxels: list[tuple[int, int, int]], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the image of ``values`` at ``voxels``."""
+        """Return the image of an object with ``values`` ``(n,)`` at ``voxels`` and zeros elsewhere."""
         out = np.zeros(self.shape)
         for voxel, value in zip(voxels, values, strict=True):
             where, pattern = self.pattern(voxel)
@@ -81,7 +81,7 @@ class PointByPoint:
         return out
 
     def adjoint(self, voxels: list[tuple[int, int, int]], image: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the back projection of ``image`` at ``voxels``."""
+        """Return the back projection ``(n,)`` of ``image`` at ``voxels``."""
         found = [self.pattern(voxel) for voxel in voxels]
         return np.array([float((image[where] * pattern).sum()) for where, pattern in found])
 
@@ -99,7 +99,7 @@ class _Test:
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of every setting compared with explicit sums, and the time of a forward and a back projection."""
+    """Yield the error of every setting relative to explicit sums, and the time of a forward and a back projection."""
     sample = yield from subject.iter_sample(1)
     H = sample.matrix
     shape = _image_shape(H.shape)

@@ -26,7 +26,7 @@ HALF = "float16 is shown only for comparison; H files never use it"
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error and size of patterns of H written with every type and compression and read again."""
+    """Yield the error and size of patterns of H that were written with each type and compression and read again."""
     patterns = yield from subject.iter_patterns()
     values = patterns.values
     kind = "the values of H as read from the file" if subject.matrix is not None else "the simulated values"
