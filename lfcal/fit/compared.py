@@ -39,7 +39,7 @@ class Compared:
     label
         Name of the frame.
     found
-        Position in H, position on the sensor, and correlation.
+        Position of the matching pattern in H, position of its cutout on the sensor, and their correlation.
     displacement_px, displacement_sigma
         Displacement (dy, dx) of the source from that position, fitted together with gain and background, and its
         standard deviation (pixels).
@@ -52,11 +52,12 @@ class Compared:
     doubt
         Uncertainty of the prediction by H for a source between its positions (relative L2).
     beside_px
-        Distance (dy, dx) of the source from its known position (pixels); None if the position is not known.
+        Offset (dy, dx) of the source from its known position (pixels); None if the position is not known.
     values, light, noise, weight
-        Samples minus background, prediction of H, variance, and 1/sigma (0: not measured), each ``(nt, ns)``.
+        Arrays ``(nt, ns)``: samples minus background, prediction of H times ``gain``, variance, and 1/sigma (0: not
+        measured).
     moved
-        Change of the light when the source is displaced ``(2, nt, ns)``.
+        Derivative of ``light`` by the displacement (dy, dx) of the source, per pixel, ``(2, nt, ns)``.
     """
 
     label: str
@@ -82,7 +83,7 @@ class Compared:
 
 
 class Says(Protocol):
-    """Protocol of a prediction of the pattern of a source at or near a position."""
+    """Protocol for the predicted pattern of a source at or near a position."""
 
     valid: NDArray[np.bool_]
     """Pixels ``(nt, ns)`` for which there is a prediction."""
@@ -95,11 +96,15 @@ class Says(Protocol):
         """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
 
     def doubt(self, offset: F8) -> float:
-        """Return the uncertainty of this prediction (relative L2)."""
+        """Return the uncertainty of the prediction for a source displaced by ``offset`` pixels (relative L2)."""
 
 
 def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tuple[float, float]) -> Compared:
-    """Return a frame compared with its prediction, with the best-fit gain, background and position of the source."""
+    """Compare a frame with its prediction at the best-fit gain, background and position of the source.
+
+    ``noise`` is the constant and the slope of the variance of a sample. `InputError` is raised if the frame has fewer
+    than nine usable samples, or no light above its noise.
+    """
     raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
     data, good = raw.astype(np.float64), there & expected.valid
     if good.sum() < 9:

@@ -35,12 +35,12 @@ PASSES = 4
 
 
 class Chosen:
-    """Information of a changing set of patterns about the unknowns, with gain and background of planes eliminated.
+    """Information about the unknowns from a changing set of patterns; gain and background of each plane are eliminated.
 
     Parameters
     ----------
     information
-        Information of each pattern, and the quantity to minimize.
+        Information from each single pattern, and the weights of the error to minimize.
     """
 
     def __init__(self, information: Information) -> None:
@@ -58,17 +58,17 @@ class Chosen:
 
     @property
     def covariance(self) -> F8:
-        """Covariance of the unknowns ``(k, k)`` in scales."""
+        """Covariance ``(k, k)`` of the unknowns, each in units of its scale."""
         found: F8 = _inverse(self.matrix[None])[0]
         return found
 
     def add(self, *rows: int) -> None:
-        """Add patterns."""
+        """Add the patterns with the indices ``rows`` to the set."""
         self._rows += rows
         self._summed({int(self._planes[row]) for row in rows})
 
     def remove(self, row: int) -> None:
-        """Remove a pattern."""
+        """Remove the pattern with the index ``row`` from the set."""
         self._rows.remove(row)
         self._summed({int(self._planes[row])})
 
@@ -80,7 +80,7 @@ class Chosen:
         self.matrix = self._information.prior + _eliminated(self._sums).sum(0)
 
     def trials(self, rows: NDArray[np.intp]) -> F8:
-        """Return the expected squared error of H after adding each of the patterns ``rows`` alone."""
+        """Return the expected squared error of H ``(n,)`` after adding each of the ``n`` patterns ``rows`` alone."""
         z = self._planes[rows]
         before = _eliminated(self._sums)[z]
         after = _eliminated(self._sums[z] + self._information.patterns[rows])
@@ -113,9 +113,10 @@ def _inverse(matrices: F8) -> F8:
 
 
 def choose(information: Information, count: int, allowed: NDArray[np.intp]) -> list[int]:
-    """Return the ``count`` patterns among ``allowed`` that lower the expected error of H most, the most useful first.
+    """Return the indices of the ``count`` patterns in ``allowed`` that lower the expected error of H most, best first.
 
-    Patterns are added greedily. Then each is exchanged with all others until no exchange helps.
+    Patterns are first added greedily. Each is then exchanged for a better one, in at most `PASSES` rounds, until no
+    exchange lowers the error.
     """
     chosen, free = Chosen(information), np.asarray(allowed, np.intp)
     taken = _greedy(chosen, free, count)
@@ -174,7 +175,7 @@ class CurvePoint:
     positions
         Number of recorded positions, including held-out ones.
     error
-        Expected relative error (L2) of H from the positions chosen.
+        Expected relative error (L2) of H from the chosen positions.
     spread_error
         Expected relative error (L2) of H from the same number of evenly spread positions.
     hours
@@ -194,13 +195,13 @@ class PositionDesign:
     Attributes
     ----------
     fitted
-        Positions ``(n, 3)`` as (z, y, x) that lower the error, the most useful first.
+        Positions ``(n, 3)`` as (z, y, x) chosen to lower the error, the most useful first.
     held_out
         Held-out positions ``(m, 3)``, spread evenly.
     curve
         Expected error against number of positions; the last point is for all of them.
     pattern_error
-        Relative error (L2) of an H with all positions recorded once, due to the noise of each pattern.
+        Relative error (L2) of an H in which every position was recorded once, due to the noise of each pattern.
     start_error
         Expected error before any of these positions is recorded; None without an earlier fit.
     sigmas
@@ -266,7 +267,8 @@ def iter_next_positions(
     candidates
         Number of evenly spread candidate positions; 0: all.
     stage_um_per_s, frames_per_s
-        Speed of the stage and frame rate of the camera, for the recording time; None: readout is not counted.
+        Speed of the stage (µm/s) and frame rate of the camera (1/s), which determine the recording time. Without a
+        frame rate, readout is not counted.
     workers
         Number of threads; None: all processors.
 

@@ -32,18 +32,19 @@ class FitResiduals:
     index
         Positions ``(n, 3)`` as (z, y, x).
     measured, model, residual
-        Patterns ``(n, nt, ns)``: as recorded, as predicted with gain and background, and their difference in sigmas.
+        Patterns ``(n, nt, ns)``: as recorded, as predicted with gain and background, and their difference in standard
+        deviations.
     chi2
         Mean square of the residuals of each pattern ``(n,)``, weighted by the light.
     by_plane
         Mean square of the residuals of each plane ``(nz,)``; NaN without a measurement.
     by_type
-        Mean square of the residuals of the pixels behind each lens type, or each lenslet of a Fourier
-        light-field microscope.
+        Mean square of the residuals of the pixels behind each lens type or, in a Fourier light-field microscope, behind
+        each lenslet.
     maps
         Mean square of the residuals of each plane's patterns ``(nz, nt, ns)``, NaN without a measurement.
     type_name
-        What ``by_type`` counts, for people.
+        Name of one category of ``by_type``: "lens type" or "lenslet".
     """
 
     index: NDArray[np.intp]
@@ -58,7 +59,7 @@ class FitResiduals:
 
 
 def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
-    """Return the residuals of patterns that were fitted or held out, without outliers."""
+    """Return the residuals of the fitted and held-out patterns, without outliers."""
     index = np.array(list(fit.residuals), np.intp).reshape(-1, 3)
     rows = {tuple(at): k for k, at in enumerate(measured.index.tolist())}
     own = np.array([rows[tuple(at)] for at in index.tolist()], np.intp)
@@ -96,11 +97,12 @@ def _ratio(above: NDArray[np.float64], below: NDArray[np.float64]) -> NDArray[np
 
 
 def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.intp]:
-    """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of a source position.
+    """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of source position (y, x).
 
-    ``camera`` is the fitted camera, ``plan`` the scan with the described camera.
+    ``camera`` is the fitted camera; ``plan`` is the scan with the described camera.
 
-    In a Fourier light-field microscope, the type is the number of the lenslet nearest to the pixel.
+    In a Fourier light-field microscope, the index of the lenslet whose image is nearest to the pixel is returned
+    instead.
     """
     nt, ns = plan.cutout
     rows = round(plan.anchor[0] + y) + np.arange(nt) - (nt - 1) // 2
@@ -116,7 +118,7 @@ def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.int
 
 
 def draw_patterns(left: FitResiduals, path: str | os.PathLike[str]) -> None:
-    """Draw measured, model and residual of some patterns, from the best to the worst."""
+    """Draw measurement, model and residual of some patterns, from the best-fitting to the worst-fitting."""
     order = np.argsort(np.nan_to_num(left.chi2))
     chosen = order[np.unique(np.linspace(0, len(order) - 1, SHOWN).round().astype(int))]
     rows = len(chosen)
@@ -163,7 +165,7 @@ def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
 
 
 def draw_parameters(fit: Fit, path: str | os.PathLike[str]) -> None:
-    """Draw the deviation of every parameter from the described value, in standard deviations of the parameter."""
+    """Draw the deviation of every parameter from its described value, in standard deviations of the parameter."""
     found = list(fit.parameters.values())
     off = [(one.value - one.start) / one.sigma if one.sigma > 0 else 0.0 for one in found]
     with figure(7.0, 1.2 + 0.24 * len(found)) as fig:

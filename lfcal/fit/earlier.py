@@ -38,15 +38,15 @@ class Earlier:
     names, sigmas, correlations
         Names of the parameters, their standard deviations, and correlations ``(k, k)``.
     values
-        Fitted values.
+        Fitted values of the parameters ``(k,)``.
     spread
         Scatter of the sources' positions, and stability of the lamp.
     positions
-        Used positions ``(n, 3)`` as (z, y, x), including held-out ones.
+        Positions ``(n, 3)`` of the patterns used, as (z, y, x), including held-out ones.
     depths_um
-        Planned depths of the planes in its scan (µm).
+        Planned depths of the planes of the scan (µm).
     complete
-        Whether the model is complete; otherwise more patterns do not help.
+        Whether the model explains the patterns to within their noise; otherwise, more patterns do not help.
     """
 
     setup: Setup
@@ -78,7 +78,7 @@ class Earlier:
         )
 
     def check_plan(self, plan: ScanPlan) -> None:
-        """Raise `InputError` unless the fit belongs to the planes and positions of this scan."""
+        """Raise `InputError` unless the fit has the depth planes of ``plan`` and positions within it."""
         if len(plan.depths_um) != len(self.depths_um) or not np.allclose(plan.depths_um, self.depths_um, rtol=1e-6):
             got = ", ".join(f"{z:g}" for z in plan.depths_um)
             wanted = ", ".join(f"{z:g}" for z in self.depths_um)
@@ -88,7 +88,7 @@ class Earlier:
         plan.in_scan_order(self.positions)
 
     def information(self, unknowns: Sequence[Unknown]) -> F8:
-        """Return the information of the fit about ``unknowns`` ``(k, k)``, in their scales.
+        """Return the information ``(k, k)`` that the fit provides about ``unknowns``, each in units of its scale.
 
         It is zero for unknowns that were not fitted.
         """

@@ -44,7 +44,8 @@ class FieldRegion:
     name
         Name of the region.
     period, anchor
-        Number of positions of its scan, and sensor position of the first image, as in `ScanPlan`.
+        Number of positions (rows, columns) of the scan of the region, and sensor position of its first image, as in
+        `ScanPlan`.
     """
 
     name: str
@@ -93,17 +94,17 @@ class Regional(Measured):
         return tuple(replace(self.plan, period=one.period, anchor=one.anchor) for one in self.regions)
 
     def parts(self) -> Iterator[tuple[ScanPlan, NDArray[np.intp], int]]:
-        """Yield, for each region with patterns, its plan, which patterns belong to it, and its number."""
+        """Yield the plan, the indices of the patterns, and the index of each region that has patterns."""
         plans = self.plans
         for k in np.unique(self.region).tolist():
             yield plans[k], np.flatnonzero(self.region == k), k
 
     def of(self, keep: NDArray[np.bool_]) -> Regional:
-        """Return the selected patterns."""
+        """Return the patterns that the mask ``keep`` ``(n,)`` selects."""
         return replace(self, **self._some(keep), region=self.region[keep])
 
     def of_region(self, k: int) -> Measured:
-        """Return the patterns of one region, as if from a separate scan."""
+        """Return the patterns of the region with index ``k``, as if from a separate scan."""
         own = self.region == k
         return Measured(self.plans[k], **self._some(own))
 
@@ -212,15 +213,19 @@ class FieldFit:
         return self.first.effects
 
     def setup_at(self, plan: ScanPlan) -> Setup:
-        """Return the setup for a scan elsewhere in the field: sources as planned, planes as in the first region."""
+        """Return the setup for a scan elsewhere in the field.
+
+        Sources are at their planned positions. Depth errors of the planes are those of the first region.
+        """
         first = self.first.setup
         depths = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, first.depth_errors_um))
         return replace(first, depth_errors_um=tuple(map(float, depths)), aside_px=(0.0, 0.0), stage_scale=0.0)
 
     def fit_at(self, plan: ScanPlan) -> Fit:
-        """Return the fit for a scan elsewhere in the field: `Fit.model` is H there, with the mean light of all regions.
+        """Return the fit for a scan elsewhere in the field.
 
-        The fitted camera is used, whatever the camera of the plan.
+        Its `Fit.model` is H at that part of the field, with the mean light of all regions. The fitted camera replaces
+        the camera of ``plan``.
         """
         gains = np.mean([fit.levels.gains for fit in self.fits.values()], axis=0)
         light = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, gains))
@@ -230,7 +235,7 @@ class FieldFit:
         return replace(self.first, setup=setup, planned=planned, levels=levels, residuals={}, outliers=())
 
     def wavefront_at(self, field_um: tuple[float, float]) -> tuple[Term, ...]:
-        """Return the wavefront at (x, y) from the axis on the sensor (µm), each term with its standard deviation."""
+        """Return the terms of the wavefront at the point (x, y) on the sensor, relative to the axis (µm)."""
         x, y = field_um
         names = list(self.first.parameters)
         sigmas = np.array([one.sigma for one in self.first.parameters.values()])
@@ -273,16 +278,16 @@ def iter_fit_field(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Return the one camera that explains patterns of several regions of the field.
+    """Return the single camera that best explains the patterns of several regions of the field.
 
-    Its parameters are the same in all regions. The wavefront changes between regions by the group ``field_wavefront``,
-    the distance of the image by ``field_curvature``. Light, background, and positions of the sources are separate for
-    each region.
+    The parameters of the camera are the same in all regions. The groups ``field_wavefront`` and ``field_curvature``
+    describe how the wavefront and the image distance vary between regions. Light, background and positions of the
+    sources are separate for each region.
 
     Parameters
     ----------
     patterns
-        Patterns of each region by name; the anchors of their plans state its position on the sensor.
+        Patterns of each region by name; the anchor of their plan is the position of the region on the sensor.
     camera
         The described camera, from which the fit starts; None: that of the first region.
     unknowns, effects, stage, workers

@@ -30,21 +30,21 @@ OF_ALL = (
 
 
 class WrittenField(NamedTuple):
-    """Files of a fit of regions, and the summary of each hybrid H."""
+    """Files of a fit of several regions, and the summary of each hybrid H."""
 
     files: list[Path]
     hybrids: dict[str, HybridSummary]
 
 
 def field_outputs(folder: Path, names: Iterable[str]) -> list[Path]:
-    """Return all files of a fit of regions in ``folder``."""
+    """Return the paths of all files that a fit of several regions writes to ``folder``."""
     files = [folder / name for name in (CAMERA, EFFECTS, FIELD)]
     files += field_report_files(folder / REPORT)
     return [*files, *(path for name in names for path in fit_outputs(folder / name))]
 
 
 def field_dict(fit: FieldFit) -> dict[str, Any]:
-    """Return the common result of all regions as plain JSON types; lengths in µm, angles in radians."""
+    """Return the results of a fit of several regions as plain JSON types; lengths in µm, angles in radians."""
     whole = fit_dict(fit.first)
     regions = []
     for name, own in fit.fits.items():
@@ -81,7 +81,7 @@ def iter_write_field(
     workers: int | None = None,
     run: RunChoice | None = None,
 ) -> Work[WrittenField]:
-    """Write all files of a fit of regions; ``field.json`` is last, so that it exists only if all others do.
+    """Write all files of a fit of several regions; ``field.json`` is last, so that it exists only if all others do.
 
     Parameters
     ----------

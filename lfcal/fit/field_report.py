@@ -51,7 +51,7 @@ F8 = NDArray[np.float64]
 
 
 def field_report_files(folder: Path) -> list[Path]:
-    """Return the paths of the report of a fit of regions in ``folder``, with the page last."""
+    """Return the paths of the report of a fit of several regions in ``folder``, with the page last."""
     return [folder / PICTURE, folder / PAGE]
 
 

@@ -54,7 +54,7 @@ def measured_camera(fit: Fit) -> Camera:
 
 
 def effects_text(fit: Fit) -> str:
-    """Return the effects as a JSON file for ``lfcal simulate --effect``, all switched on."""
+    """Return the fitted effects as JSON text for ``lfcal simulate --effect``, with all of them switched on."""
     return entries_json(
         Entry(
             effect,
@@ -67,7 +67,7 @@ def effects_text(fit: Fit) -> str:
 
 
 def fit_dict(fit: Fit) -> dict[str, Any]:
-    """Return all results as plain JSON types; lengths in µm, angles in radians."""
+    """Return all results of a fit as plain JSON types; lengths in µm, angles in radians."""
     error = fit.held_out_error
     found: dict[str, Any] = plain(
         {
@@ -119,11 +119,12 @@ def iter_write_model(
     run: RunChoice | None = None,
     keep: bool = False,
 ) -> Work[Path]:
-    """Write H of the fitted camera to a file, one plane in memory at a time; yields progress in rows.
+    """Write H of the fitted camera to a file, with one plane in memory at a time.
 
-    Closing the generator leaves no incomplete file. ``provenance`` is stored in addition to that of the fit. With
-    ``run``, each plane is a unit, whose file stays with ``keep``. The fit itself has no units, because each of its
-    steps takes seconds and needs the step before. After a stop it is repeated with the same result, and H is resumed.
+    Yields progress in rows. Closing the generator leaves no incomplete file. ``provenance`` is stored in addition to
+    that of the fit. With ``run``, each plane is computed as a separate unit; ``keep`` keeps the files of the units. The
+    fit itself has no units, because each of its steps takes seconds and needs the previous step. After a stop, the fit
+    is repeated with the same result, and H is resumed.
 
     Raises
     ------
@@ -144,10 +145,10 @@ def iter_write_hybrid(
     compression: str = "gzip",
     workers: int | None = None,
 ) -> Work[HybridSummary]:
-    """Write the hybrid H of a fit and recorded patterns to a file, plane by plane; return its summary.
+    """Write the hybrid H of a fit and recorded patterns to a file, plane by plane, and return its summary.
 
-    Yields progress; closing it leaves no incomplete file. ``noise`` is constant and slope of a sample's variance, if H
-    does not state it; ``provenance`` is stored in addition to that of the fit.
+    Yields progress; closing it leaves no incomplete file. ``noise`` is the constant and the slope of the variance of a
+    sample, required if ``source`` does not state them. ``provenance`` is stored in addition to that of the fit.
 
     Raises
     ------
@@ -179,7 +180,9 @@ class Written(NamedTuple):
 
 
 def write_found(fit: Fit, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
-    """Write camera, effects, and finally the numbers with the time; return the paths, whose names derive from ``name``.
+    """Write camera, effects and finally ``numbers`` with the time to ``folder``, and return the paths.
+
+    ``name`` is the name of the file of the numbers.
 
     Raises
     ------
@@ -197,7 +200,7 @@ def write_found(fit: Fit, folder: Path, name: str, numbers: Mapping[str, Any]) -
 
 
 def fit_outputs(folder: Path) -> list[Path]:
-    """Return all files of a fit in ``folder``."""
+    """Return the paths of all files that a fit writes to ``folder``."""
     files = [folder / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
     return [*files, *report_files(folder / REPORT)]
 
@@ -231,8 +234,8 @@ def iter_write_fit(
     workers
         Number of threads; None: all processors.
     run
-        Executor for the planes of a model H in units; None: one after the other. A hybrid H is not made in units,
-        because its summary covers all planes.
+        Executor that computes the planes of a model H as separate units; None: one after the other. A hybrid H has no
+        units, because its summary covers all planes.
 
     Raises
     ------

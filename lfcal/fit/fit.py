@@ -71,8 +71,8 @@ class FitProgress(Progress):
         coarse model. The value approaches 1 from round to round. It may rise when the fit continues with finer
         sampling.
     held_out, below_noise
-        Error of the held-out patterns beyond model and noise, as a fraction of their rms (relative L2), NaN without
-        held-out patterns; and whether noise hides it, so that the value is an upper limit of two standard deviations.
+        Error of the held-out patterns beyond model and noise, as a fraction of their rms (relative L2; NaN without
+        held-out patterns), and whether noise hides it. If so, the value is an upper limit of two standard deviations.
     """
 
     chi2: float = math.nan
@@ -145,8 +145,8 @@ def iter_fit_camera(
         Groups of unknowns by name; or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
         all other groups that lower the error of held-out patterns.
     effects
-        Effects simulated at the start; None: those in the camera's description, and for a microscope the vector field
-        if it matters (`starting_effects`).
+        Effects simulated at the start; None: those in the camera's description, and the vector field if its effect is
+        noticeable (`starting_effects`).
     stage
         Position error of the sources (rms, pixels); 0: none; ``"auto"``: estimated from the patterns.
     workers
@@ -247,14 +247,14 @@ def iter_retrieved(
     start: NDArray[np.float64] | None = None,
     local: Local | None = None,
 ) -> Work[Finished]:
-    """Return the best point of a problem; ``core`` groups are fitted, and those of the ``candidates`` that help.
+    """Return the result of a problem at its best-fit point.
 
     Parameters
     ----------
     problem
         Problem with the unknowns of all groups.
     core, candidates
-        Names of groups.
+        Names of the groups that are always fitted, and of those that are added if they lower the held-out error.
     stage
         As in `fit_camera`.
     start
@@ -290,7 +290,7 @@ CUT_PUPIL = (0.98, 0.96, 0.93, 0.9)
 def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point:
     """Return the point, or a better one at which the edge of the pupil cuts lenslets of a Fourier microscope.
 
-    While the edge of a pupil that is described too large cuts no lenslet, derivatives by the aperture are zero.
+    If the pupil is described too large, its edge cuts no lenslet, and the derivatives by the aperture are zero.
     """
     camera = problem.vector.setup_at(point.u).camera
     which = problem.vector.of_groups(["iris"])
@@ -317,7 +317,7 @@ def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers:
 
 
 def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the groups to fit, and the groups to try."""
+    """Return the names of the groups to fit, and of those to try in addition."""
     if isinstance(unknowns, str):
         if unknowns != "auto":
             names = " or ".join(GROUPS.names())
@@ -331,7 +331,7 @@ def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str
 
 
 def addable(candidates: Sequence[str]) -> list[str]:
-    """Return the groups that are added if they help, without those that always stay fixed."""
+    """Return the ``candidates`` that a fit may add, without those that always stay fixed."""
     return [name for name in candidates if not GROUPS.get(name).held]
 
 

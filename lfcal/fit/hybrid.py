@@ -39,30 +39,30 @@ __all__ = [
 
 
 class FittedPlace(Protocol):
-    """A position of a pattern."""
+    """Protocol for the position (z, y, x) of a pattern."""
 
     @property
     def z(self) -> int:
-        """Depth plane."""
+        """Index of the depth plane."""
         ...
 
     @property
     def y(self) -> int:
-        """Row."""
+        """Row of the position."""
         ...
 
     @property
     def x(self) -> int:
-        """Column."""
+        """Column of the position."""
         ...
 
 
 class Fitted(Protocol):
-    """The parts of `lfcal.fit.Fit` that a hybrid H needs; attributes are the same."""
+    """Protocol for the attributes and methods of `lfcal.fit.Fit` that a hybrid H needs."""
 
     @property
     def planned(self) -> ScanPlan:
-        """The plan of the scan."""
+        """The scan as planned, with the described camera."""
         ...
 
     @property
@@ -87,7 +87,7 @@ class Fitted(Protocol):
 
     @property
     def held_out_error(self) -> ModelError:
-        """Error of the model's patterns."""
+        """Error of the patterns of the model."""
         ...
 
     def planes(self) -> ModelPlanes:
@@ -114,7 +114,7 @@ NEIGHBOURS = 6
 def model_uncertainty(model: F4, share: float) -> F4:
     """Return the standard deviation of each entry of a model ``(ny, nx, nt, ns)`` with relative L2 error ``share``.
 
-    It is proportional to the light around each pixel, because errors displace and blur light.
+    The standard deviation is proportional to the light around each pixel, because errors displace and blur light.
     """
     from scipy.ndimage import gaussian_filter  # slow to import
 
@@ -135,7 +135,10 @@ class RecordedPatterns:
 
     @classmethod
     def of(cls, source: PSFMatrix | Measured, planned: ScanPlan, given: tuple[float, float] | None) -> RecordedPatterns:
-        """Return the patterns of an H, or given patterns; raises `InputError` if they belong to another scan."""
+        """Return the patterns of ``source``; ``given`` replaces the noise that an H states.
+
+        `InputError` is raised if the patterns belong to a scan other than ``planned``, or if their noise is unknown.
+        """
         shape = planned.shape
         if isinstance(source, Measured):
             _check_scan(planned, source.plan.shape, source.plan.depths_um, source.plan.anchor)
@@ -181,9 +184,9 @@ def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, an
 def iter_plane_data(
     fit: Fitted, recorded: RecordedPatterns, z: int, model: F4, workers: int | None
 ) -> Work[tuple[PlaneResiduals, Facts]]:
-    """Return the model and residuals of plane ``z``, and which positions have them; outliers count as not recorded.
+    """Return the model and residuals of plane ``z``, and a mask of the positions with residuals.
 
-    Yields progress in patterns.
+    Outliers count as not recorded. Yields progress in patterns.
     """
     counts = recorded.counts[z]
     residual, precision = np.zeros_like(model), np.zeros_like(model)
@@ -336,9 +339,9 @@ class HybridSummary:
     hybrid, model, outliers
         Number of positions of each `Origin`.
     between
-        Number of positions among ``hybrid`` that were not recorded but interpolated from their neighbours.
+        Number of the positions in ``hybrid`` that were not recorded but interpolated from their neighbours.
     change, largest
-        Difference of the changed positions from the model (relative L2): rms and largest.
+        Root-mean-square and largest difference of the changed positions from the model (relative L2).
     """
 
     hybrid: int

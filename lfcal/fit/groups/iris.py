@@ -58,7 +58,7 @@ class ApertureGroup(Group):
     needs = "lenslets that the edge of the pupil cuts"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return f-number and rotation of the iris, or a microscope's numerical aperture."""
+        """Return the f-number and rotation of the iris, or the numerical aperture of a microscope."""
         del frame
         optics = setup.camera.optics
         if isinstance(optics, Microscope):
@@ -76,7 +76,7 @@ class ApertureGroup(Group):
         return size, Unknown("iris_rotation_rad", self.name, "rad", turn, 0.05, None, turn - half, turn + half)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this iris."""
+        """Return the setup with the size and rotation of the iris in ``values``."""
         del frame
         names = {"iris_rotation_rad": "blade_rotation_rad"}
         return _optics(setup, **{names.get(name, name): value for name, value in values.items()})
@@ -99,7 +99,7 @@ class BladeCurvature(Group):
         return (Unknown("iris_curvature", self.name, "", optics.blade_curvature, 0.2, None, 0.0, 1.0),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this curvature."""
+        """Return the setup with the curvature of the blades in ``values``."""
         del frame
         return _optics(setup, blade_curvature=values["iris_curvature"])
 
@@ -123,7 +123,7 @@ class Law(Group):
         return (Unknown("lens_law", self.name, "", 0.0 if own is None else own.tangent, LAW, LAW, *LAWS),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this lens law; the sine condition adds no effect."""
+        """Return the setup with the lens law in ``values``; the sine condition adds no effect."""
         del frame
         if values["lens_law"] == 0:
             return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, LensLaw)))
@@ -139,7 +139,7 @@ class SecondStop(Group):
     needs = "the effect vignetting, and points off the axis"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return distance and radius of the rim; none on the axis, where its position has no effect."""
+        """Return the distance and radius of the rim; none near the axis, where they have no effect."""
         own = setup.effect(MechanicalVignetting)
         seen = frame.fields_um or (frame.middle_um,)
         off = max(math.hypot(*field) for field in seen) > 100.0 * setup.camera.sensor.pixel_um
@@ -152,7 +152,7 @@ class SecondStop(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this rim."""
+        """Return the setup with the distance and radius of the rim in ``values``."""
         del frame
         return setup.with_effect(MechanicalVignetting(values["rim_distance_um"], values["rim_radius"]))
 

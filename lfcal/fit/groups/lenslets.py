@@ -24,7 +24,7 @@ class FocalLengths(Group):
     core = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the focal lengths by lens type; in a pupil plane the common one, or one for each lenslet."""
+        """Return the focal length of each lens type; in a pupil plane, a common one or one for each lenslet."""
         del frame
         lenslets = lenslets_of(setup)
         if lenslets is not None:
@@ -37,7 +37,7 @@ class FocalLengths(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with lenslets of these focal lengths."""
+        """Return the setup with the focal lengths of the lenslets in ``values``."""
         del frame
 
         def ground(camera: Camera) -> Camera:
@@ -59,7 +59,7 @@ class LensletAberration(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return W040 at the rim of the clear diameter by lens type."""
+        """Return the coefficient W040 at the rim of the clear diameter for each lens type (waves)."""
         del frame
         if not setup.camera.has_lattice:
             return ()
@@ -71,7 +71,7 @@ class LensletAberration(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this aberration of the lenslets."""
+        """Return the setup with the spherical aberration of the lenslets in ``values``."""
         del frame
         own = {f"type_{k}": value for k, value in enumerate(values.values())}
         return setup.with_effect(LensletSpherical(0.0, **own))

@@ -26,7 +26,7 @@ class SourceSize(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the diameter; a quarter of it is added to the rms width of spots in quadrature."""
+        """Return the diameter; a quarter of it, as imaged, adds in quadrature to the rms width of spots."""
         del frame
         own, camera = setup.effect(FiniteSource), setup.camera
         start = 0.0 if own is None else float(own.magnitude("diameter_um", camera))
@@ -35,7 +35,7 @@ class SourceSize(Group):
         return (Unknown("source_um", self.name, "µm", start, 2.0 * step, None, 0.0, most, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with a source of this size; with size 0, it is a point."""
+        """Return the setup with the diameter of the source in ``values``; a diameter of 0 is a point source."""
         del frame
         size = values["source_um"]
         if size == 0.0:
@@ -62,7 +62,7 @@ class Holes(Group):
         return (Unknown("hole_um", self.name, "µm", setup.hole_um, step, None, 0.0, most, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with holes of this size."""
+        """Return the setup with the diameter of the holes in ``values``."""
         del frame
         return replace(setup, hole_um=values["hole_um"])
 
@@ -84,7 +84,7 @@ class Spectrum(Group):
         return (Unknown("bandwidth_um", self.name, "µm", start, 0.1 * wave, None, 0.0, 0.5 * wave, squared=True),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this spectrum; with width 0, light has one wavelength."""
+        """Return the setup with the width of the spectrum in ``values``; a width of 0 is monochromatic light."""
         del frame
         width = values["bandwidth_um"]
         if math.isclose(width, 0.0):
@@ -93,7 +93,7 @@ class Spectrum(Group):
 
 
 def without(setup: Setup, kind: type) -> Setup:
-    """Return the setup without effects of one kind."""
+    """Return the setup without its effects of class ``kind``."""
     return replace(setup, effects=tuple(one for one in setup.effects if type(one) is not kind))
 
 

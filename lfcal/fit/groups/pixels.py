@@ -26,7 +26,7 @@ class CrosstalkGroup(Group):
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this crosstalk; a fraction of 0 adds no effect."""
+        """Return the setup with the crosstalk in ``values``; a fraction of 0 adds no effect."""
         del frame
         if values["crosstalk"] == 0.0:
             return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, Crosstalk)))
@@ -42,7 +42,7 @@ class Filter(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the fractions of the eight neighbours."""
+        """Return the fraction of the light that each of the eight neighbours collects."""
         del frame
         own = setup.effect(PixelKernel) or PixelKernel()
         return tuple(
@@ -50,7 +50,7 @@ class Filter(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this filter; a filter without effect is left out."""
+        """Return the setup with the filter in ``values``; a filter without effect is left out."""
         del frame
         found = PixelKernel(**{name: values[f"kernel_{name}"] for name in NEIGHBOURS})
         if found == PixelKernel():

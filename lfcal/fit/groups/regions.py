@@ -53,7 +53,7 @@ class FieldWavefront(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with these coefficients; if all are 0, no effect is added."""
+        """Return the setup with the coefficients in ``values``; if all are 0, no effect is added."""
         found = {name.removeprefix("field_"): value for name, value in values.items()}
         if not any(found.values()):
             return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldAberrations)))
@@ -93,7 +93,7 @@ class Curvature(Group):
         return (Unknown("field_sag_um", self.name, "µm", start, scale, None, -1e4, 1e4),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this curvature; a flat field adds no effect."""
+        """Return the setup with the field curvature in ``values``; a flat field adds no effect."""
         sag = values["field_sag_um"]
         if sag == 0:
             return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldCurvature)))
@@ -109,7 +109,7 @@ class Places(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return a displacement on the sensor for every region but the first."""
+        """Return the displacement (y, x) on the sensor of the sources of every region but the first (pixels)."""
         del setup
         held = "the sources of the first region are at their planned positions"
         return tuple(
@@ -136,7 +136,7 @@ class RegionDepthsGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return a displacement of all depths for every region but the first, due to a stage that is not orthogonal."""
+        """Return the displacement in depth of every region but the first, caused by axes that are not orthogonal."""
         scale = depth_scale(setup.camera)
         return tuple(
             Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
@@ -160,7 +160,7 @@ class TargetTiltGroup(Group):
     needs = "parts of the field at different depths, as with a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the additional distance of the plane at the farthest part, downwards and to the right."""
+        """Return the additional distance of the plane at the radius of the farthest part, down and to the right."""
         if not setup.regions or len(frame.fields_um) < 3:
             return ()
         scale = depth_scale(setup.camera)

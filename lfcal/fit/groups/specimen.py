@@ -30,7 +30,7 @@ class SpecimenGroup(Group):
         return (Unknown("specimen_depth_um", self.name, "µm", own.depth_um, 2.0, None, 0.0, 1e4, gauge=held),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this depth."""
+        """Return the setup with the depth in ``values``."""
         del frame
         own = setup.effect(IndexMismatch)
         assert own is not None

@@ -18,8 +18,8 @@ BESIDE_PX = 2.0
 class StageZero(Group):
     """Common lateral displacement of all sources.
 
-    Tilt of the main lens's wavefront has exactly the same effect; for example, Seidel coma W131 rho^3 cos(theta)
-    contains tilt.
+    A tilt of the wavefront of the main lens has exactly the same effect. Seidel coma, W131 rho^3 cos(theta), contains
+    such a tilt.
     """
 
     name = "stage_zero"
@@ -28,7 +28,7 @@ class StageZero(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement on the sensor; in a Fourier light-field microscope it is part of the axis's place."""
+        """Return the displacement (y, x) on the sensor (pixels); none for a Fourier light-field microscope."""
         del frame
         if not setup.camera.has_lattice:
             return ()
@@ -53,13 +53,13 @@ class StageScale(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the scale minus 1, with a prior of 2 % for the pitch of a stage's screw."""
+        """Return the relative step length minus 1, with a prior of 2 % for the pitch of the stage's screw."""
         if not setup.camera.has_lattice:  # it has one position
             return ()
         return (Unknown("stage_scale", self.name, "", setup.stage_scale, 0.1 / frame.reach_px, 0.02, -0.3, 0.3),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this step length."""
+        """Return the setup with the step length in ``values``."""
         del frame
         return replace(setup, stage_scale=values["stage_scale"])
 

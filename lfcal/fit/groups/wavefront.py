@@ -30,7 +30,7 @@ class WavefrontGroup(Group):
     terms
         Orders (n, m) of the terms, each 1 at the pupil's rim.
     late
-        Whether the terms are tried only after other groups were found.
+        Whether the terms are tried only after the other groups.
     """
 
     needs = "a main lens"  # an objective is simulated with terms of rotational symmetry alone
@@ -51,7 +51,7 @@ class WavefrontGroup(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with these terms; other terms stay."""
+        """Return the setup with the terms in ``values``; its other terms are unchanged."""
         del frame
         own = setup.effect(Zernike)
         known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
@@ -75,15 +75,15 @@ class ThirdOrder(WavefrontGroup):
 class Defocus(WavefrontGroup):
     """Defocus of the wavefront, proportional to the square of the pupil's radius.
 
-    For a main lens, defocus has the same effect as the distance of all planes, and is included in it. For the wide
-    pupil of an objective, it differs from a displacement of the planes, which depends on the cosine of the angle.
-    There, distance, depth in a specimen and spherical aberration replace it in the fit.
+    For a main lens, defocus has the same effect as the distance of all planes, and is included in that distance. For
+    the wide pupil of an objective, defocus differs from a displacement of the planes, whose phase depends on the cosine
+    of the angle. For objectives, the fit therefore uses distance, depth in a specimen and spherical aberration instead.
     """
 
     held = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the coefficient, with a prior of a quarter of a wave."""
+        """Return the coefficient, with a prior standard deviation of a quarter of a wave."""
         return tuple(replace(one, sigma=DEFOCUS, gauge="") for one in super().unknowns(setup, frame))
 
 
