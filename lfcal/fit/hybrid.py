@@ -362,7 +362,7 @@ class HybridSummary:
 
     @classmethod
     def of(cls, planes: Sequence[tuple[Facts, NDArray[np.float64]]]) -> HybridSummary:
-        """Return the summary of all planes, from their facts and changes."""
+        """Return the summary of all planes, from their facts and their relative changes by position ``(ny, nx)``."""
         origin = np.stack([facts.origin for facts, _ in planes if facts.origin is not None])
         recorded = np.stack([facts.recorded for facts, _ in planes if facts.recorded is not None])
         changed = np.stack([change for _, change in planes])[origin == Origin.HYBRID]
@@ -378,7 +378,7 @@ class HybridPlanes(PlaneSource):
     Parameters
     ----------
     header
-        Description of H, besides its values.
+        Description of H, without its values.
     fit
         The fit that contains the model.
     source
@@ -400,7 +400,7 @@ class HybridPlanes(PlaneSource):
         self._made: dict[int, tuple[Facts, NDArray[np.float64]]] = {}
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute plane ``z``; progress counts rows of the model, then patterns and tiles."""
+        """Compute plane ``z``; progress counts rows of the model, then patterns, then tiles."""
         model = yield from self._model.iter_plane(z, zeros, workers, alone=alone)
         data, facts = yield from iter_plane_data(self._fit, self._recorded, z, model.values, workers)
         left = yield from iter_residual_estimate(data, f"deviations from the model, plane {z}", seed=z, workers=workers)
@@ -409,21 +409,21 @@ class HybridPlanes(PlaneSource):
         return plane
 
     def reopening(self, z: int, stored: Stored) -> None:
-        """Return None: every plane is made in this process, because the summary covers all of them."""
+        """Return None, because every plane must be computed in this process: the summary covers all of them."""
         return
 
     @property
     def summary(self) -> HybridSummary:
-        """Composition of the planes made so far."""
+        """Summary of the planes computed so far."""
         return HybridSummary.of([self._made[z] for z in sorted(self._made)])
 
     def late_provenance(self) -> dict[str, Any]:
-        """Return the summary for provenance."""
+        """Return the summary as plain JSON types, to be added to the provenance."""
         return hybrid_note(self.summary)
 
 
 def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
-    """Return the provenance of a hybrid H, in addition to that of the fit."""
+    """Return what the provenance of a hybrid H contains in addition to that of the fit, as plain JSON types."""
     return {"hybrid": asdict(summary)}
 
 

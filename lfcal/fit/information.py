@@ -61,17 +61,17 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information of single patterns, and the quantity to minimize.
+    """Information from single patterns about the unknowns, and the weights of the error to minimize.
 
     Attributes
     ----------
     index
         Positions ``(n, 3)`` as (z, y, x).
     unknowns
-        The unknowns to fit; all matrices are in their scales.
+        The unknowns to fit; all matrices are in units of their scales.
     patterns
-        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern for the unknowns, then gain and background of its plane,
-        with the unknowns of the single pattern eliminated.
+        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern for the ``k`` unknowns, then for the gain and background of
+        its plane. The unknowns of the single pattern are eliminated.
     wanted
         ``(k, k)``: for the covariance C of the unknowns, trace(C wanted) is the squared relative error (L2) of H.
     prior
@@ -97,18 +97,18 @@ def iter_information(
     *,
     workers: int | None = None,
 ) -> Work[Information]:
-    """Compute the information of the patterns at the given positions; yields progress in patterns.
+    """Compute the information from the patterns at the given positions; yields progress in patterns.
 
     Parameters
     ----------
     plan
         The scan; its exposures determine the relative brightness of planes.
     index
-        Evenly spread positions ``(n, 3)`` as (z, y, x), at which errors of H are evaluated.
+        Positions ``(n, 3)`` as (z, y, x), evenly spread because the error of H is evaluated at them too.
     setup, groups
         The assumed camera, and the groups of unknowns.
     expected
-        Expected light and stability.
+        Expected light, and stability of stage and lamp.
     workers
         Number of threads over derivatives; None: all processors.
 

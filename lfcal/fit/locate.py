@@ -36,13 +36,13 @@ class NewFrame:
     valid
         Valid samples; None: all.
     noise
-        Constant and slope of a sample's variance; None: unknown.
+        Constant and slope of the variance of a sample; None: unknown.
     origin
-        Row and column on the sensor of the frame's first pixel.
+        Row and column of the first pixel of the frame on the sensor.
     place
-        Row and column on the sensor of the source's image, if known.
+        Row and column of the image of the source on the sensor; None: unknown.
     plane
-        Depth plane of H, if known.
+        Index of the depth plane of H; None: unknown.
     label
         Name for messages.
 
@@ -66,7 +66,7 @@ class NewFrame:
 
 @dataclass(frozen=True, slots=True)
 class LocatedPattern:
-    """A position of H, the position of its cutout on the frame, and the similarity of the patterns.
+    """A position of H, the position of its cutout on the sensor, and its similarity to the frame.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class LocatedPattern:
 
 
 def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -> tuple[F4, NDArray[np.bool_]]:
-    """Return the samples ``(nt, ns)`` around a sensor pixel, and a mask of those that exist and are valid."""
+    """Return the samples ``(nt, ns)`` around a sensor pixel, and a mask of those inside the frame that are valid."""
     nt, ns = cutout
     out, valid = np.zeros(cutout, np.float32), np.zeros(cutout, np.bool_)
     top, left = row - (nt - 1) // 2 - frame.origin[0], column - (ns - 1) // 2 - frame.origin[1]
@@ -105,11 +105,11 @@ def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -
 
 
 def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
-    """Return the position of H that best fits a frame's light.
+    """Return the position of H whose pattern best correlates with a frame.
 
-    The array must not have moved, because H has one pattern for each pixel of the period. If the position of the
-    source in the frame is known, only the surrounding pixels are tried; otherwise, one period around the middle of the
-    light. Similarly, only the known plane is tried.
+    The lenslet array must not have moved since H was recorded, because H has one pattern for each pixel of the period.
+    If the position of the source in the frame is known, only the surrounding pixels are tried. Otherwise, one period
+    around the middle of the light is tried. If the depth plane is known, only that plane is tried.
 
     Raises
     ------

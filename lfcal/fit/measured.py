@@ -118,35 +118,35 @@ class Measured:
 
     @property
     def sampled(self) -> tuple[int, ...]:
-        """Shape of the samples of a pattern: those of the cutout."""
+        """Shape ``(nt, ns)`` of the samples of a pattern, which is that of the cutout."""
         return self.plan.cutout
 
     def images(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return samples ``(n, m)`` of the patterns in their places in the cutout ``(n, nt, ns)``."""
+        """Return the flattened samples ``(n, m)`` of patterns as images of the cutout ``(n, nt, ns)``."""
         return samples.reshape(-1, *self.plan.cutout)
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Index of the light and background of each pattern ``(n,)``, which is its plane."""
+        """Index of the gain and background that apply to each pattern ``(n,)``, here the index of its plane."""
         found: NDArray[np.intp] = self.index[:, 0]
         return found
 
     @property
     def levels(self) -> int:
-        """Number of separate values of light and background."""
+        """Number of separate gains and backgrounds."""
         return self.plan.shape[0]
 
     @property
     def plans(self) -> tuple[ScanPlan, ...]:
-        """The plan of each region of the field; here only one."""
+        """The plan of each region of the field; here, the single plan."""
         return (self.plan,)
 
     def parts(self) -> Iterator[tuple[ScanPlan, NDArray[np.intp], int]]:
-        """Yield, for each region, its plan, which patterns belong to it, and its number; here one region with all."""
+        """Yield the plan, the indices of the patterns, and the index of each region; here, of a single region."""
         yield self.plan, np.arange(len(self.index)), 0
 
     def of(self, keep: NDArray[np.bool_]) -> Measured:
-        """Return the selected patterns."""
+        """Return the patterns that the mask ``keep`` ``(n,)`` selects."""
         return replace(self, **self._some(keep))
 
     def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
@@ -156,7 +156,7 @@ class Measured:
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
-        """Return the additional light ``(n, nt, ns)`` of holes with this diameter (µm); None: no additional light."""
+        """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um``; None: no light."""
         if self.extra_light is None or self.blur is None or hole_um is None:
             return self.extra_light
         return self.extra_light + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
@@ -172,7 +172,7 @@ def measured_of(
     most: int | None = None,
     held_out: float | Sequence[Sequence[int]] = HELD_OUT,
 ) -> Measured:
-    """Return the recorded patterns of an H.
+    """Return the recorded patterns of an H as measured patterns for a fit.
 
     Parameters
     ----------
@@ -183,13 +183,13 @@ def measured_of(
     positions
         Positions (z, y, x) to use; None: all recorded ones.
     noise
-        Constant and slope of a sample's variance; None: as stated in H.
+        Constant and slope of the variance of a sample; None: as stated in H.
     cutout
-        Pixels around the middle to use, odd; None: all.
+        Size of the part of the cutout to use, around its middle (odd, pixels); None: all of it.
     most
-        Largest number of patterns, spread evenly.
+        Largest number of patterns to use, spread evenly; None: all.
     held_out
-        Fraction of the patterns to hold out, spread over each plane; or the positions (z, y, x) to hold out.
+        Fraction of the patterns to hold out, spread over each plane, or the positions (z, y, x) to hold out.
 
     Raises
     ------
@@ -237,7 +237,7 @@ def check_optics(matrix: PSFMatrix) -> None:
 
 
 def kept_aside(matrix: PSFMatrix) -> list[list[int]]:
-    """Return the positions (z, y, x) that must not be fitted, according to the provenance of H; usually none."""
+    """Return the positions (z, y, x) that the provenance of H excludes from a fit; usually none."""
     said = matrix.provenance.get("kept_aside")
     shape = (matrix.shape[0], *matrix.period)
     # provenance comes from a file that anyone may have written

@@ -41,7 +41,8 @@ REACH_PX = 1.0
 class Fineness:
     """Samplings used in the stages of a fit (samples of the grid per pixel).
 
-    For the bench camera, 4 samples differ from the coherent reference by 0.4 % (relative L2), 6 by 0.1 %, 8 by 0.06 %.
+    For the bench camera, patterns differ from the coherent reference by 0.4 % (relative L2) with 4 samples, by 0.1 %
+    with 6, and by 0.06 % with 8.
     """
 
     coarse = Sampling(4.0)
@@ -58,14 +59,14 @@ PUPIL_ERROR = {Fineness.coarse: 0.05, Fineness.fine: 0.02, Fineness.finest: 0.01
 
 
 class PlaneModel:
-    """Patterns of one depth plane of a setup; tables are made once.
+    """Model of the patterns of one depth plane of a setup, with tables that are computed once.
 
     Parameters
     ----------
     setup, planned, z
-        The setup to compute, the scan as planned, and the number of the plane.
+        The setup to compute, the scan as planned, and the index of the plane.
     sampling
-        Sampling, usually one of `Fineness`; any other is used as it is.
+        Sampling, usually one of `Fineness`.
     """
 
     def __init__(self, setup: Setup, planned: ScanPlan, z: int, sampling: Sampling) -> None:
@@ -93,9 +94,10 @@ class PlaneModel:
         self._scene = replace(scene, offsets_um=self._planned + self._reach)
 
     def patterns(self, places: NDArray[np.intp], offsets_px: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the patterns ``(n, nt, ns)`` of positions ``(n, 2)`` (y, x) with sources displaced by ``(n, 2)``.
+        """Return the patterns ``(n, nt, ns)`` at the positions ``places`` ``(n, 2)`` (y, x) of displaced sources.
 
-        Displacements are pixels on the sensor, in addition to those of the setup's stage.
+        ``offsets_px`` ``(n, 2)`` are the displacements (dy, dx) of the sources in pixels on the sensor, in addition to
+        those of the setup's stage.
         """
         out = np.zeros((len(places), *self._scene.cutout), np.float32)
         moved = offsets_px + self._aside + self._scale * (places - self._middle)
@@ -144,9 +146,10 @@ def predict(
     offsets_px: NDArray[np.float64],
     sampling: Sampling,
 ) -> NDArray[np.float32]:
-    """Return the patterns ``(n, nt, ns)`` of positions ``(n, 3)`` (z, y, x) with displaced sources ``(n, 2)`` (pixels).
+    """Return the patterns ``(n, nt, ns)`` at positions ``index`` ``(n, 3)`` (z, y, x) of displaced sources.
 
-    Values are fractions of the light that passes the iris, as everywhere in the simulator.
+    ``offsets_px`` ``(n, 2)`` are the displacements (dy, dx) of the sources in pixels on the sensor. Values are
+    fractions of the light that passes the iris.
     """
     out = np.empty((len(index), *planned.cutout), np.float32)
     for z in np.unique(index[:, 0]).tolist():
@@ -156,12 +159,12 @@ def predict(
 
 
 class ModelPlanes(PlaneSource):
-    """The planes of H of a setup: the patterns of all positions, without noise.
+    """The planes of H of a setup, with the patterns of all positions, without noise.
 
     Parameters
     ----------
     header
-        Description of H, besides its values.
+        Description of H, without its values.
     setup, planned
         The setup to compute, and the scan as planned.
     gains
@@ -177,7 +180,7 @@ class ModelPlanes(PlaneSource):
         self.header, self.setup, self.planned, self.gains = header, setup, planned, tuple(gains)
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute plane ``z`` by rows in threads; progress counts its rows, or those of all planes."""
+        """Compute plane ``z``; progress counts the rows of this plane if ``alone``, otherwise those of all planes."""
         nz, ny, nx = self.planned.shape[:3]
         clock, before = (Clock(f"model plane {z}", ny), 0) if alone else (Clock("model", nz * ny), z * ny)
         count, gain = worker_count(workers), np.float32(self.gains[z])
@@ -196,7 +199,7 @@ class ModelPlanes(PlaneSource):
         return Plane(values, Facts.of(self.planned.period, self.planned.cutout))
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return setup, scan and gains as plain lists and numbers."""
+        """Return setup, scan and gains as plain JSON types, with the function that reads them: `open_model`."""
         setup = self.setup
         values = {
             "camera": setup.camera.to_dict(),
@@ -209,12 +212,12 @@ class ModelPlanes(PlaneSource):
         return Reopening(f"{__name__}:{open_model.__name__}", values)
 
     def named(self, out: Path) -> str:
-        """Return a description of the H that is made."""
+        """Return a description of the H that is written to ``out``."""
         return f"H of the fitted camera, {out.name}"
 
 
 def open_model(values: Mapping[str, Any], workers: int) -> ModelPlanes:
-    """Return the planes of a model, from the values of `ModelPlanes.reopening`."""
+    """Return the planes of a model from ``values`` of `ModelPlanes.reopening`."""
     planned = ScanPlan.from_dict(values["plan"])
     rows, columns = values["aside_px"]
     setup = Setup(

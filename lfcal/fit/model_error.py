@@ -30,16 +30,16 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ChiSquare:
-    """Mean square of the residuals in units of their noise; 1 for a true model.
+    """Mean square of the residuals in units of their noise; 1 for a correct model.
 
     Attributes
     ----------
     all_pixels
-        Value over all valid pixels, diluted by the dark majority.
+        Value over all valid pixels, most of which are dark and therefore hardly depend on the model.
     lit
         Value weighted by the fraction of each pixel's variance that is due to light.
     sigma
-        Standard deviation of ``lit`` for a true model.
+        Standard deviation of ``lit`` for a correct model.
     """
 
     all_pixels: float
@@ -53,7 +53,7 @@ class ChiSquare:
 
     @property
     def complete(self) -> bool:
-        """Whether the model is complete."""
+        """Whether the model is complete, that is, ``excess`` is below `INCOMPLETE`."""
         return self.excess < INCOMPLETE
 
     def to_dict(self) -> dict[str, float]:
@@ -68,17 +68,16 @@ class ModelError:
     Attributes
     ----------
     squared, squared_sigma
-        Scatter of held-out patterns beyond their noise, as a fraction of their squares, and its standard deviation; for
-        an incomplete model, of all patterns.
+        Mean square residual of held-out patterns beyond their noise, as a fraction of their mean square, and its
+        standard deviation. For an incomplete model, all patterns are used.
     statistical
-        Contribution of the errors of the unknowns.
+        Contribution of the errors of the unknowns (relative L2).
     patterns
         Number of held-out patterns.
     among
         Additional standard deviation of ``squared``, because some patterns are predicted worse than others.
     skew
-        Third moment of ``squared`` in units of ``squared_sigma``: few bright pixels scatter more upwards than
-        downwards.
+        Standardized third moment of ``squared``, which is positive because few bright pixels contribute most.
     """
 
     squared: float
@@ -90,19 +89,19 @@ class ModelError:
 
     @property
     def known(self) -> bool:
-        """Whether the error is a value and not only a limit, because noise alone would rarely exceed `SHOWN`."""
+        """Whether the error is significant, that is, unlikely to be due to noise alone; if not, use ``limit``."""
         # the quantile of Cornish and Fisher
         rare = SHOWN + self.skew / 6 * (SHOWN**2 - 1)
         return self.squared > rare * self.squared_sigma
 
     @property
     def value(self) -> float:
-        """The error; if it is not `known`, the contribution of the unknowns' errors."""
+        """The error; if it is not `known`, only the contribution of the errors of the unknowns."""
         return math.sqrt(self.squared) if self.known else self.statistical
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of a `known` value."""
+        """Standard deviation of the value; infinite if it is not `known`."""
         return 0.5 * math.hypot(self.squared_sigma, self.among) / math.sqrt(self.squared) if self.known else math.inf
 
     @property
@@ -123,7 +122,7 @@ class ModelError:
 
 
 def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
-    """Return chi² of the patterns ``keep``, from which ``unknowns`` were fitted."""
+    """Return chi² of the patterns ``keep``, from which a number of ``unknowns`` was fitted."""
     seen = point.seen.of(keep)
     good = (seen.inverse > 0) & ~seen.outlying
     size = np.abs(seen.residual[good], dtype=np.float64)
@@ -139,9 +138,10 @@ def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquar
 
 
 def covariance(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Return the covariance of the unknowns ``which``, then gains and backgrounds, and the matrix of the data alone.
+    """Return the covariance of the unknowns ``which`` and of gains and backgrounds, and the information of the data.
 
-    Both are in scales, for the stated noise. In the matrix, gains and backgrounds are eliminated.
+    Both matrices are in units of the scales, for the stated noise. The covariance includes priors. The information
+    matrix ``(k, k)`` is without priors, and gains and backgrounds are eliminated from it.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, _ = with_prior(problem, normal, point.u)
@@ -175,11 +175,12 @@ def held_out_error(
 ) -> ModelError:
     """Return the error of the model from held-out patterns; ``spread`` is the covariance of shared unknowns.
 
-    ``among`` selects patterns; None: all. All patterns are used if none of them was held out, or if the model is not
-    ``complete``: the residuals of fitted patterns are then not noise, are hardly smaller than those of others, and are
-    four times as many. Squared residuals contain the variance of the noise in addition to the error: E[(d - m)² - v] =
-    error². Effects on single patterns, such as those of the lamp and of displaced sources, are not errors of the
-    model. If they are less than half of the residual, however, they may be part of the error and are included.
+    ``among`` is a mask that selects patterns; None: all. The fitted patterns are used if none of them was held out. All
+    patterns are used if the model is not ``complete``. The residuals of its fitted patterns exceed the noise, are
+    hardly smaller than those of held-out patterns, and are four times as many. Squared residuals contain the variance
+    of the noise in addition to the error: E[(d - m)² - v] = error². Effects on single patterns, such as those of the
+    lamp and of displaced sources, are not errors of the model. If they are less than half of the residual, however,
+    they may be part of the error and are included.
     """
     measured = problem.measured
     some = np.ones(len(measured), np.bool_) if among is None else among

@@ -18,7 +18,7 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Derivatives of the patterns at unit gain.
+    """Derivatives of the ``n`` patterns, each of ``m`` samples, at unit gain.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Columns:
     displacements: F4 | None = None
 
     def with_others(self, others: Columns, which: Sequence[int]) -> Columns:
-        """Return these derivatives by the unknowns ``which``, and those of ``others`` by all other unknowns."""
+        """Return the derivatives by the unknowns ``which`` from this object, and all others from ``others``."""
         shared = others.shared.copy()
         shared[list(which)] = self.shared[list(which)]
         return Columns(shared, self.displacements)
@@ -45,13 +45,13 @@ class Local:
     Attributes
     ----------
     offsets_px
-        Displacements ``(n, 2)`` as (dy, dx).
+        Displacements ``(n, 2)`` of the sources as (dy, dx) (pixels on the sensor).
     stage_px
-        Prior rms of the displacements; 0: sources are exactly at their positions.
+        Prior rms of the displacements (pixels); 0: sources are exactly at their positions.
     lamp
         Relative rms fluctuation of the lamp; 0: it is stable.
     response
-        Relative rms of the pixels' response: noise that grows with the light, not an error of the model.
+        Relative rms of the response of the pixels, which acts as noise proportional to the light.
     """
 
     offsets_px: F8
@@ -65,14 +65,14 @@ class Local:
         return 2 * (self.stage_px > 0) + (self.lamp > 0)
 
     def precision(self) -> F8:
-        """Return 1/sigma² of each unknown of a pattern, in their order."""
+        """Return the prior precision (1/sigma²) of each unknown of a pattern ``(count,)``: displacements, then lamp."""
         parts = ([self.stage_px**-2.0] * 2 if self.stage_px > 0 else []) + ([self.lamp**-2.0] if self.lamp > 0 else [])
         return np.array(parts)
 
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations N d = g of the shared unknowns, then gain and background of each plane.
+    """Normal equations N d = g for the shared unknowns, followed by the gain and background of each plane.
 
     Attributes
     ----------
@@ -81,7 +81,8 @@ class Normal:
     chi2
         Sum of squares with the shared unknowns unchanged and those of single patterns at their best values.
     solved
-        C^-1 B^T and C^-1 h of each pattern, from which steps of its unknowns follow from those of the shared ones.
+        C^-1 B^T and C^-1 h of each pattern, with which the steps of its unknowns follow from the steps of the shared
+        ones.
     """
 
     matrix: F8

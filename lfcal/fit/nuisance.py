@@ -31,7 +31,7 @@ SIGNIFICANCE = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Rms of the nuisance parameters of single patterns; 0 if only noise was found.
+    """Rms of the nuisance parameters of single patterns; 0 if they do not differ from noise.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class Spread:
 
 
 def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
-    """Return the spread that the patterns show beyond their noise, from the moments of each pattern's best values.
+    """Return the rms of the nuisance parameters beyond their errors, from the best-fit values of each pattern.
 
-    Displacements o with errors v have E[o² - v] = sigma².
+    Best-fit displacements o with error variances v satisfy E[o² - v] = sigma².
     """
     free = replace(point, local=replace(point.local, stage_px=1e3, lamp=1e3))
     only = Columns(columns.shared[:0], columns.displacements)
@@ -114,7 +114,7 @@ def _moment(values: F8, errors: F8, weight: F8) -> float:
 
 
 def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> Point:
-    """Return the point with the best-fit nuisance parameters of the patterns ``keep``, shared unknowns fixed."""
+    """Return the point with the best-fit nuisance parameters of the patterns ``keep``, at fixed shared unknowns."""
     local, lamps = point.local, point.levels.lamps.copy()
     if local.count == 0:
         return point
@@ -130,7 +130,7 @@ def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArr
 
 
 def response_of(problem: Problem, point: Point) -> Response:
-    """Return the relative rms of the pixels' response, from products of residuals at the same pixel.
+    """Return the relative rms of the response of the pixels, estimated from products of residuals at the same pixel.
 
     For residuals ``r = g m + noise``, the product of two patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i
     m_j``, because their noise is independent. Errors of the model contribute if they agree between patterns, so the

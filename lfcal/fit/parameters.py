@@ -40,7 +40,7 @@ class ScanScales:
     planes
         Number of depth planes.
     reach_px
-        Half the cutout, the lever arm of rotation and growth (pixels).
+        Half the cutout, the lever arm of a rotation and of a change of the pitch (pixels).
     middle_um
         Middle (x, y) of the scanned cell from the sensor's centre (µm); for several regions their mean.
     fields_um
@@ -59,7 +59,7 @@ class ScanScales:
 
     @classmethod
     def over(cls, plans: Sequence[ScanPlan]) -> ScanScales:
-        """Return the properties of the plans of several regions; the lever arm is half the distance between them."""
+        """Return the properties of the plans of several regions; the lever arm is extended to the farthest region."""
         fields = np.array([field_of(plan) for plan in plans])
         middle = fields.mean(0)
         far = float(np.hypot(*(fields - middle).T).max()) / plans[0].camera.sensor.pixel_um
@@ -89,9 +89,10 @@ class Unknown:
     sigma
         Prior standard deviation of the start; None: no prior.
     low, high
-        Smallest and largest valid value.
+        Smallest and largest allowed value.
     squared
-        Whether its square is fitted, because patterns depend on the square, as for widths that add in quadrature.
+        Whether the square of the value is fitted, because patterns depend on the square, as with widths that add in
+        quadrature.
     gauge
         Description of what must be fixed for this unknown to be defined; may be empty.
 
@@ -127,14 +128,14 @@ class Unknown:
             )
 
     def value(self, u: float) -> float:
-        """Return the value at ``u`` scales from the start, limited to its bounds."""
+        """Return the value ``u`` scales away from its start, limited to its bounds."""
         if self.squared:
             square = self.start**2 + u * self.scale**2
             return min(self.high, max(self.low, math.sqrt(max(0.0, square))))
         return min(self.high, max(self.low, self.start + u * self.scale))
 
     def sigma_of(self, u: float, sigma: float) -> float:
-        """Return the standard deviation of the value if that of ``u`` is ``sigma``."""
+        """Return the standard deviation of the value at ``u``, where ``sigma`` is the standard deviation of ``u``."""
         if not self.squared:
             return sigma * self.scale
         value = self.value(u)
@@ -146,7 +147,7 @@ class Unknown:
         )
 
     def clipped(self, u: float) -> float:
-        """Return ``u``, limited to the bounds."""
+        """Return ``u``, limited to the bounds of the value."""
         if self.squared:
             low, high = (self.low**2 if self.low > 0 else 0.0), self.high**2
             bounds = ((low - self.start**2) / self.scale**2, (high - self.start**2) / self.scale**2)
@@ -156,7 +157,7 @@ class Unknown:
 
 
 class Group(ABC):
-    """Protocol of a group of unknowns that belong together, and of their effect on a setup.
+    """Base class for a group of unknowns that belong together, and for their effect on a setup.
 
     Examples
     --------
@@ -195,7 +196,7 @@ class Group(ABC):
 
 
 def check_group(group: Group) -> None:
-    """Raise `TypeError` unless ``group`` can be listed and applied."""
+    """Raise `TypeError` unless ``group`` is derived from `Group` and has a title."""
     if not isinstance(group, Group):
         raise TypeError("it is not an object derived from Group")
     if not isinstance(getattr(group, "title", None), str):
@@ -203,7 +204,7 @@ def check_group(group: Group) -> None:
 
 
 def find_groups() -> Registry[Group]:
-    """Return every group of unknowns by name, ordered by rank, including those of other distributions."""
+    """Return the registry of all groups of unknowns, ordered by rank, including those of other distributions."""
     return Registry(
         "unknowns", "lfcal.fit.groups", "GROUPS", GROUP, order=lambda g: (g.rank, g.name), check=check_group
     )
@@ -214,14 +215,14 @@ GROUPS = find_groups()
 
 
 class Vector:
-    """The unknowns of several groups as one vector ``u``, in scales from the start.
+    """The unknowns of several groups as one vector ``u``: differences from the start, in units of the scales.
 
     Parameters
     ----------
     setup, frame
         Setup and scan from which the fit starts.
     groups
-        Names of groups; groups without unknowns for this camera are left out.
+        Names of the groups; groups without unknowns for the camera of the setup are left out.
 
     Raises
     ------
@@ -252,12 +253,12 @@ class Vector:
         return {one.name: one.value(float(v)) - one.start for one, v in zip(self.unknowns, u, strict=True)}
 
     def at(self, changes: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the vector with unknowns displaced by ``changes`` from their start; others are at their start."""
+        """Return the vector for ``changes`` of unknowns from their start, by name; all others are at their start."""
         u = np.array([changes.get(one.name, 0.0) / one.scale for one in self.unknowns])
         return self.clipped(np.where([one.squared for one in self.unknowns], 0.0, u))
 
     def clipped(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the vector limited to the unknowns' bounds."""
+        """Return ``u`` with every unknown limited to its bounds."""
         return np.array([one.clipped(float(v)) for one, v in zip(self.unknowns, u, strict=True)])
 
     def setup_at(self, u: NDArray[np.float64]) -> Setup:
@@ -275,26 +276,26 @@ class Vector:
         return setup
 
     def prior(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the prior precision (1/sigma²) and its centre as vectors, in scales; precision 0: no prior."""
+        """Return the prior precisions (1/sigma²) and the prior means as vectors in scales; precision 0: no prior."""
         precision = [0.0 if one.sigma is None else (one.scale / one.sigma) ** 2 for one in self.unknowns]
         return np.array(precision), np.zeros(len(precision))
 
     def of_groups(self, names: Sequence[str]) -> NDArray[np.intp]:
-        """Return the indices of the unknowns of these groups."""
+        """Return the indices of the unknowns of the groups ``names``."""
         return np.array([k for k, one in enumerate(self.unknowns) if one.group in names], np.intp)
 
 
 def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
-    """Return the groups without unknowns by name, each with a text on what camera or scan would need.
+    """Return, for each group without unknowns, what the camera or scan would need to have some, in words.
 
-    ``frame`` is that of several regions; None: that of the plan.
+    Keys are the names of the groups. ``frame`` describes the scan of several regions; None: that of ``plan``.
     """
     frame = frame or ScanScales.of(plan)
     return {group.name: group.needs for group in GROUPS if not group.unknowns(setup, frame)}
 
 
 def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: ScanScales | None = None) -> None:
-    """Raise `InputError` if a requested group has no unknowns, instead of leaving it out silently."""
+    """Raise `InputError` if one of the groups ``names`` has no unknowns for this setup and plan."""
     if not names:
         return
     without = lacking(setup, plan, frame)

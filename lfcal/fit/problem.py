@@ -36,20 +36,21 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A vector of unknowns, with all results computed for it.
+    """A vector of unknowns, with the predictions and residuals computed for it.
 
     Attributes
     ----------
     u
-        The unknowns, in scales relative to their start.
+        Differences of the unknowns from their start, in units of their scales.
     local
         Unknowns of single patterns.
     model
         Predictions at unit gain ``(n, m)``.
     levels, seen
-        Gains and backgrounds; residuals.
+        Gains and backgrounds of the patterns, and their weighted residuals.
     sampling, doubtful
-        Sampling of the computation, and its weights.
+        Sampling of the computation, and whether the model is still doubtful, so that the larger of model and data
+        determines the variance.
     """
 
     u: F8
@@ -69,7 +70,7 @@ class Problem:
     measured
         The patterns, including those held out.
     vector
-        All unknowns that may be used.
+        All unknowns that the fit may change.
     workers
         Number of threads over derivatives; None: all processors.
     """
@@ -81,12 +82,12 @@ class Problem:
         self.fitted = ~measured.held_out
 
     def with_measured(self, measured: Measured) -> Problem:
-        """Return this problem with other patterns."""
+        """Return the problem with its patterns replaced by ``measured``."""
         return Problem(measured, self.vector, self.workers)
 
     # -- predictions -------------------------------------------------------------------------------------
     def model(self, u: F8, offsets_px: F8, sampling: Sampling) -> F4:
-        """Return the predictions ``(n, m)`` at unit gain for a vector.
+        """Return the predictions ``(n, m)`` at unit gain for the vector ``u`` and displacements ``(n, 2)`` (pixels).
 
         Raises
         ------
@@ -109,14 +110,14 @@ class Problem:
     def point(
         self, u: F8, local: Local, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
     ) -> Point:
-        """Return all results for a vector."""
+        """Return the point at the vector ``u``, after computing its predictions."""
         model = self.model(u, local.offsets_px, sampling)
         return self.weigh(u, local, model, sampling, lamps=lamps, doubtful=doubtful)
 
     def weigh(
         self, u: F8, local: Local, model: F4, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
     ) -> Point:
-        """Return the point for a prediction that is already known."""
+        """Return the point at the vector ``u`` for predictions ``model`` ``(n, m)`` that are already known."""
         own = np.zeros(len(self.measured)) if lamps is None else lamps
         error = _error(sampling, local)
         levels = levels_of(self.measured, model, own, doubtful=doubtful, error=error)
@@ -124,7 +125,7 @@ class Problem:
         return Point(u, local, model, levels, seen, sampling, doubtful)
 
     def cost(self, point: Point, by: Point | None = None) -> float:
-        """Return the loss of fitted patterns and priors; the noise is that at ``by``, by default at the point."""
+        """Return the loss of the fitted patterns and priors; the noise is that at ``by``, by default at ``point``."""
         seen = point.seen
         if by is not None and by is not point:
             seen = weighed(
@@ -152,11 +153,11 @@ class Problem:
     def columns(
         self, point: Point, which: Sequence[int], note: str, *, displaced: bool, both: bool | None = None
     ) -> Work[Columns]:
-        """Compute the derivatives by the unknowns ``which``, and with ``displaced`` by each source's displacement.
+        """Compute the derivatives by the unknowns ``which`` and, if ``displaced``, by the displacement of each source.
 
-        Yields progress in columns, which are computed at the coarse sampling, several at a time. With ``both``, steps
-        are taken to both sides; this is the default except at coarse points. One-sided derivatives contain a curvature
-        of a few percent, which makes degenerate unknowns look distinguishable.
+        Derivatives are finite differences at the coarse sampling; yields progress in columns. With ``both``,
+        differences are central; this is the default except at coarse points. One-sided differences contain a curvature
+        of a few percent, which makes degenerate unknowns appear distinguishable.
         """
         central = point.sampling != Fineness.coarse if both is None else both
         tasks: list[tuple[str, int]] = [("shared", int(k)) for k in which]
@@ -206,7 +207,7 @@ class Problem:
         return found[0] if len(found) == 1 else (found[0] + found[1]) / np.float32(2)
 
     def normal(self, columns: Columns, point: Point, keep: NDArray[np.bool_]) -> Normal:
-        """Return the normal equations of the patterns ``keep``, without the priors of shared unknowns."""
+        """Return the normal equations of the patterns ``keep``, without the priors of the shared unknowns."""
         part = Columns(
             columns.shared[:, keep], None if columns.displacements is None else columns.displacements[:, keep]
         )

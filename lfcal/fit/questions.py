@@ -62,11 +62,11 @@ class Answer:
     Attributes
     ----------
     question, name
-        The question, and this answer.
+        Name of the question, and name of this answer to it.
     change
         Function that returns the patterns and their plan according to this answer.
     remedy
-        Remedy if this answer is correct.
+        What to do if this answer is correct.
     """
 
     question: str
@@ -76,7 +76,10 @@ class Answer:
 
 
 def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the residual of patterns ``keep`` beyond model and noise (fraction of their squares), and its error."""
+    """Return the squared residual of the patterns ``keep`` beyond model and noise, and its standard deviation.
+
+    Both are fractions of the sum of the squared patterns.
+    """
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
     off = np.where(valid, point.seen.residual[keep] / inverse, 0.0)
@@ -90,7 +93,7 @@ def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tupl
 
 
 def misfit(problem: Problem, point: Point) -> float:
-    """Return the residual of fitted patterns beyond model and noise, as a fraction of their rms (relative L2)."""
+    """Return the residual of the fitted patterns beyond model and noise, as a fraction of their rms (relative L2)."""
     share, _ = unexplained(problem, point, problem.fitted)
     return float(np.sqrt(max(0.0, share)))
 
@@ -112,9 +115,10 @@ def check_light(measured: Measured) -> None:
 
 
 def check_described(measured: Measured) -> None:
-    """Raise `InputError` if light of the described camera would hardly reach the patterns' pixels.
+    """Raise `InputError` if the light of the described camera would hardly reach the pixels of the patterns.
 
-    Otherwise a microscope at the distances of a main lens would be reported only after hours.
+    Without this check, a wrong description, such as a microscope described with the distances of a main lens, would be
+    reported only after hours.
     """
     plan = measured.plan
     side = cutout_for(plan.camera, plan.depths_um)
@@ -128,7 +132,7 @@ def check_described(measured: Measured) -> None:
 
 
 def check_explained(problem: Problem, point: Point) -> None:
-    """Raise `InputError` if the patterns do not belong to such a camera."""
+    """Raise `InputError` if the point does not explain the patterns, so that they belong to a different camera."""
     if (point.levels.gains[np.unique(problem.planes)] <= 0).any():
         remedy = "check what was subtracted from the frames"
         raise InputError.expected(
@@ -154,20 +158,21 @@ def as_described(
     local: Local | None = None,
     note: str = "as described",
 ) -> Work[Point]:
-    """Return the fit of the unknowns ``core``, starting from the description or from the vector ``start``.
+    """Return the point at which the ``core`` groups are fitted, starting from the description or from ``start``.
 
-    ``local`` are the unknowns of single patterns; by default there are none.
+    ``start`` is a vector of unknowns. ``local`` are the unknowns of single patterns; None: there are none.
     """
     return (yield from _tried(problem, core, note, most=4, record_round=record_round, start=start, local=local))
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
-    """Check by fits of a few patterns whether the description is wrong; yields progress in derivatives.
+    """Fit a few patterns to check whether the description is wrong; yields progress in derivatives.
 
     Raises
     ------
     InputError
-        If one answer explains the patterns much better than the description; the message states it and its remedy.
+        If one answer explains the patterns much better than the description; the message states this answer and its
+        remedy.
     """
     few = _few(problem)
     plain = yield from _tried(few, core, "as described", most=3)
@@ -187,9 +192,10 @@ def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
 
 
 def order_of_types(described: Camera, found: Camera) -> str:
-    """Return the order of the described lens types that matches the fitted ones; empty if it is the described order.
+    """Return the order of the described lens types that matches the fitted ones, such as "1, 0, 2".
 
-    It compares the fitted focal lengths: with a wrong order, the same values are found, but for other types.
+    The text is empty if the described order is correct. The focal lengths are compared: if the order is wrong, the fit
+    finds the described values, but for other types.
     """
     if not described.has_lattice:
         return ""

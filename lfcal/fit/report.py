@@ -48,7 +48,7 @@ def iter_fit_report(
 ) -> Work[Path]:
     """Write the plots and the page of a fit of ``measured`` into ``folder``; return the path of the page.
 
-    ``notes`` are lines below the verdict.
+    ``source`` is the name of the source of the patterns. ``notes`` are lines below the verdict.
 
     Everything is drawn before the first file is written. Each file is complete when it appears, and the page is last.
     """
@@ -75,7 +75,7 @@ def iter_fit_report(
 
 
 def add_picture(folder: Path, title: str, words: str, picture: Path, caption: str) -> None:
-    """Append a section with a picture, and the text ``words`` above it, to the report in ``folder``."""
+    """Append a section with an image, and the text ``words`` above it, to the report in ``folder``."""
     add_html_section(
         folder / PAGE, html_section(title, html_paragraphs([words]) + html_figure(picture.read_bytes(), caption))
     )
@@ -116,7 +116,7 @@ def _rest(fit: Fit) -> str:
 
 
 def parameters(fit: Fit) -> str:
-    """Return the table of fitted parameters."""
+    """Return an HTML table of the fitted parameters."""
     rows = [
         (one.name, f"{one.value:.6g} ± {one.sigma:.2g}", f"{one.start:.6g}", one.unit, one.group)
         for one in fit.parameters.values()
@@ -131,7 +131,7 @@ def _chi2(left: FitResiduals) -> str:
 
 
 def limits(fit: Fit) -> str:
-    """Return the table of fixed parameters, and of what the scan does not determine."""
+    """Return an HTML table of the fixed parameters, and of what the scan does not determine."""
     rows = [("held", one) for one in fit.held]
     rows += [("not separated", one) for one in fit.unidentified]
     rows += [("tried without improvement", one) for one in fit.unhelpful]

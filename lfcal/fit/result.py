@@ -34,8 +34,8 @@ class Parameter:
     name, group, unit
         As in the unknown.
     value, sigma
-        Fitted value and its standard deviation, which includes degenerate parameters that were tried but stay at
-        their description.
+        Fitted value and its standard deviation, which includes the uncertainty of degenerate parameters that were tried
+        but are fixed at their described values.
     start
         Described value.
     sigma_held
@@ -60,7 +60,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pattern excluded from the fit because it differs from the others; ``region`` is the index of its region.
+    """A pattern that was excluded from the fit because it differs from the others; ``region`` is an index.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class Outlier:
 
 @dataclass(frozen=True, slots=True)
 class InRegion:
-    """Quality of a fit of several regions in one of them: chi² and error of its patterns."""
+    """Quality of a fit of several regions in one region, as the chi² and the error of its patterns."""
 
     chi_square: ChiSquare
     error: ModelError
@@ -104,20 +104,20 @@ class Fit:
     held_out_error
         Error of the model's patterns, from held-out patterns; if the model is incomplete, from all patterns.
     correlations
-        Correlations of the parameters, in their order ``(k, k)``.
+        Correlations ``(k, k)`` of the parameters, in the order of ``parameters``.
     held
         Quantities that were fixed to define the parameters.
     unidentified
         Combinations of parameters that this scan does not determine, and degeneracies with parameters that were tried
-        but are kept fixed, because fitting them as well would greatly increase the uncertainty.
+        but stay fixed, because fitting them as well would greatly increase the uncertainty.
     outliers
         Patterns that were excluded, with the reason.
     answers
-        Answers to discrete questions that differ from the description.
+        Answers to discrete questions, by question, where they differ from the description.
     spread
         Scatter of the sources' positions, and stability of the lamp.
     residuals
-        Measured minus predicted in sigmas ``(nt, ns)`` by position (z, y, x).
+        Measured minus predicted values ``(nt, ns)`` in standard deviations, by position (z, y, x).
     levels
         Gain and background of each plane; for planes without a pattern, the gain is interpolated.
     here
@@ -153,12 +153,12 @@ class Fit:
 
     @property
     def chi2(self) -> float:
-        """Mean square of the residuals over their variance, weighted by the light; 1 for a correct model."""
+        """Mean of the squared residuals divided by their variance, weighted by the light; 1 for a correct model."""
         return self.chi_square.lit
 
     @property
     def complete(self) -> bool:
-        """Whether the model is complete: chi² is within five of its standard deviations of 1."""
+        """Whether the model is complete, that is, chi² exceeds 1 by less than five of its standard deviations."""
         return self.chi_square.complete
 
     @property
@@ -176,7 +176,7 @@ class Fit:
         return f"model incomplete: {more}; {error}; more patterns do not help"
 
     def residual(self, z: int, y: int, x: int) -> NDArray[np.float32]:
-        """Return measured minus predicted values of a measured pattern ``(nt, ns)``, in sigmas of their noise.
+        """Return the measured minus the predicted values of a pattern ``(nt, ns)``, in standard deviations of noise.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class Fit:
 
     @property
     def header(self) -> Header:
-        """Description of H of the fitted camera, besides its values."""
+        """Description of H of the fitted camera, without its values."""
         plan = self.planned
         return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
@@ -212,12 +212,12 @@ class Fit:
 
     @property
     def unseen(self) -> tuple[int, ...]:
-        """Planes without a recorded pattern: nothing was measured in them, not even their gain."""
+        """Indices of the planes without a recorded pattern, whose gain was therefore not measured either."""
         return tuple(sorted(set(range(self.planned.shape[0])) - {z for z, _, _ in self.residuals}))
 
     @property
     def unseen_words(self) -> str:
-        """One line on how H was determined in planes without patterns; empty if there are none."""
+        """One line on how H was determined in planes without a pattern; empty if there are none."""
         if not self.unseen:
             return ""
         planes = ", ".join(map(str, self.unseen))
@@ -243,7 +243,7 @@ class Fit:
 
     @property
     def middle_um(self) -> tuple[float, float]:
-        """Middle (x, y) of the scanned region from the sensor's centre (µm), the reference of offsets."""
+        """Middle (x, y) of the scanned region, relative to the centre of the sensor (µm); the reference of offsets."""
         plan = self.planned
         middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
         y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
@@ -251,7 +251,7 @@ class Fit:
 
     @property
     def ideal_places(self) -> Setup:
-        """The setup with sources at the positions of H: fitted depths, but the planned steps of the stage."""
+        """The setup with sources at the positions of H: fitted depths, but planned lateral steps of the stage."""
         return replace(self.setup, stage_scale=0.0, travel_rad=(0.0, 0.0))
 
     def iter_hybrid(
@@ -268,7 +268,7 @@ class Fit:
         source
             Recorded patterns of the same scan, all or only the fitted ones.
         noise
-            Constant and slope of a sample's variance; None: as stated by the source.
+            Constant and slope of the variance of a sample; None: as stated by the source.
         workers
             Number of threads; None: all processors.
 

@@ -29,7 +29,7 @@ STEPS = 6
 class GroupSelection:
     """Sums of squares of fitted and held-out patterns, as quadratic forms of all unknowns about a point.
 
-    ``samples`` is the number of held-out samples, which noise alone adds to their sum.
+    ``samples`` is the number of held-out samples, and so the sum that noise alone would contribute.
     """
 
     def __init__(self, problem: Problem, point: Point, columns: Columns) -> None:
@@ -41,7 +41,7 @@ class GroupSelection:
         self.samples = float((point.seen.inverse[aside] > 0).sum())
 
     def left(self, groups: Sequence[str]) -> float:
-        """Return the chi-square of the held-out patterns after the best step of the groups' unknowns."""
+        """Return the sum of squares of the held-out patterns after the best step of the unknowns of ``groups``."""
         used = shared_of(self.problem, self.problem.vector.of_groups(groups))
         step = solve(self._matrix[np.ix_(used, used)], self._gradient[used])
         return self._aside.chi2 - self._aside.change(step, used)
@@ -49,14 +49,14 @@ class GroupSelection:
     def threshold(self, groups: Sequence[str], left: float) -> float:
         """Return the decrease of the held-out sum of squares that distinguishes a group from one without effect.
 
-        q unknowns that fit only noise change this sum by about 0 +- sqrt(q): their errors times the held-out noise.
+        Here, ``left`` is the sum with these groups. q unknowns that fit only noise change the sum by about 0 ± sqrt(q).
         """
         q = len(self.problem.vector.of_groups(groups))
         return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)
 
 
 def gain_of(selection: GroupSelection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
-    """Return the decrease of the held-out sum by the groups ``added`` to ``chosen``, and the required decrease."""
+    """Return the decrease of the held-out sum of squares by adding the groups ``added``, and the required decrease."""
     others = [one for one in chosen if one not in added]
     without, with_it = selection.left(others), selection.left([*others, *added])
     return without - with_it, selection.threshold(added, with_it)
@@ -78,10 +78,10 @@ def choose(
     *,
     least: float = 0.0,
 ) -> tuple[str, ...]:
-    """Return ``chosen`` plus the ``candidates`` that help in addition, the most helpful first.
+    """Return ``chosen`` followed by the ``candidates`` that lower the held-out residual, the most effective first.
 
-    Each is tried by a linear fit about ``point``, with the derivatives ``columns`` by all of them. It must remove at
-    least the fraction ``least`` of the residual, because every group helps a little far from the best point.
+    Each candidate is tried by a linear fit about ``point``, with the derivatives ``columns`` by all unknowns. It must
+    remove at least the fraction ``least`` of the residual, because far from the best point every group helps a little.
     """
     selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
@@ -98,7 +98,7 @@ def choose(
 def prune(
     problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], core: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return ``chosen`` without the groups that do not help in addition to the others; those of ``core`` stay."""
+    """Return ``chosen`` without the groups that do not lower the held-out residual; those in ``core`` always stay."""
     found, kept = list(chosen), set(core)
     while more := [name for name in found if name not in kept]:
         # benefit of a group relative to its start, to which its unknowns return

@@ -44,7 +44,7 @@ class RegionPlace:
     rows_px, columns_px
         Displacement on the sensor (pixels).
     farther_um
-        Displacement of its planes away from the camera, relative to those of the scan (µm).
+        Displacement of the planes of the region away from the camera, relative to those of the scan (µm).
     """
 
     rows_px: float = 0.0
@@ -69,12 +69,12 @@ class Setup:
     aside_px
         Displacement (rows, columns) of all sources on the sensor from their planned positions (pixels).
     regions
-        Additional displacement of each of several regions of the field; see `of_region`.
+        Additional displacements, one for each region of the field; empty for a single region.
     hole_um
         Diameter of the holes of a target whose patterns contain their light separately
         (`lfcal.fit.measured.Measured.blur`) (µm); None: the effects describe the sources.
     travel_rad
-        Tilt (down the rows, along the columns) of the source's travel in depth against the optical axis (rad).
+        Tilt (down the rows, along the columns) of the travel of the source in depth relative to the optical axis (rad).
 
     Examples
     --------
@@ -100,7 +100,7 @@ class Setup:
         check_number("stage scale", self.stage_scale, above=-0.5, below=0.5)
 
     def of_region(self, k: int) -> Setup:
-        """Return the setup of a single region."""
+        """Return the setup of the region with index ``k``, with its displacements applied."""
         if k >= len(self.regions):
             return self
         own = self.regions[k]
@@ -109,33 +109,34 @@ class Setup:
         return replace(self, depth_errors_um=depths, aside_px=aside, regions=())
 
     def plan(self, planned: ScanPlan) -> ScanPlan:
-        """Return the plan with this camera; positions on the sensor stay as planned."""
+        """Return the plan with the camera of this setup; positions on the sensor stay as planned."""
         return replace(planned, camera=self.camera)
 
     def drift_px(self, z_um: float) -> NDArray[np.float64]:
-        """Return the displacement (rows, columns) on the sensor of a source at a depth, because its travel is tilted.
+        """Return the displacement (rows, columns) on the sensor of a source at a depth, due to the tilt of its travel.
 
-        The depth is that of the plan, from the stage's zero; the displacement is that of a telecentric camera.
+        The depth is that of the plan, from the zero of the stage (µm). The displacement is that of a telecentric
+        camera, in pixels.
         """
         found: NDArray[np.float64] = np.tan(self.travel_rad) * z_um / self.camera.step_um()
         return found
 
     def effect(self, kind: type[E]) -> E | None:
-        """Return the effect of a kind; None if the setup has none."""
+        """Return the effect of class ``kind``; None if the setup has none."""
         return next((effect for effect in self.effects if type(effect) is kind), None)
 
     def with_effect(self, effect: Effect) -> Setup:
-        """Return the setup with an effect added, or replacing the effect of the same kind."""
+        """Return the setup with ``effect`` added, or replacing the effect of the same class."""
         others = tuple(one for one in self.effects if type(one) is not type(effect))
         return replace(self, effects=(*others, effect))
 
     def edited(self, change: Callable[[Camera], Camera]) -> Setup:
-        """Return the setup with a changed camera."""
+        """Return the setup with its camera replaced by ``change(camera)``."""
         return replace(self, camera=change(self.camera))
 
 
 def described_effects(camera: Camera) -> tuple[Effect, ...]:
-    """Return the effects in a camera's description, whatever their size, from which a fit starts."""
+    """Return the effects that follow from the description of a camera, whatever their size; a fit starts with them."""
     if not camera.has_lattice:  # waves through single lenslets have all of them
         return (PixelFill(),) if camera.sensor.fill_factor < 1 else ()
     found: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape())
@@ -146,7 +147,7 @@ def described_effects(camera: Camera) -> tuple[Effect, ...]:
 
 
 def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
-    """Return the initial effects of a fit: the described ones, and the vector field if it matters."""
+    """Return the initial effects of a fit: the described ones, and the vector field if its effect is noticeable."""
     if not plan.camera.has_lattice:
         return described_effects(plan.camera)
     vectorial = VectorialPupil()
@@ -156,7 +157,9 @@ def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
 
 
 def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return ``effects`` with some replaced, as given by words or files (`lfcal.simulate.effects.described`).
+    """Return ``effects`` after adding the effects ``given``, and changing those named in ``settings``.
+
+    A setting is ``"on"`` or ``"off"``, by the name of the effect.
 
     Raises
     ------

@@ -31,7 +31,7 @@ RoundRecorder = Callable[[Problem, Point, str], Progress]
 
 
 def solve(matrix: F8, gradient: F8) -> F8:
-    """Return the solution of N d = g for a positive semidefinite N whose unknowns have different sizes."""
+    """Return the solution of N d = g for a positive semidefinite N whose unknowns differ in scale."""
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     known = size > 0
     out = np.zeros_like(gradient)
@@ -52,7 +52,7 @@ def shared_of(problem: Problem, which: Sequence[int] | NDArray[np.intp]) -> NDAr
 
 
 def with_prior(problem: Problem, normal: Normal, u: F8) -> tuple[F8, F8]:
-    """Return the matrix and gradient including the priors of the unknowns."""
+    """Return the matrix and gradient of ``normal`` at ``u``, including the priors of the unknowns."""
     precision, _ = problem.vector.prior()
     matrix, gradient = normal.matrix.copy(), normal.gradient.copy()
     k = len(precision)
@@ -66,7 +66,7 @@ def stepped(
 ) -> tuple[Point, float, float]:
     """Return the first point that is better than ``point``, the next damping, and the improvement.
 
-    If none is found, ``point`` and an improvement of 0 are returned.
+    If no better point is found, ``point`` and an improvement of 0 are returned.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, gradient = with_prior(problem, normal, point.u)
@@ -85,7 +85,11 @@ def stepped(
 
 
 def moved(problem: Problem, point: Point, normal: Normal, used: NDArray[np.intp], step: F8, count: int) -> Point | None:
-    """Return the point after a step, or None if there is no such camera; unknowns of single patterns are updated."""
+    """Return the point after a step, or None if no such camera is possible.
+
+    ``step`` contains the ``count`` unknowns with the indices ``used``, then gains and backgrounds. The unknowns of
+    single patterns are updated as well.
+    """
     longest = float(np.abs(step[:count]).max(initial=0.0))
     step = step * min(1.0, LONGEST / longest) if longest > 0 else step
     u = point.u.copy()
@@ -121,9 +125,9 @@ def descend(
 ) -> Work[tuple[Point, Columns]]:
     """Return the point reached by descending until a step gains less than the fraction ``enough`` of the loss.
 
-    At most ``most`` rounds are made, and only the unknowns ``which`` change. ``columns`` are known derivatives for the
-    first round. The last derivatives are also returned. Yields progress in derivatives, and the result of
-    ``record_round`` at the end of a round.
+    Only the unknowns ``which`` change, in at most ``most`` rounds. ``columns`` are known derivatives for the first
+    round. The last derivatives are also returned. Yields progress in derivatives, and the result of ``record_round`` at
+    the end of each round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):

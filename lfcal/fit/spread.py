@@ -13,11 +13,11 @@ __all__ = ["held_out_rows", "spread_out"]
 def held_out_rows(
     index: NDArray[np.intp], count: int, plan: ScanPlan, earlier: NDArray[np.intp] | None = None
 ) -> NDArray[np.intp]:
-    """Return the ``count`` positions of a plan, among ``(n, 3)``, that represent all others, to be held out.
+    """Return the rows of ``count`` positions in ``index`` ``(n, 3)`` that represent all others, to be held out.
 
-    A few positions far apart in the period may be a whole number of lenslets apart. Their patterns are then equal, and
-    test a model at only one position behind a lenslet. The chosen positions are therefore also far apart relative to
-    the lenslets.
+    Positions that are far apart in the period may differ by an integer number of lenslets. Their patterns are then
+    equal, and test a model at only one position relative to a lenslet. The chosen positions are therefore also far
+    apart relative to the lenslets.
     """
     cell = plan.camera.periodic.basis_um()[:, ::-1] / plan.camera.sensor.pixel_um if plan.camera.has_lattice else None
     return spread_out(index, count, plan.period, earlier, cell)
@@ -30,11 +30,12 @@ def spread_out(
     earlier: NDArray[np.intp] | None = None,
     cell: NDArray[np.float64] | None = None,
 ) -> NDArray[np.intp]:
-    """Return the ``count`` positions among ``(n, 3)`` (z, y, x) that are farthest from each other.
+    """Return the rows of ``count`` positions in ``index`` ``(n, 3)`` (z, y, x) that are far from each other.
 
-    Planes are filled in turn. Each next position is the farthest from all those taken, measured across the period's
-    edges. Positions ``earlier`` ``(m, 3)`` count as taken but are not returned. With the vectors ``(2, 2)`` of the
-    array's ``cell``, as (rows, columns) in pixels, they are far apart both in the period and behind their lenslets.
+    Planes are filled in turn. Each new position is the one farthest from all those already chosen, with distances
+    measured periodically. Positions ``earlier`` ``(m, 3)`` count as chosen but are not returned. ``cell`` contains the
+    vectors ``(2, 2)`` of the unit cell of the array, as (rows, columns) in pixels. With it, positions are far apart
+    both in the period and relative to their lenslets.
     """
     there = np.zeros((0, 3), np.intp) if earlier is None else earlier
     planes: dict[int, _Plane] = {}

@@ -50,7 +50,7 @@ OTHER_LIGHT = 0.05
 
 @dataclass(frozen=True, eq=False)
 class StoredFit:
-    """Contents of a fit's folder that are needed to predict patterns.
+    """Contents of the folder of a fit that are needed to predict patterns.
 
     Attributes
     ----------
@@ -61,20 +61,20 @@ class StoredFit:
     depths_um, period, anchor
         Depths, period and anchor of the fitted scan.
     gains
-        Light of each plane ``(nz,)`` in the units of the data; interpolated between neighbours for planes without a
+        Gain of each plane ``(nz,)`` in the units of the data, interpolated between neighbours for planes without a
         pattern.
     error
         Stated relative error (L2) of the model.
     positions
         Positions (z, y, x) that were fitted, held out, or excluded with a reason.
     fitted_planes
-        Planes with fitted patterns.
+        Indices of the planes with fitted patterns.
     stage_scale
         Relative error of the stage's step length.
     response
-        Relative rms of the pixels' response.
+        Relative rms of the response of the pixels.
     travel_rad
-        Tilt of the source's travel against the optical axis.
+        Tilt (down the rows, along the columns) of the travel of the source relative to the optical axis (rad).
     """
 
     folder: Path
@@ -92,7 +92,7 @@ class StoredFit:
 
     @classmethod
     def of(cls, fit: Fit) -> StoredFit:
-        """Return the contents that the folder of a fit would have."""
+        """Return the contents that the folder of ``fit`` would have, without writing it."""
         plan = fit.planned
         return cls(
             folder=Path(),
@@ -111,16 +111,16 @@ class StoredFit:
 
     @property
     def whole_setup(self) -> Setup:
-        """The setup with sources at the stage's actual positions."""
+        """The setup with sources at the actual positions of the stage, instead of those of H."""
         return replace(self.setup, stage_scale=self.stage_scale, travel_rad=self.travel_rad)
 
     def is_of(self, plan: ScanPlan) -> bool:
-        """Return whether a plan has the same positions as the scan that was fitted."""
+        """Return whether ``plan`` has the same positions as the scan that was fitted."""
         own, theirs = (self.anchor, self.period, self.depths_um), (plan.anchor, plan.period, plan.depths_um)
         return own == theirs
 
     def check(self, plan: ScanPlan) -> None:
-        """Raise `InputError` if a plan is not that of the fitted scan; its cutout may differ."""
+        """Raise `InputError` unless ``plan`` is that of the fitted scan; its cutout may differ."""
         have: dict[str, tuple[Any, Any]] = {
             "period": (self.period, plan.period),
             "depths (µm)": (self.depths_um, plan.depths_um),
@@ -142,12 +142,12 @@ class StoredFit:
 
 
 def numbers_file(folder: Path) -> Path | None:
-    """Return the file with the numbers of a fit, which is written last; None if there is none."""
+    """Return the path of the file with the numbers of a fit, which is written last; None if there is none."""
     return next((folder / name for name in (FIELD, NUMBERS) if (folder / name).is_file()), None)
 
 
 def read_fits(folder: Path) -> dict[str, StoredFit]:
-    """Return the fit in a folder, by the names of its regions; a single fit has an empty name.
+    """Return the fits in a folder by the names of their regions; a fit of a single region has an empty name.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def read_fits(folder: Path) -> dict[str, StoredFit]:
 
 
 def read_fit(folder: Path) -> StoredFit:
-    """Read a folder that ``lfcal fit`` wrote.
+    """Return the fit in a folder that ``lfcal fit`` wrote.
 
     Raises
     ------
@@ -232,14 +232,14 @@ def _position(at: Any) -> tuple[int, int, int]:
 
 
 class Filler:
-    """Source of values for the missing positions of planes that are being assembled.
+    """Callable that fills the missing positions of assembled planes with predictions of a fit.
 
     Parameters
     ----------
     fit
         The fit of the scan.
     plan
-        The scan as it is assembled.
+        The scan that is assembled.
     workers
         Number of threads; None: all processors.
     """
@@ -250,7 +250,7 @@ class Filler:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Facts about the source of filled positions, for the provenance of H."""
+        """Facts about the fit that fills the positions, for the provenance of H."""
         return {"fit": self._fit.folder.name, "error": self._fit.error, "camera": self._fit.setup.camera.to_dict()}
 
     def __call__(self, z: int, values: F4, facts: Facts) -> Work[Filled]:

@@ -52,20 +52,20 @@ CAPTION = "Error of each point that was not fitted: across the sensor, and from 
 
 @dataclass(frozen=True, eq=False)
 class PointError:
-    """A point that was not fitted.
+    """Error of the prediction at a point that was not fitted.
 
     Attributes
     ----------
     z, y, x
-        Position in the scan of the point.
+        Position of the point in its scan.
     place_px
-        Row and column on the sensor of the source's image.
+        Row and column of the image of the source on the sensor.
     field
-        Distance from the sensor's middle: 0 there, 1 at the edge.
+        Distance from the middle of the sensor, where 1 is the edge.
     model
-        Relative error (L2) of the fitted camera's prediction at this position.
+        Comparison with the prediction of the fitted camera at this position, with its relative error (L2).
     periodic
-        Relative error (L2) of the prediction by H, which assumes that all periods are equal. None: the point is in the
+        Comparison with the prediction by H, which assumes that all periods are equal; None if the point is in the
         region of H.
     """
 
@@ -93,7 +93,7 @@ class PointError:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """All points that were not fitted.
+    """Errors of the predictions at all points that were not fitted.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Validation:
     points: tuple[PointError, ...]
 
     def error(self, points: tuple[PointError, ...] | None = None, *, periodic: bool = False) -> ModelError:
-        """Return the error over some points (by default all): of the camera, or of a ``periodic`` H."""
+        """Return the error over ``points`` (None: all) of the fitted camera or, if ``periodic``, of a periodic H."""
         some = self.points if points is None else points
         beside = [(one.periodic or one.model) if periodic else one.model for one in some]
         powers = np.array([float(np.square(one.light[one.weight > 0]).sum()) for one in beside])
@@ -115,12 +115,12 @@ class Validation:
 
     @property
     def middle(self) -> tuple[PointError, ...]:
-        """The third of the points that is nearest to the field's middle."""
+        """The third of the points that is nearest to the middle of the field."""
         return self.points[: max(1, round(PART * len(self.points)))]
 
     @property
     def edges(self) -> tuple[PointError, ...]:
-        """The third of the points that is farthest from the field's middle."""
+        """The third of the points that is farthest from the middle of the field."""
         return self.points[-max(1, round(PART * len(self.points))) :]
 
     @property
@@ -190,9 +190,10 @@ class _ByModel:
 
 
 def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = False) -> Work[Validation]:
-    """Return how well a fit predicts patterns that were not fitted.
+    """Return the errors of a fit in predicting patterns that were not fitted.
 
-    Gain, background and position of the source are fitted for each pattern; the residual beyond its noise is the error.
+    For each pattern, gain, background and position of the source are fitted. The error is the residual beyond the
+    noise.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     withheld
         Patterns of the same scan that were not fitted, or of another scan elsewhere in the field.
     another
-        Whether they come from another recording, so that patterns at fitted positions were not fitted either.
+        Whether the patterns come from another recording, so that even those at fitted positions were not fitted.
 
     Yields
     ------
@@ -264,7 +265,7 @@ class _Image:
 
 
 def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cutout: tuple[int, int]) -> Compared:
-    """Return the frame of a known object compared with its prediction.
+    """Compare the frame of a known object with its prediction.
 
     Parameters
     ----------
@@ -273,9 +274,9 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     frame
         Recorded frame, with its dark level subtracted.
     noise
-        Constant and slope of a sample's variance.
+        Constant and slope of the variance of a sample.
     cutout
-        Cutout of H; half of it at each border is not compared.
+        Size of the cutout of H; a border of half this size is not compared.
 
     Raises
     ------
@@ -332,17 +333,16 @@ def _point(fit: StoredFit, withheld: Measured, k: int, model: PlaneModel, near: 
 
 
 def validation_outputs(folder: Path) -> tuple[Path, Path]:
-    """Return the files that `iter_write_validation` writes into the folder of a fit: numbers and picture."""
+    """Return the paths of the numbers and the plot that `iter_write_validation` writes into the folder of a fit."""
     return folder / "validation.json", folder / REPORT / "validation.png"
 
 
 def iter_write_validation(
     fit: StoredFit, withheld: Measured, folder: Path, source: str, *, another: bool = False
 ) -> Work[Validation]:
-    """Return the result of `iter_validate`, and write it into the folder of the fit.
+    """Validate a fit with `iter_validate`, write the result into the folder of the fit, and return it.
 
-    Numbers and picture are separate files, and the report gets a section with the picture. ``source`` names the
-    recording.
+    Numbers and plot are separate files, and the plot is added to the report. ``source`` is the name of the recording.
     """
     found = yield from iter_validate(fit, withheld, another=another)
     numbers, picture = validation_outputs(folder)
@@ -354,7 +354,7 @@ def iter_write_validation(
 
 
 def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:
-    """Draw the error of every withheld point over the sensor, and by its distance from the sensor's middle."""
+    """Draw the error of every withheld point over the sensor, and by its distance from the middle of the sensor."""
     errors = np.array([_shown(one.model.error) for one in found.points])
     with figure(9.6, 3.4) as fig:
         places, line = fig.subplots(1, 2)

@@ -70,13 +70,13 @@ class Check:
     stated
         Error stated in H (relative L2).
     doubt
-        Error of the prediction by H for sources between its positions (relative L2).
+        Uncertainty of the prediction by H for sources between its positions (relative L2).
     suspects
         Possible changes, the best explanation first.
     model_misfit
-        Fraction of H that its camera does not explain; None: H has no camera.
+        Fraction of the light of H that its camera does not explain (relative L2); None: H has no camera.
     noise_from
-        Source of the noise of the frames.
+        Where the noise of the frames was taken from, in words.
     notes
         Remarks in addition to the verdict.
     """
@@ -112,17 +112,17 @@ class Check:
 
     @property
     def explanations(self) -> tuple[Suspect, ...]:
-        """Changes that explain the frames, the best first: those that are significant and matter at this limit."""
+        """Significant changes that explain the frames and exceed half the limit, the best explanation first."""
         return tuple(one for one in self.suspects if one.shows and one.error > 0.5 * self.limit)
 
     @property
     def answer(self) -> str:
-        """Text on whether H is valid."""
+        """Whether H is valid, as text: "holds", "does not hold" or "undecided"."""
         return {True: "holds", False: "does not hold", None: "undecided"}[self.holds]
 
     @property
     def figures(self) -> str:
-        """The error of H with its limit, and chi²."""
+        """The error of H with its limit, and chi², as text."""
         return f"error {self.error} beyond noise, limit {format_share(self.limit)}; chi² {self.chi_square.lit:.2f}"
 
     @property
@@ -136,11 +136,11 @@ class Check:
 
     @property
     def known(self) -> str:
-        """Text of the result for a verdict; empty if the frames are not sufficient to decide."""
+        """Confirmation of H for a verdict, as text; empty unless the frames show that H is valid."""
         return f"confirmed by the frames: error {self.figures}" if self.holds else ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types, with the judgement."""
+        """Return all values and the conclusions from them as plain JSON types."""
         found: dict[str, Any] = plain(
             {
                 "format": "lfcal-check",
@@ -193,21 +193,20 @@ def iter_check(
     limit: float = LIMIT,
     suspects: bool = True,
 ) -> Work[Check]:
-    """Return whether H is still valid, from new frames of point sources.
+    """Check with new frames of point sources whether H is still valid.
 
-    The position of each source is known or searched for. Gain, background and the displacement of the source between
-    the positions of H are fitted.
+    If the position of a source is not known, it is searched for. Gain, background and the displacement of each source
+    from the nearest position of H are fitted.
 
     Parameters
     ----------
     matrix
         The old H.
     frames
-        A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or frames with facts about
-        them.
+        A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or one or more `NewFrame`.
     noise
-        Constant and slope of a sample's variance; None: as stated by the frames or by H, or else measured on the
-        frame's dark pixels.
+        Constant and slope of the variance of a sample; None: as stated by the frames or by H, or else measured on the
+        dark pixels of the frames.
     limit
         Largest error (relative L2) for a valid H.
     suspects

@@ -48,9 +48,9 @@ class Figures:
     scale
         Number g that minimizes ``|a - g b|``.
     scaled
-        ``|a - g b| / |a|`` at this scale: 0 if they are equal, 1 if they have nothing in common.
+        ``|a - g b| / |a|`` at this scale: 0 if both are proportional, 1 if they have nothing in common.
     shift_px
-        Sub-pixel shift (row, column) of a relative to b.
+        Sub-pixel shift (row, column) of ``a`` relative to ``b`` (pixels).
     left
         Like ``scaled``, with best-fit scale and shift.
     correlation
@@ -72,15 +72,16 @@ class PlaneFigures:
     Attributes
     ----------
     planes, depths_um
-        Number and depth in both H.
+        Index and depth of the plane in each H.
     positions
         Number of compared positions.
     all
-        Differences of all pixels.
+        Differences over all pixels.
     types
-        Differences of the pixels behind the lenslets of each type; empty if there is no camera to identify them.
+        Differences over the pixels behind the lenslets of each type; empty without a camera to identify the types.
     like
-        Plane of the second H that matches this plane of the first better; None: the same plane matches best.
+        Index of another plane of the second H that matches this plane of the first better; None: the same plane matches
+        best.
     """
 
     planes: tuple[int, int]
@@ -93,7 +94,7 @@ class PlaneFigures:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Differences between two H: a recording and its simulation, or recordings of today and last month.
+    """Differences between two H, such as a recording and its simulation, or two recordings of the same camera.
 
     Positions that are missing, dark or NaN in either are left out.
 
@@ -102,13 +103,15 @@ class Comparison:
     pair
         The compared parts, and what was left out.
     all, types
-        Differences over all planes. The shift is the mean over the planes; in ``left``, each plane has its own shift.
+        Differences over all planes, for all pixels and by lens type. The shift is the mean over the planes; in
+        ``left``, each plane has its own shift.
     planes
         Differences by plane.
     error
         ``|a / s - b| / |b|`` of each pattern at equal energy ``(planes, ny, nx)``; NaN if nothing was compared.
     shift_px
-        Centroid (row, column) of each pattern minus that in the second H ``(planes, ny, nx, 2)`` (pixels).
+        Centroid (row, column) of each pattern of the first H minus that of the second, ``(planes, ny, nx, 2)``
+        (pixels).
 
     Examples
     --------
@@ -130,7 +133,7 @@ class Comparison:
 
     @property
     def compared(self) -> int:
-        """Number of positions compared."""
+        """Number of compared positions over all planes."""
         return int(np.isfinite(self.error).sum())
 
     @property
@@ -141,7 +144,7 @@ class Comparison:
 
     @property
     def rms_shift_px(self) -> float:
-        """Rms of the centroid shifts (pixels); NaN if nothing was compared."""
+        """Root mean square of the centroid shifts (pixels); NaN if nothing was compared."""
         shifts = self._shifts()
         return float(np.sqrt(np.mean(shifts**2))) if shifts.size else math.nan
 
@@ -157,7 +160,7 @@ class Comparison:
 
     @property
     def correlation(self) -> float:
-        """``sum(a b) / sqrt(sum(a²) sum(b²))`` over everything compared: 1 for equal matrices in any units."""
+        """Correlation ``sum(a b) / sqrt(sum(a²) sum(b²))`` over all compared values; 1 if both H are proportional."""
         return self.all.correlation
 
     @property
@@ -213,11 +216,11 @@ def iter_compare(
     by_index: bool = False,
     workers: int | None = None,
 ) -> Work[Comparison]:
-    """Return the comparison of two H, of which only a few rows of positions are in memory at a time.
+    """Compare two H, with only a few rows of positions in memory at a time.
 
-    The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them.
-    For the refinement, b is shifted with its Fourier series, and the residual is fitted by least squares with the
-    derivatives of b and the scale.
+    The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them. For
+    the refinement, ``b`` is shifted by means of its Fourier series. The residual is then fitted by least squares with
+    the scale and the derivatives of ``b``.
 
     Parameters
     ----------
@@ -432,7 +435,10 @@ def _more_like(both: Pair) -> list[int | None]:
 
 
 def centroids(patterns: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return centroids (row, column) of patterns ``(n, nt ns)`` above `FLOOR` of their peaks, ``(n, 2)``."""
+    """Return the centroids ``(n, 2)`` (row, column) of patterns ``(n, nt ns)`` of ``shape`` ``(nt, ns)``.
+
+    Values below the fraction `FLOOR` of the peak of a pattern are ignored.
+    """
     above = np.maximum(patterns - FLOOR * patterns.max(1, keepdims=True), 0).reshape(-1, *shape)
     total = above.sum((1, 2))
     rows = above.sum(2) @ np.arange(shape[0])

@@ -41,8 +41,8 @@ class DatedFit:
     label
         Folder of the fit.
     when, recorded
-        Time of the recording, or else of the fit (UTC), and whether it is that of the recording. ``recorded`` is None
-        if neither time is known; ``when`` is then the time of the file.
+        Time of the recording, or else of the fit (UTC), and whether ``when`` is the time of the recording. If neither
+        is known, ``recorded`` is None and ``when`` is the time of the file.
     camera
         The fitted camera.
     values
@@ -56,7 +56,7 @@ class DatedFit:
     middle_um
         Middle (x, y) of the scanned region from the sensor's centre (µm).
     depths_um
-        Planned depths.
+        Planned depths of the planes (µm).
     """
 
     label: str
@@ -73,12 +73,14 @@ class DatedFit:
 
     @property
     def verdict(self) -> str:
-        """Text on whether the model was complete."""
+        """Whether the model was complete, as text."""
         return "the model is complete" if self.complete else "the model is incomplete"
 
 
 def fits_in(path: str | os.PathLike[str]) -> list[Path]:
-    """Return the folders of the fits at a path: a fit's folder, its fit.json, or a folder of such folders.
+    """Return the folders of the fits at a path.
+
+    The path is that of the folder of a fit, of its ``fit.json``, or of a folder that contains such folders.
 
     Raises
     ------
@@ -98,7 +100,7 @@ def fits_in(path: str | os.PathLike[str]) -> list[Path]:
 
 
 def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
-    """Return the fit in a folder; ``label`` is its name, by default that of the folder.
+    """Return the fit in a folder; ``label`` is the name of the fit, by default that of the folder.
 
     Raises
     ------
@@ -167,7 +169,7 @@ def _when(data: Mapping[str, Any], path: Path) -> tuple[datetime, bool | None]:
 
 @dataclass(frozen=True, slots=True)
 class MetricValue:
-    """A metric in one session; NaN if unknown."""
+    """Value and merit of a metric in one session; the value is NaN if unknown."""
 
     value: float
     merit: Merit
@@ -175,7 +177,7 @@ class MetricValue:
 
 @dataclass(frozen=True, slots=True)
 class MetricScale:
-    """Scale of a metric: its title, its unit, and the limits of good and bad values."""
+    """Title and unit of a metric, and its limits for good and bad values."""
 
     title: str
     unit: str
@@ -190,13 +192,14 @@ class DatedInspection:
     Attributes
     ----------
     label, when, dated
-        Name, time of the inspection (UTC), and whether it is stated or comes from the file time.
+        Name, time of the inspection (UTC), and whether this time is stated in the file; if not, it is the time of the
+        file.
     verdict, merit
         Verdict as a sentence, and merit as a word.
     values, scales
         Value and scale of each metric by its key.
     faults
-        Fraction of the light of each fault by its title; None: no comparison with a camera.
+        Fraction of the light that each fault changes, by its title; None: H was not compared with a camera.
     period
         Number of positions ``(ny, nx)`` of H; None if not stated.
     """
@@ -213,7 +216,9 @@ class DatedInspection:
 
 
 def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection:
-    """Return the result of ``lfcal inspect``: from a report's folder, its quality.json, or the output of ``--json``.
+    """Return a result of ``lfcal inspect``.
+
+    ``path`` is the folder of a report, its ``quality.json``, or a file with the output of ``--json``.
 
     Raises
     ------
@@ -245,7 +250,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
 
 
 def inspection_of(report: QualityReport, label: str, when: datetime) -> DatedInspection:
-    """Return the entry of a series for a new inspection of a file with the time ``when``."""
+    """Return the entry of a series for a new inspection; ``when`` is the time of the inspected file."""
     return _inspection(label, when, False, report.to_dict(), None)
 
 
@@ -271,7 +276,10 @@ def _inspection(
 
 
 def inspections_in(path: Path) -> list[Path]:
-    """Return the files at a path: a file, the quality.json of a report's folder, or those in a folder of such folders.
+    """Return the files of the inspections at a path.
+
+    The path is that of a file, of the folder of a report with its ``quality.json``, or of a folder that contains such
+    folders.
 
     Raises
     ------
@@ -295,7 +303,7 @@ def inspections_in(path: Path) -> list[Path]:
 
 
 def labels_of(places: Sequence[Path]) -> list[str]:
-    """Return short names that distinguish files: the name of the file, or of the folders above it."""
+    """Return the shortest names that distinguish the files ``places``, extended by parent folders where necessary."""
     for above in range(1, 8):
         told = ["/".join(place.parts[-above:]) for place in places]
         if len(set(told)) == len(told):

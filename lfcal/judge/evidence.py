@@ -59,11 +59,11 @@ class Unlike:
     Attributes
     ----------
     reason
-        Reason as text.
+        Reason, as text.
     stated
         Whether a camera is stated but does not explain the patterns.
     camera
-        That camera, if its patterns can be computed.
+        The stated camera; None if its patterns cannot be computed.
     correlation
         Median correlation of the patterns with those of the camera; None: not measured.
 
@@ -92,20 +92,20 @@ class Evidence:
     Attributes
     ----------
     matrix, plan
-        H, and its scan.
+        H, and the plan of its scan.
     camera
         The camera of H.
     index
         Positions ``(n, 3)`` as (z, y, x).
     data, valid
-        Values ``(n, nt, ns)``, and which of them are valid.
+        Values ``(n, nt, ns)``, and a mask of those that are valid.
     model
-        Predictions of the camera, as fractions of the light of the iris.
+        Predictions of the camera ``(n, nt, ns)``, as fractions of the light that passes the iris.
     columns
-        Derivatives of ``model`` by the `COLUMNS` after the first two ``(n, 5, nt, ns)``.
+        Derivatives ``(n, 5, nt, ns)`` of ``model`` by the parameters `COLUMNS`, without the first two.
     values, sigmas
-        Best-fit parameters of each pattern and their standard deviations ``(n, 7)``, in the order of `COLUMNS`;
-        derivatives are those of the model times the pattern's gain.
+        Best-fit parameters of each pattern and their standard deviations ``(n, 7)``, in the order of `COLUMNS`.
+        Parameters after the first two multiply the derivatives of the model times the gain of the pattern.
     variance
         Variance of each sample ``(n, nt, ns)``: noise and typical error of the model.
     misfit
@@ -113,7 +113,7 @@ class Evidence:
     starts
         Parameters at which the model and its derivatives were computed, the reference of displacements.
     asked
-        Patterns ``(n,)`` that were included because they are suspect; the others are evenly spread.
+        Mask ``(n,)`` of the patterns that were included because they are suspect; the others are evenly spread.
     more_suspected
         Number of further suspect positions; the most suspect ones were included.
     rounding
@@ -152,10 +152,10 @@ class Evidence:
         return len(self.index)
 
     def extent(self, which: NDArray[np.intp]) -> float:
-        """Return the fraction of all positions that are like the patterns ``which`` (indices).
+        """Return the estimated fraction of recorded positions that are affected like the patterns ``which`` (indices).
 
-        It is estimated from evenly spread patterns, if more of them are affected than by chance; it is at least the
-        fraction that was found.
+        The estimate uses the evenly spread patterns, if more of them are affected than by chance. It is at least the
+        number of these patterns divided by the number of recorded positions.
         """
         even = np.flatnonzero(~self.asked)
         hits = int(np.isin(even, which).sum())
@@ -163,9 +163,9 @@ class Evidence:
         return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
 
     def likely_extent(self, which: NDArray[np.intp]) -> float:
-        """Return the fraction of positions like the patterns ``which``.
+        """Return the estimated fraction of positions affected like the patterns ``which``, including further suspects.
 
-        Further suspects count in proportion to those that were compared.
+        Suspect positions that were not compared count in the same proportion as those that were compared.
         """
         asked = np.flatnonzero(self.asked)
         others = self.more_suspected * int(np.isin(asked, which).sum()) / max(1, asked.size)
@@ -173,13 +173,13 @@ class Evidence:
         return max(self.extent(which), min(most, 1.0))
 
     def column(self, name: str) -> tuple[F8, F8]:
-        """Return values and standard deviations ``(n,)`` of one of `COLUMNS`, relative to the plan."""
+        """Return the values and standard deviations ``(n,)`` of parameter ``name`` of `COLUMNS`, from the plan."""
         k = COLUMNS.index(name)
         return self.values[:, k] + self.starts.column(name, self.index[:, 0]), self.sigmas[:, k]
 
     @cached_property
     def light(self) -> F4:
-        """Patterns expected from the camera, with the gain of each pattern ``(n, nt, ns)``."""
+        """Predictions of the camera ``(n, nt, ns)``, multiplied by the gain of each pattern."""
         return self.model * self.values[:, 0, None, None].astype(np.float32)
 
     @cached_property
@@ -194,16 +194,16 @@ class Evidence:
 
     @cached_property
     def weight(self) -> F4:
-        """1/variance of each sample ``(n, nt, ns)``; 0 where nothing was measured, and for foreign patterns."""
+        """Inverse variance of each sample ``(n, nt, ns)``; 0 where nothing was measured and in ``unlike`` patterns."""
         found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
         found[self.unlike] = 0.0
         return found
 
     @cached_property
     def computed(self) -> bool:
-        """Whether patterns have so little noise that they were computed; their residuals are then errors of a model.
+        """Whether the patterns have so little noise that they must be computed ones.
 
-        Such patterns were affected by neither a sensor nor a codec.
+        The residuals of such patterns are errors of a model. Neither a sensor nor a codec affected them.
         """
         peak = float(self.light.max())
         inner = self.valid[:, :, 2:] & self.valid[:, :, 1:-1] & self.valid[:, :, :-2]
@@ -220,7 +220,7 @@ class Evidence:
 
     @cached_property
     def unlike(self) -> Flags:
-        """Patterns ``(n,)`` that do not belong to their positions, and carry no information on the sensor."""
+        """Mask ``(n,)`` of patterns that do not belong to their positions, so that they say nothing on the sensor."""
         seen = self.valid.any((1, 2))
         if not seen.any():
             return np.zeros(len(self), np.bool_)
@@ -240,9 +240,10 @@ class Evidence:
         return found if found.mean() < SOME else np.zeros_like(found)
 
     def beyond(self, column: F4) -> tuple[F8, F8]:
-        """Return the amount of one more column ``(n, nt, ns)`` in each pattern, and its standard deviation ``(n,)``.
+        """Return the amplitude ``(n,)`` of ``column`` ``(n, nt, ns)`` in the residuals, and its standard deviation.
 
-        The part that the fitted columns explain is not included; sigma is infinite if nothing remains.
+        The part of ``column`` that the fitted columns explain is removed first. If nothing remains of it, the standard
+        deviation is infinite.
         """
         values, sigmas = np.zeros(len(self)), np.full(len(self), np.inf)
         left, root = self.left, np.sqrt(self.weight)
@@ -262,7 +263,7 @@ class Evidence:
         return values, sigmas
 
     def with_data(self, data: F4, valid: Flags) -> Evidence:
-        """Return the evidence with other values at the same positions."""
+        """Return the evidence with the values replaced by ``data`` at the same positions, and fitted again."""
         data = np.where(valid, data, np.float32(0))
         model, columns, starts = self.model, self.columns, self.starts
         found = fitted(
@@ -279,9 +280,10 @@ class Evidence:
         return replace(found, asked=self.asked, more_suspected=self.more_suspected)
 
     def followed(self, values: F8 | None = None) -> Evidence:
-        """Return the evidence with models computed at the apparent positions of the patterns, given by ``values``.
+        """Return the evidence with models computed again at the apparent positions of the patterns.
 
-        If these are close to the positions at which models were computed, this evidence is returned.
+        ``values`` ``(n, 7)`` are the parameters that define these positions; None: those of this evidence. If the
+        positions are close to those of the present models, this evidence is returned unchanged.
         """
         planes = self.index[:, 0]
         moved = self.starts.nearer(self.values if values is None else values, planes)
@@ -294,7 +296,7 @@ class Evidence:
         return replace(self, model=model, columns=columns, starts=starts).with_data(self.data, self.valid)
 
     def corners(self) -> NDArray[np.intp]:
-        """Return the sensor pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
+        """Return the pixel (row, column) of the first sample of each cutout ``(n, 2)``, relative to the first of H."""
         return self.index[:, 1:].copy()
 
 
@@ -310,9 +312,9 @@ def fitted(
     starts: Starts,
     rounding: float,
 ) -> Evidence:
-    """Return the evidence of patterns ``(n, nt, ns)``, each fitted with `COLUMNS` to its model.
+    """Fit each pattern ``(n, nt, ns)`` by its model with the parameters `COLUMNS`, and return the evidence.
 
-    Parameters have the same names as the attributes of `Evidence`.
+    ``known`` is the camera. The other parameters are the attributes of `Evidence` with the same names.
     """
     n = len(index)
     values, sigmas = np.zeros((n, len(COLUMNS))), np.full((n, len(COLUMNS)), np.inf)
@@ -403,9 +405,9 @@ def iter_evidence(
     suspected: NDArray[np.intp] | None = None,
     more_suspected: int = 0,
 ) -> Work[Evidence | Unlike]:
-    """Return a comparison of patterns of H with its camera, or the reason why they cannot be compared.
+    """Compare patterns of H with its camera, and return the evidence or the reason why they cannot be compared.
 
-    The choice of patterns depends only on H, never on computing time.
+    The choice of patterns depends only on H, so that results are reproducible.
 
     Parameters
     ----------
@@ -486,7 +488,7 @@ def _camera_behind(matrix: PSFMatrix, recorded: NDArray[np.intp], setup: Setup |
 
 
 def patterns_of(matrix: PSFMatrix, index: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return patterns of positions ``(n, 3)``, and which of their samples are valid ``(n, nt, ns)``."""
+    """Return the patterns ``(n, nt, ns)`` at positions ``index`` ``(n, 3)``, and a mask of their valid samples."""
     data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
     valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
     data[~valid] = 0.0
@@ -503,9 +505,10 @@ def iter_fitted(
     *,
     elsewhere: bool = True,
 ) -> Work[Evidence]:
-    """Return patterns ``(n, nt, ns)`` of positions ``(n, 3)``, fitted at the apparent source, cutout and plane.
+    """Fit patterns ``(n, nt, ns)`` by models at their apparent source position, cutout and depth.
 
-    ``clock`` counts hundredths; with ``elsewhere``, planes are also searched for far from their stated depths.
+    ``clock`` counts hundredths of the work. If ``elsewhere``, the depths of the planes are also searched for far from
+    their stated values.
     """
     model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
     starts = Starts.none(len(index), len(matrix))

@@ -32,12 +32,12 @@ EDGE = 2
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """The camera of an H, with the fraction of H that it does not explain.
+    """The camera of an H, with the fraction of the light of H that it does not explain.
 
     Attributes
     ----------
     setup, plan
-        Camera with effects and depths, and the positions of H.
+        Camera with effects and depths, and the plan of the scan of H.
     misfit
         Fraction of the light of H that the camera leaves unexplained (relative L2).
     """
@@ -61,7 +61,7 @@ def plan_of(matrix: PSFMatrix) -> ScanPlan | None:
 
 
 def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
-    """Return the camera of an H from the fit in a folder; raises `InputError` if the fit is of another scan."""
+    """Return the setup fitted to an H from the folder of the fit; raise `InputError` if the fit is of another scan."""
     plan = plan_of(matrix)
     if plan is None:
         raise InputError.expected(
@@ -75,7 +75,7 @@ def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
 
 
 def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
-    """Return the camera of an H, compared with its patterns at ``index`` ``(n, 3)``; None if there is none."""
+    """Return the camera of an H, compared with its patterns at ``index`` ``(n, 3)``; None if H states no camera."""
     try:
         plan = plan_of(matrix)
         # metrics that compare H with its camera know only lattices
@@ -139,7 +139,7 @@ class ExpectedPattern:
     Parameters
     ----------
     matrix, z, y, x
-        H and the position in it.
+        H, and the position in it.
     camera
         The camera of H, if it explains H; None: interpolate between neighbouring positions of H.
     """
@@ -174,7 +174,7 @@ class ExpectedPattern:
         return self._both(offset)[0]
 
     def doubt(self, offset: F8) -> float:
-        """Return the uncertainty of this prediction, as a fraction of the light (relative L2)."""
+        """Return the uncertainty of the pattern predicted at ``offset``, as a fraction of the light (relative L2)."""
         return self._both(offset)[1]
 
     def _both(self, offset: F8) -> tuple[F8, float]:

@@ -123,12 +123,12 @@ class Explanation:
 
     @property
     def of_recording(self) -> bool:
-        """Whether frames or recording are wrong, so that H must not be used; otherwise the description may be wrong."""
+        """Whether the recording is wrong, so that H must not be used; if not, the description may be wrong."""
         return self.kind in ("orientation", "rows", "part", "pupil")
 
     @property
     def sentence(self) -> str:
-        """The statement with the figures before and after."""
+        """The description of the change, with the unexplained light before and after."""
         before, after = format_share(min(self.before, 1.0)), format_share(self.after)
         return f"{self.words} (unexplained light: {before} as described, {after} with this change)"
 
@@ -146,12 +146,12 @@ class Disagreement:
     Attributes
     ----------
     reason
-        Reason as text.
+        Reason, as text.
     misfit, correlation
         Fraction of the light that the camera does not explain, and median correlation of the patterns with its
         predictions; None: not measured.
     explanation
-        A much better explanation, if there is one.
+        A much better explanation; None: none was found.
     fitted
         Whether the camera comes from a fit.
 
@@ -178,12 +178,12 @@ class Disagreement:
 
     @property
     def sentence(self) -> str:
-        """Sentence on what disagrees."""
+        """The disagreement, as a sentence."""
         return f"{self.reason if self.explanation is None else self.explanation.sentence}."
 
     @property
     def advice(self) -> str:
-        """Sentence on what to do about the disagreement."""
+        """The remedy, as a sentence."""
         if self.explanation is not None:
             return self.explanation.advice
         if self.misfit is None and self.correlation is None:  # nothing was computed
@@ -241,14 +241,14 @@ def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_F
 
 # -- orientation -------------------------------------------------------------------------------------------
 def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = None) -> Work[Explanation | None]:
-    """Return the change (orientation, displaced lines, or position) that makes patterns match their camera, or None.
+    """Return the change of orientation, lines or position that makes the patterns match their camera, or None.
 
     Parameters
     ----------
     matrix, known
         H, and its camera.
     misfit
-        Fraction of the light of other patterns that the description leaves unexplained, if known.
+        Fraction of the light of other patterns that the description leaves unexplained; None: unknown.
     """
     few = yield from _iter_few(matrix, known, misfit)
     for look in (_orientation, _rows, _part):
@@ -358,14 +358,14 @@ def _most_agree(shifts: F8, size: Index) -> bool:
 def iter_explained(
     matrix: PSFMatrix, known: Behind, *, iris: Iris | None = None, evidence: Evidence | None = None
 ) -> Work[Explanation | None]:
-    """Return a much better explanation of patterns than their described camera; None if there is none.
+    """Return an explanation of the patterns that is much better than their described camera; None if none is found.
 
     Parameters
     ----------
     matrix, known
         H, and its camera.
     iris
-        The iris shown by the depth-plane sums, if any.
+        The iris visible in the sums of the depth planes; None: not visible.
     evidence
         Patterns that were compared with the camera; None: a partly blocked pupil is not considered.
     """

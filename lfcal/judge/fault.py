@@ -29,14 +29,14 @@ Repair = Callable[[NDArray[np.intp], F4], F4]
 
 
 def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
-    """Return a function that adds light ``(n, nt, ns)`` to the compared patterns at the positions ``own``."""
+    """Return a function that adds ``light`` ``(n, nt, ns)`` to patterns at the positions ``own`` ``(n, 3)``."""
     missing = np.asarray(light, np.float32)
     return lambda index, patterns: patterns + missing if np.array_equal(index, own) else patterns
 
 
 @dataclass(frozen=True, eq=False)
 class FaultPicture:
-    """Evidence of a fault for drawing: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
+    """Evidence of a fault as a plot: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
 
     Attributes
     ----------
@@ -45,11 +45,11 @@ class FaultPicture:
     title
         Title of the plot or map.
     axes
-        Names of the axes: rows and columns of a map, abscissa of a curve.
+        Labels of the axes: rows and columns of a map, or the abscissa of a curve.
     across
         Abscissa of a curve ``(n,)``; None: indices from 0.
     origin
-        Numbers of the first row and column of a map.
+        Coordinates of the first row and column of a map.
 
     Examples
     --------
@@ -83,19 +83,19 @@ class FoundFault:
     sigmas
         Significance relative to the rest of H, in standard deviations.
     share
-        Changed fraction of the patterns' light (relative L1), an upper limit of its cost.
+        Fraction of the light of the patterns that the fault changes (relative L1), an upper limit of ``cost``.
     positions
         Affected positions (z, y, x) ``(n, 3)``; empty: all.
     pixels
-        Affected pixels of the sensor (row, column) ``(n, 2)``, relative to H's first cutout.
+        Affected pixels of the sensor (row, column) ``(n, 2)``, relative to the first cutout of H.
     picture
         Evidence of the fault for drawing; None: there is none.
     repair
         Function that removes the fault from patterns; None: only a new recording helps.
     blinds
-        Whether ``pixels`` have no valid measurements.
+        Whether the values of ``pixels`` are invalid.
     masked
-        Function that returns which values of patterns are invalid.
+        Function that returns a mask of the invalid values of patterns; None: no values are invalid.
     redo
         Whether the positions should be recorded again.
     put_in
@@ -104,9 +104,9 @@ class FoundFault:
         Fraction of all positions that have the fault, if ``positions`` are single frames; None: it does not concern
         single frames.
     scatters
-        Whether ``put_in`` depends only on the size of the fault, or also on a part of the residuals.
+        Whether ``put_in`` also depends on part of the residuals, instead of only on the size of the fault.
     wider
-        Enlargement of the cutouts with which ``put_in`` shows the cost.
+        Factor by which the cutouts are enlarged so that ``put_in`` shows the cost.
     cost
         Error of a reconstruction with this H in addition to noise (NRMSE); errors add in squares. None: not
         measured.
@@ -160,9 +160,9 @@ class Fault:
     name, title, advice
         Name in JSON, display name, and remedy.
     subject
-        Subject, one of `lfcal.base.SUBJECTS`.
+        Part of the recording that is faulty, one of `lfcal.base.SUBJECTS`.
     settles
-        Keys of model-free metrics that measure the same fault less reliably, and that this fault replaces.
+        Keys of the model-free metrics that measure the same fault less reliably, and that this fault replaces.
     explains
         Names of faults that are not searched for if this one is found, because its effects look like theirs.
     needs_camera
@@ -192,7 +192,7 @@ class Fault:
     strong_rank: ClassVar[int | None] = None
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the faults of this kind that are found."""
+        """Yield the faults of this kind that the patterns show."""
         raise NotImplementedError
 
 

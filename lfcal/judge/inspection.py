@@ -71,21 +71,22 @@ class Inspection:
     faults
         Faults found, the most expensive first.
     compared
-        Number of patterns compared with the camera; 0: no comparison.
+        Number of patterns compared with the camera; 0: H was not compared.
     misfit
-        Typical error of the camera's patterns, as a fraction of the light.
+        Typical error of the patterns predicted by the camera, as a fraction of the light.
     why_not
         Reason why nothing was compared; empty otherwise.
     seconds
-        Duration of the comparison.
+        Duration of the comparison (s).
     clean
         Error of a reconstruction due to the noise of H alone (NRMSE); None: not measured.
     as_it_is
-        Error of a reconstruction due to noise and faults of the H (NRMSE); None: not measured.
+        Error of a reconstruction due to the noise and faults of H (NRMSE); None: not measured.
     disagreement
-        Disagreement of the stated camera with H, if any: such an H is never good.
+        Disagreement of the stated camera with H; None: there is none. An H with a disagreement is never good.
     unfinished
-        Reason why the comparison with the stated camera is unfinished, or empty. Such an H is never good.
+        Reason why the comparison with the stated camera is unfinished; empty: it is finished. An H with an unfinished
+        comparison is never good.
 
     Examples
     --------
@@ -114,22 +115,22 @@ class Inspection:
     unfinished: str = ""
 
     def settled(self, metric: Metric) -> FoundFault | None:
-        """Return the fault that explains and replaces a metric; None if there is none."""
+        """Return the fault that explains and replaces ``metric``; None if there is none."""
         return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
-        """Return whether the comparison with a camera examined what ``metric`` reports, and found almost nothing."""
+        """Return whether the comparison with a camera refutes ``metric``, by finding almost none of its effect."""
         harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
         return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
 
     @property
     def doubts(self) -> tuple[Metric, ...]:
-        """The metrics that are not good, are not explained by a fault, and are not refuted by the comparison."""
+        """The metrics that are bad or fair, not explained by a fault, and not refuted by the comparison."""
         return tuple(m for m in self.standing if m.merit in ("bad", "fair"))
 
     @property
     def standing(self) -> tuple[Metric, ...]:
-        """The metrics that count: those that are not explained by a fault and not refuted by the comparison."""
+        """The metrics that are neither explained by a fault nor refuted by the comparison."""
         return tuple(m for m in self.quality.metrics if self.settled(m) is None and not self.withdrawn(m))
 
     @property
@@ -154,7 +155,7 @@ class Inspection:
 
     @property
     def verdict(self) -> str:
-        """Verdict that states the faults of H with position, cost and remedy, and the remaining findings."""
+        """Verdict on H, with the position, cost and remedy of its faults and the remaining findings, as text."""
         return self.judgement.verdict
 
     @property
@@ -182,7 +183,7 @@ class Inspection:
         return f"{source} {many} that {which} ({listed([one.title for one in found], 4)})"
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
-        """Return positions (z, y, x) to record again with the reasons, in scan order."""
+        """Return the positions (z, y, x) to record again, each with its reasons, in scan order."""
         others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
         reasons = {place: [words] for place, words in self.quality.redo(others)}
         for one in self.faults:
@@ -234,22 +235,22 @@ class Inspection:
 
 
 def is_bad(finding: FoundFault) -> bool:
-    """Return whether a fault makes H unusable, by its cost, or else by the fraction of light that it changes."""
+    """Return whether a fault makes H unusable, by its cost or, if unmeasured, by the light that it changes."""
     return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
 
 
 def is_fair(finding: FoundFault) -> bool:
-    """Return whether a fault is worth examining, by its cost, or else by the fraction of light that it changes."""
+    """Return whether a fault is significant, by its cost or, if unmeasured, by the light that it changes."""
     return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
 
 
 def is_of_single_frames(finding: FoundFault) -> bool:
-    """Return whether a fault concerns single frames, which can be recorded again quickly, whatever its cost."""
+    """Return whether a fault concerns only single frames, which can be recorded again quickly."""
     return finding.redo and finding.extent is not None and len(finding.positions) > 0
 
 
 def worst_first(finding: FoundFault) -> tuple[float, float]:
-    """Return the key by which faults are sorted: minus the cost, or else minus the fraction of the light."""
+    """Return the key that sorts faults by decreasing cost, or by the fraction of changed light if a cost is unknown."""
     # without a cost, use the fraction of the changed light relative to its limit
     cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
     return -cost, -finding.share
@@ -263,9 +264,9 @@ def iter_inspection(
     seconds: float = LIMIT_S,
     patterns: int = PATTERNS,
 ) -> Work[Inspection]:
-    """Return the inspection of H: its metrics, and the faults that explain its differences from its camera.
+    """Return the inspection of H, with its metrics and the faults that explain its differences from its camera.
 
-    The work is determined by H and ``patterns``, so the verdict is the same on every machine.
+    The extent of the work depends only on H and ``patterns``, so that the verdict is the same on every machine.
 
     Parameters
     ----------
@@ -278,7 +279,7 @@ def iter_inspection(
     seconds
         Time limit of the comparison (s). If it is reached, the verdict states that H was not fully examined.
     patterns
-        Number of patterns that are compared, in addition to those that metrics find unusual.
+        Number of patterns to compare, in addition to those that the metrics find unusual.
 
     Examples
     --------

@@ -26,9 +26,9 @@ class ObjectPlace:
     H
         File of H.
     middle_px
-        Middle (row, column) of its scan on the sensor.
+        Middle (row, column) of the scan on the sensor (pixels).
     gains
-        Light of each of its planes, because regions may have been recorded with different light.
+        Gain of each plane, because regions may have been recorded with different light.
     """
 
     H: Path
@@ -37,7 +37,7 @@ class ObjectPlace:
 
     @classmethod
     def of(cls, fit: StoredFit) -> ObjectPlace:
-        """Return the region of the H in a fit's folder.
+        """Return the region of the H in the folder of a fit.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class ObjectPlace:
 def nearest(places: Sequence[ObjectPlace], shape: tuple[int, int], origin: tuple[float, float]) -> NDArray[np.intp]:
     """Return the index of the nearest region for each pixel of a frame, ``(rows, columns)``.
 
-    ``origin`` is the frame's first pixel (row, column) on the sensor.
+    ``origin`` is the first pixel (row, column) of the frame on the sensor.
     """
     rows, columns = (np.arange(n) + o for n, o in zip(shape, origin, strict=True))
     away = [np.add.outer((rows - r) ** 2, (columns - c) ** 2) for r, c in (one.middle_px for one in places)]
@@ -69,9 +69,9 @@ def object_error(
     given: tuple[float, float] | None,
     workers: int | None,
 ) -> Compared:
-    """Return a comparison of the frame of a known object with its prediction by the H nearest to each point.
+    """Compare the frame of a known object with its prediction by the H nearest to each point.
 
-    Periods are assumed to be equal only between a point and the nearest region.
+    Patterns are assumed to be periodic only from each point to the nearest region.
     """
     noise = given or shot.noise
     if noise is None:

@@ -24,18 +24,19 @@ NEAR_DEPTH = 0.02
 def new_frames(
     matrix: PSFMatrix, view: FrameSource, source: str, plan: ScanPlan | None = None, *, most: int = 0
 ) -> list[NewFrame]:
-    """Return corrected frames for checking H.
+    """Return frames for checking H, with the positions of their sources where these are known.
 
     Parameters
     ----------
     matrix
         The old H.
     view
-        Upright frames in whole pixels of the sensor.
+        Corrected frames in the orientation and pixels of the sensor.
     source
         Name for messages.
     plan
-        Plan of their scan; None: each frame is a single file, whose name may state the position of its source.
+        Plan of the scan of the frames; None: each frame is a single file, whose name may state the position of its
+        source.
     most
         Largest number of frames, spread evenly; 0: all.
 
@@ -101,7 +102,7 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
 def new_frame(
     view: FrameSource, k: int, label: str, place: tuple[float, float] | None = None, plane: int | None = None
 ) -> NewFrame:
-    """Return frame ``k`` of a corrected view, with its noise if known, and with the position of its source."""
+    """Return frame ``k`` of a corrected view, with its noise and the ``place`` and ``plane`` of its source if known."""
     samples = view.samples(k)
     noise = None
     if samples.noise is not None:

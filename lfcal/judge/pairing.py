@@ -30,11 +30,11 @@ class Pair:
     a, b
         The matrices.
     planes
-        Pairs of planes (of a, of b) with the same depth.
+        Pairs of plane indices (of ``a``, of ``b``) to compare.
     moved
-        Position (y, x) of b that is position (0, 0) of a.
+        Position (y, x) of ``b`` that corresponds to position (0, 0) of ``a``.
     cutout
-        Common pixels ``(nt, ns)`` about the source.
+        Size ``(nt, ns)`` of the common part of the cutouts around the source (pixels).
     notes
         Notes on what is left out, with the reason.
     """
@@ -60,23 +60,23 @@ class Pair:
         return found
 
     def place_in_b(self, y: int, x: int) -> tuple[int, int]:
-        """Return the position (y, x) of b that corresponds to a position of a."""
+        """Return the position (y, x) of ``b`` that corresponds to position (y, x) of ``a``."""
         ny, nx = self.a.period
         return (y + self.moved[0]) % ny, (x + self.moved[1]) % nx
 
     def patterns(self, k: int, y: int, x: int) -> tuple[F8, F8]:
-        """Return the two patterns ``(nt, ns)`` at a position of a."""
+        """Return the patterns ``(nt, ns)`` of ``a`` and ``b`` at position (y, x) of ``a``, in pair ``k`` of planes."""
         za, zb = self.planes[k]
         return self.crop(self.a[za, y, x]), self.crop(self.b[(zb, *self.place_in_b(y, x))])
 
     def row(self, k: int, y: int) -> tuple[F8, F8]:
-        """Return the patterns of both along a row of positions of a, ``(nx, nt, ns)`` each."""
+        """Return the patterns ``(nx, nt, ns)`` of ``a`` and ``b`` along row ``y`` of ``a``, in pair ``k`` of planes."""
         za, zb = self.planes[k]
         other, first = self.place_in_b(y, 0)
         return self.crop(self.a[za, y]), np.roll(self.crop(self.b[zb, other]), -first, 0)
 
     def crop(self, patterns: ArrayLike) -> F8:
-        """Return patterns ``(..., t, s)``, cropped to the cutout around the source that both H have."""
+        """Return ``patterns`` ``(..., t, s)`` cropped to the common part of the cutouts ``(..., nt, ns)``."""
         values = np.asarray(patterns)
         at = tuple(centre(have) - centre(want) for have, want in zip(values.shape[-2:], self.cutout, strict=True))
         rows, columns = (slice(first, first + n) for first, n in zip(at, self.cutout, strict=True))
@@ -86,7 +86,7 @@ class Pair:
 def pair(
     a: PSFMatrix | ArrayLike, b: PSFMatrix | ArrayLike, *, by_number: bool = False, by_index: bool = False
 ) -> Pair:
-    """Return the common parts of two H.
+    """Return the common parts of two H for a comparison.
 
     Planes are matched by their depths. Source positions are matched by their position on the sensor, if both H state a
     camera.
@@ -94,11 +94,11 @@ def pair(
     Parameters
     ----------
     a, b
-        Matrices; for a transposed view, its H is used.
+        The two H; for a transposed view, its H is used.
     by_number
-        Whether to match planes by their numbers instead of by their depths.
+        Whether to match planes by their indices instead of by their depths.
     by_index
-        Whether to match planes and positions by their numbers, whatever their positions on the sensor; the shapes must
+        Whether to match planes and positions by their indices, whatever their positions on the sensor; the shapes must
         be equal.
 
     Raises

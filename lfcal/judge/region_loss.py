@@ -18,18 +18,18 @@ __all__ = ["RegionLoss", "draw_region_loss", "iter_region_loss", "region_loss"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionLoss:
-    """Patterns of ``n`` regions compared with those of the first at the same positions.
+    """Differences of the patterns of ``n`` regions from those of the first region at the same positions.
 
     Attributes
     ----------
     names
         Names of the regions, including the first.
     anchors
-        Sensor position (row, column) of each region's position (0, 0), ``(n, 2)`` (pixels).
+        Sensor position (row, column) of position (0, 0) of each region, ``(n, 2)`` (pixels).
     error
         ``|a / s - b| / |b|`` (L2) of each pattern at equal energy, ``(n, nz, ny, nx)``; NaN if not compared.
     shift_px
-        Root mean square of the centroids' shifts ``(n,)`` (pixels).
+        Root mean square of the shifts of the centroids ``(n,)`` (pixels).
     """
 
     names: tuple[str, ...]
@@ -48,7 +48,7 @@ class RegionLoss:
 
     @property
     def worst(self) -> float:
-        """The largest loss of any region."""
+        """Largest of the ``losses``."""
         return float(np.nanmax(self.losses))
 
     def to_dict(self) -> dict[str, object]:
@@ -93,7 +93,7 @@ region_loss = drained(iter_region_loss)
 
 
 def draw_region_loss(loss: RegionLoss, path: Path) -> None:
-    """Draw a map of each region's error by position, at the region's position on the sensor, as a PNG file."""
+    """Draw the error by position of each region, at the position of the region on the sensor, as a PNG file."""
     rows, columns = (np.unique(np.round(loss.anchors[:, k] / 8) * 8) for k in (0, 1))
     high = max(float(np.nanmax(loss.error)), 1e-6)
     with figure(2.2 * len(columns) + 1.0, 1.9 * len(rows) + 0.6) as fig:

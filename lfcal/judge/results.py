@@ -83,15 +83,15 @@ class StoredResult:
     kind
         One of `KINDS`.
     when, dated
-        Creation time (UTC), and whether the result states it; otherwise it is the file time.
+        Creation time (UTC), and whether the result states it; if not, it is the time of the file.
     bytes
-        Size of the file, or of the files in the folder.
+        Size of the file, or of all files in the folder.
     facts
         Pairs of name and value, as text.
     verdict, merit
         Stated verdict and merit; empty and ``"unknown"`` if there are none.
     problem
-        Reason why it cannot be read; empty if it can.
+        Reason why the result cannot be read; empty if it can.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class StoredResult:
 
 @dataclass(frozen=True)
 class ResultList:
-    """The results in some folders.
+    """The results found in some folders.
 
     Attributes
     ----------
@@ -147,17 +147,17 @@ class ListingProgress(Progress):
 
 
 def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> Work[ResultList]:
-    """Find recordings, H, fits, quality reports, exports of H and volumes; no frame and no matrix is read.
+    """Find recordings, H, fits, quality reports, exports of H and volumes, without reading frames or matrices.
 
     The kind of a file is determined by its content. Files of other programs are left out. A file of lfcal that cannot
-    be read has the kind ``"unreadable"`` and a problem.
+    be read has the kind ``"unreadable"``, and ``problem`` states the reason.
 
     Parameters
     ----------
     folders
         Folders to search.
     depth
-        Number of levels of folders below these that are searched.
+        Number of levels of subfolders that are searched.
 
     Yields
     ------
@@ -272,7 +272,7 @@ def read_result(path: str | os.PathLike[str]) -> StoredResult | None:
     Raises
     ------
     OSError
-        If there is nothing with this name, or it cannot be accessed.
+        If the path does not exist, or cannot be accessed.
 
     Examples
     --------
@@ -536,7 +536,7 @@ _OF_FILES: dict[str, Reader] = {
 
 # -- details of one result ---------------------------------------------------------------------------------
 def detailed(result: StoredResult) -> StoredResult:
-    """Return a result with facts that take longer to read: for a recording, the light of its frames."""
+    """Return ``result`` with facts that need more time to read, such as the light of the frames of a recording."""
     if result.kind != "recording" or result.problem:
         return result
     with H5File(result.path / "recording.h5", only=("records",)) as file:
@@ -557,7 +557,7 @@ def detailed(result: StoredResult) -> StoredResult:
 
 
 def picture_of(result: StoredResult) -> NDArray[Any] | None:
-    """Return an image of a result: the sum of the middle plane of H, or a frame, pattern or slice; None if it has none.
+    """Return an image of a result, such as a frame or the sum of the middle plane of H; None if it has none.
 
     Raises
     ------

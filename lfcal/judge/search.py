@@ -17,7 +17,7 @@ required significance in standard deviations."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Evidence]]:
-    """Search for every fault; return the faults found, and the evidence without them.
+    """Search for every kind of fault, and return the faults found and the evidence with them removed.
 
     Examples
     --------

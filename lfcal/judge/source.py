@@ -13,7 +13,7 @@ __all__ = ["FINDING_SOURCES", "FindingSource", "Judged", "judgement_of"]
 
 @runtime_checkable
 class Judged(Protocol):
-    """Measurements of some data, in which sources find problems."""
+    """Protocol for measurements of data, in which sources find problems."""
 
     @property
     def data(self) -> str:
@@ -33,9 +33,9 @@ class FindingSource:
     Attributes
     ----------
     name
-        Kind of problems that it finds.
+        Kind of problems that the source finds.
     of
-        Names of the classes that it accepts.
+        Names of the classes of measurements that the source accepts.
     find
         Function that takes an object of one of these classes, and yields findings.
 
@@ -60,13 +60,13 @@ FINDING_SOURCES: Registry[FindingSource] = Registry(
 
 
 def judgement_of(measured: Judged) -> Judgement:
-    """Return the findings of all sources about data, and the verdict.
+    """Return the findings of all sources about some data, with the verdict.
 
     Parameters
     ----------
     measured
-        Measurements: of an H by `inspect` or `iter_inspection`, of its file or a session by ``verify``, of a camera
-        by ``check_camera``, of an H with new frames by `check`, or the report of an assembly.
+        Measurements of an H by `inspect` or `iter_inspection`, of the file of an H or a session by ``verify``, of a
+        camera by ``check_camera``, of an H with new frames by `check`, or the report of an assembly.
 
     Examples
     --------

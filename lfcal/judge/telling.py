@@ -19,14 +19,14 @@ __all__ = ["compared_words", "cost_words", "draw_picture", "drawn"]
 
 
 def cost_words(inspection: Inspection, finding: FoundFault) -> str:
-    """Return a text with the reconstruction error due to noise alone, and to noise and a fault together."""
+    """Return the reconstruction error due to noise alone, and due to noise and a fault together, as text."""
     if finding.cost is None or inspection.clean is None:
         return "not measured"
     return f"{inspection.clean:.3f} → {math.hypot(inspection.clean, finding.cost):.3f}"
 
 
 def scene_words(inspection: Inspection) -> str:
-    """Return a text with the reconstruction errors for H as it is and without its faults; empty if not measured."""
+    """Return the reconstruction errors with H as it is and without its faults, as text; empty if not measured."""
     if inspection.clean is None or inspection.as_it_is is None:
         return ""
     return (
@@ -36,7 +36,7 @@ def scene_words(inspection: Inspection) -> str:
 
 
 def compared_words(inspection: Inspection) -> str:
-    """Return a text on the number of patterns compared with the camera, or the reason why none were."""
+    """Return the number of patterns compared with the camera and the result, or why none were compared, as text."""
     if not inspection.compared:
         weaker = "the metrics below are less sensitive than a comparison"
         if inspection.faults:
@@ -52,7 +52,7 @@ def compared_words(inspection: Inspection) -> str:
 
 
 def draw_picture(axes: Axes, picture: FaultPicture) -> None:
-    """Draw the evidence of a fault: a map or a curve."""
+    """Draw the evidence of a fault, which is a map or a curve, in ``axes``."""
     values = np.asarray(picture.values, float)
     if values.ndim == 2:
         (rows, columns), (top, left) = picture.axes, picture.origin
@@ -68,7 +68,7 @@ def draw_picture(axes: Axes, picture: FaultPicture) -> None:
 
 
 def drawn(picture: FaultPicture) -> bytes:
-    """Return the plot of a fault's evidence as PNG."""
+    """Return a plot of the evidence of a fault as PNG bytes."""
     out = io.BytesIO()
     with figure(5.2, 3.4) as fig:
         draw_picture(fig.add_subplot(), picture)

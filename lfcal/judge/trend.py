@@ -51,9 +51,9 @@ class CoursePoint:
     value, sigma
         The value and its standard deviation (NaN: unknown).
     merit
-        Merit of the value for an H; unknown for parameters of a camera.
+        Merit of the value; "unknown" for parameters of a camera.
     compared
-        Whether it can be compared with the newest value.
+        Whether the value can be compared with the newest one.
     """
 
     value: float
@@ -64,7 +64,7 @@ class CoursePoint:
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A change between two consecutive sessions, and its size in combined standard deviations."""
+    """A change between two consecutive sessions, with its significance in combined standard deviations."""
 
     before: str
     after: str
@@ -74,16 +74,16 @@ class Jump:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """One value over all sessions: a parameter of the camera, a metric of H, or the light changed by a fault.
+    """Course of one value over all sessions: a parameter of the camera, a metric of H, or the light changed by a fault.
 
     Attributes
     ----------
     name, title, unit
         Key, display name, and unit; the key of a fault is its title.
     points
-        Value in each session, the oldest first; None if unknown.
+        Value in each session, the oldest first; None where unknown.
     group
-        Group of a parameter; ``metric`` or ``fault`` for others.
+        Group of a parameter; "metric" or "fault" for the other values.
     good, bad
         Limits of a metric or a fault; NaN for a parameter.
     span_s
@@ -96,7 +96,8 @@ class Course:
     jumps
         Changes between consecutive sessions that exceed the limit.
     worse, better
-        Whether a parameter changed; whether the newest merit is worse, or better, than the last known one before.
+        Whether a parameter has changed, or a newest merit is worse than the last known one before; and whether it is
+        better.
     """
 
     name: str
@@ -117,7 +118,7 @@ class Course:
 
     @property
     def newest(self) -> CoursePoint | None:
-        """The newest value, None if unknown."""
+        """The newest value; None if unknown."""
         return self.points[-1]
 
     @property
@@ -126,7 +127,7 @@ class Course:
         return any(one is not None and one.merit != "good" for one in self.points)
 
     def to_dict(self) -> dict[str, object]:
-        """Return a metric or a fault as plain JSON types."""
+        """Return the values and merits of a metric or a fault as plain JSON types."""
         return {
             "key": self.name,
             "title": self.title,
@@ -149,7 +150,7 @@ class Trend:
     sessions
         Fits or inspections, the oldest first.
     courses
-        All parameters of fits; or faults and metrics of inspections, with those that got worse first.
+        All parameters of fits, or all faults and metrics of inspections, with those that got worse first.
     limit
         Number of standard deviations above which a parameter has changed.
     notes
@@ -215,18 +216,19 @@ def _parameter(course: Course, fits: Sequence[DatedFit]) -> dict[str, object]:
 
 
 def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS) -> Trend:
-    """Return the changes of values from session to session.
+    """Return the changes of values over several sessions.
 
     Parameters of fits are compared only if they have the same meaning. They must be fitted with the same groups of
-    unknowns as in the newest fit, and from the same planned depths if they are relative to these. Offsets are relative
-    to each fit's description, so the position of the array at the middle of the scanned region is compared instead.
+    unknowns as in the newest fit and, if they are relative to planned depths, with the same planned depths. Offsets are
+    relative to the description of each fit. Therefore, the position of the array at the middle of the scanned region is
+    compared instead.
 
     Parameters
     ----------
     sessions
         Two or more fits of one camera, or two or more inspections, in any order.
     sigmas
-        Number of combined standard deviations of both values above which a change of a parameter is significant.
+        Number of combined standard deviations above which the change of a parameter is significant.
 
     Raises
     ------
@@ -447,10 +449,10 @@ def _slope(times: Sequence[datetime], points: Sequence[CoursePoint]) -> tuple[fl
 
 
 def draw_trend(found: Trend, path: str | os.PathLike[str]) -> None:
-    """Draw values over time, with standard deviations and limits if there are any.
+    """Draw values over time, with their standard deviations and limits where these are known.
 
-    All parameters are drawn; values that are not compared are grey. Of metrics and faults, those that are not always
-    good are drawn, or else the first ones.
+    All parameters are drawn, in grey where they are not compared. Of metrics and faults, only those that are not always
+    good are drawn; if there are none, the first ones are.
     """
     shown = [one for one in found.courses if one.notable or one.group not in ("metric", "fault")]
     if isinstance(found.sessions[-1], DatedInspection):

@@ -51,7 +51,7 @@ def _groups() -> tuple[str, ...]:
 
 
 def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
-    """Return the plan of a scan, a target or regions in a file."""
+    """Return the plan of a scan, a target or regions from a plan file, or from the file of a session."""
     from lfcal.base import parse_json
     from lfcal.camera import RegionPlan, ScanPlan
 
@@ -70,7 +70,7 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedSession(TaskResult):
-    """Forecast cost of a recording into the folder ``out``, by a dry run that moves and writes nothing.
+    """Forecast of a recording into the folder ``out``, from a dry run that moves and writes nothing.
 
     ``assumed`` lists the assumed values of the camera. ``optics`` states how the simulator computes frames.
     """
@@ -91,8 +91,9 @@ class PlannedSession(TaskResult):
 class RecordedSession(TaskResult):
     """A recorded session, complete or stopped by the signal ``ended_by``.
 
-    ``facts`` contains observations and products by name. ``adapted`` states why a session ended that records until H
-    reaches a target error. ``error`` is an error that occurred after the last frame, when the recording was complete.
+    ``facts`` contains observations and output files by name. If the session records until H reaches a target error,
+    ``adapted`` states why it ended. ``error`` is an error that occurred after the last frame, when the recording was
+    complete.
     """
 
     out: Path
@@ -104,9 +105,9 @@ class RecordedSession(TaskResult):
     error: LfcalError | None
 
     def exit_code(self) -> int:
-        """Return 128 plus the signal number for a session that was stopped, so that scripts can detect it.
+        """Return 0 for a complete session, or 128 plus the number of the signal that stopped it.
 
-        Raises the error that occurred after the last frame, if any.
+        An error that occurred after the last frame is raised.
         """
         if self.error is not None:
             tell(f"the recording is complete; make H from it with lfcal assemble {self.out}")
@@ -538,7 +539,7 @@ class AcquireRegions(_AcquireScan):
         return first_begun(self.out) if run.resume and is_regions(self.out) else None
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record every region; arguments are those of `lfcal.campaign.iter_record_regions`."""
+        """Record every region; ``how`` contains arguments of `lfcal.campaign.iter_record_regions`."""
         from lfcal.campaign import iter_record_regions
 
         return iter_record_regions(self.out, plan, rig, options, task=self._kept, **how)
@@ -621,14 +622,14 @@ class AcquireUntil(_AcquireScan):
 
     @property
     def goal(self) -> Goal:
-        """Stopping rule, and the groups that are fitted."""
+        """Target error, largest number of positions, and the groups of unknowns to fit."""
         from lfcal.campaign import Goal
 
         groups: Any = "auto" if self.unknowns in ((), ("auto",)) else self.unknowns
         return Goal(self.until_error, most=self.most or None, unknowns=groups)
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record until the goal is reached; arguments are those of `lfcal.campaign.iter_adaptive`."""
+        """Record until the goal is reached; ``how`` contains arguments of `lfcal.campaign.iter_adaptive`."""
         from lfcal.campaign import iter_adaptive
 
         how = {"seen": lambda step: tell(str(step)), **how}
@@ -687,7 +688,7 @@ class Acquire(_AcquireScan):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of recording that the plan needs."""
+    """Return the class of the task for the plan in the ``given`` arguments."""
     from lfcal.camera import RegionPlan, ScanPlan
 
     plan = read_plan(Path(given["plan"]))

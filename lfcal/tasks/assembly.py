@@ -58,9 +58,9 @@ RATE = 100e6
 class Assembled(TaskResult):
     """One assembled H.
 
-    ``name`` is the name of its region or colour. ``out`` is its file; all regions share one file, and their matrices
-    are closed. Of a target there are also the plan, the points and the ``facts`` of its frames. ``unused`` is the
-    number of points that show no position.
+    ``name`` is the name of the region or colour. ``out`` is the file of H; all regions share one file, and their
+    matrices are closed. For a target, ``target``, ``points`` and ``facts`` are its plan, the points found and facts
+    about the frames. ``unused`` is the number of points that match no position.
     """
 
     name: str = ""
@@ -106,7 +106,7 @@ class Assembled(TaskResult):
 
 @dataclass(frozen=True)
 class AssemblyRun:
-    """Executor that assembles one H, and how other processes open the frames."""
+    """How to assemble one H: executor, how other processes open the frames, and number of threads."""
 
     choice: RunChoice | None = None
     reopening: Reopening | None = None
@@ -145,7 +145,7 @@ class AssembleTarget(_Assemble):
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
-        """Find the points, and assemble."""
+        """Find the points in the frames, and assemble H from them."""
         from lfcal.campaign import iter_assemble_points
         from lfcal.tasks.target_frames import opened_target, wanted_target
 

@@ -80,7 +80,7 @@ class Compression(Fault):
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the excess of the difference of neighbours across blocks over that within blocks.
+        """Yield a fault if neighbouring samples differ more across the edges of blocks than within blocks.
 
         Nothing is yielded if all frames were stored without loss, or were computed.
         """

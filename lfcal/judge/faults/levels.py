@@ -70,7 +70,7 @@ class Saturated(Fault):
     settles: ClassVar[tuple[str, ...]] = ("saturation", "jitter", "flicker", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the ceiling, if the camera's light exceeds it."""
+        """Yield a fault if there is a level that values do not exceed, although the predicted light does."""
         for band in BANDS:
             for one in self._within(evidence, band):
                 yield one
@@ -130,7 +130,7 @@ class CutOff(Fault):
     settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the level at which dark noise was cut off, from the fraction of zeros and the other values."""
+        """Yield a fault if dark noise was cut off, with the level estimated from the fraction of zeros."""
         peak = float(evidence.light.max())
         dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
         if dark.size < MANY or float(evidence.data[evidence.valid].min()) < 0:
@@ -186,7 +186,7 @@ class BackgroundFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("background", "leak", "truncation", "clipped")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the median background of all patterns."""
+        """Yield a fault if the median background of all patterns is significant."""
         values, sigmas = evidence.column("background")
         most = usual(values, sigmas)
         if most is None:

@@ -75,7 +75,7 @@ class ExposureFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the frames whose light differs much from all others."""
+        """Yield a fault with the frames whose light differs strongly from that of all others."""
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
         if most is None:
@@ -111,7 +111,7 @@ class Lamp(Fault):
     settles: ClassVar[tuple[str, ...]] = ("lamp", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the trend over each plane's scan, and the sharpest jump."""
+        """Yield a fault for the sharpest jump of the light, or else for its trend over the scan of a plane."""
         gains, sigmas = _gains(evidence)
         z = evidence.index[:, 0]
         rows = [np.where(z == plane, 1.0, 0.0) for plane in np.unique(z)]
@@ -165,7 +165,7 @@ class Flicker(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the scatter of the light beyond its error."""
+        """Yield a fault if the light scatters more than its errors explain."""
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
         if most is None:
@@ -210,7 +210,7 @@ class FocusDrift(Fault):
     advice = "Let camera and stage warm up, check that the focus is stable, and record the plane again."
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the planes whose depth changes over the scan."""
+        """Yield a fault for each plane whose depth changes during its scan."""
         values, sigmas = evidence.column("depth")
         z = evidence.index[:, 0]
         for plane in np.unique(z).tolist():

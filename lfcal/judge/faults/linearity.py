@@ -127,7 +127,7 @@ class NotLinear(Fault):
     settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the one of two laws that explains the values better."""
+        """Yield a fault if a nonlinear law explains the values, with the better of two laws."""
         peak = float(np.abs(evidence.data).max()) or 1.0
         bend, sigma = _told(evidence, _Power(peak))
         likely = _likeliest(evidence, peak)

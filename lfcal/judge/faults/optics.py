@@ -68,7 +68,7 @@ class DepthLabel(Fault):
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the planes whose virtual depths differ."""
+        """Yield a fault with the planes whose virtual depths differ from those stated."""
         values, sigmas = evidence.column("depth")
         z, camera = evidence.index[:, 0], evidence.plan.camera
         planes, words, worst, told = [], [], 0.0, 0.0
@@ -116,7 +116,7 @@ class GhostFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the displacement at which the residual resembles the pattern most."""
+        """Yield a fault if the residual contains a copy of the pattern, with the displacement that matches best."""
         left, light = evidence.left, evidence.light
         best: tuple[float, float, str, tuple[int, int], F8] | None = None
         for name, view in VIEWS.items():
@@ -201,7 +201,7 @@ class TypeLight(Fault):
     advice = "State the transmission of the lens types; check the white image, and the array for dirt or a coating."
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the light of each lens type."""
+        """Yield a fault if the light differs between lens types, with the light of each type."""
         types = len(evidence.plan.camera.lattice.types)
         if types < 2:
             return

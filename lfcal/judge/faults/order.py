@@ -136,7 +136,7 @@ class WrongOrder(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the planes whose patterns are in another order, with this order."""
+        """Yield a fault with the planes whose patterns are in a wrong order, and the order that matches."""
         period = evidence.plan.period
         orders = _orders(period)
         back = {f"every other {line} of positions is reversed": axis for axis, line in ((1, "row"), (2, "column"))}

@@ -17,7 +17,7 @@ F8 = NDArray[np.float64]
 
 
 def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
-    """Return the fraction of the light (relative L1) that changes of `COLUMNS` by these amounts affect."""
+    """Return the fraction of the light (relative L1) that changes if the parameters ``names`` change by ``amount``."""
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
     change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
     return amount * float(np.mean(change)) / light
@@ -31,7 +31,7 @@ def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> ND
 
 
 def only_recorded(positions: NDArray[np.intp]) -> PutIn:
-    """Return a function that replaces the camera's patterns at some positions by the recorded ones."""
+    """Return a function that replaces the predicted patterns at ``positions`` ``(n, 3)`` by the recorded ones."""
     bad = set(map(tuple, positions.tolist()))
 
     def put_in(patch: Patch) -> F4:
@@ -42,7 +42,7 @@ def only_recorded(positions: NDArray[np.intp]) -> PutIn:
 
 
 def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> FaultPicture:
-    """Return values of patterns as a map over the positions of the plane in which they stand out most."""
+    """Return ``values`` ``(n,)`` of the patterns as a map over the positions of the plane in which they vary most."""
     z = evidence.index[:, 0]
     worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))
     found = np.full(evidence.plan.period, np.nan)

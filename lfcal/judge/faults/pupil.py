@@ -75,7 +75,7 @@ class Pupil(Fault):
     explains: ClassVar[tuple[str, ...]] = ("ghost",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the planes in which the light is uneven over the cutouts."""
+        """Yield a fault with the planes in which the light is uneven over the cutouts."""
         here = now = evidence
         lit = np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
         told, before = 0.0, _excess(evidence)
@@ -177,7 +177,7 @@ class TypeFocus(Fault):
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the type whose focal length explains most of the residual."""
+        """Yield a fault if a different focal length of one lens type explains most of the residual."""
         types = len(evidence.plan.camera.lattice.types)
         if evidence.misfit < LEFT or types < 2:
             return

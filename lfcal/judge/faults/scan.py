@@ -46,7 +46,7 @@ DARK = 0.25
 
 
 class Moved(NamedTuple):
-    """Displacements ``(n,)`` of sources, for fits over rows y, columns x and the direction of the scan."""
+    """Coefficients of a displacement by row, column and direction of the scan, with sigmas, and residuals ``(n,)``."""
 
     terms: dict[str, tuple[float, float]]
     left: F8
@@ -80,7 +80,7 @@ class StageAxesFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("stage_gain", "drift")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the change of displacements over the period."""
+        """Yield a fault if the displacements of the sources change over the period."""
         down, across = (_fitted(evidence, name) for name in ("source_y", "source_x"))
         ny, nx = evidence.plan.period
         size = {"by_row": ny / 2, "by_column": nx / 2}
@@ -154,7 +154,7 @@ class BacklashFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("backlash",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the displacement of every other row."""
+        """Yield a fault if every other row is displaced."""
         for name, along in (("source_x", "the rows"), ("source_y", "the columns")):
             value, sigma = _fitted(evidence, name).terms["by_direction"]
             if abs(value) > SURE * sigma and abs(value) > WORTH_PX:
@@ -190,7 +190,7 @@ class Jitter(Fault):
     settles: ClassVar[tuple[str, ...]] = ("jitter", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the scatter beyond the errors of the displacements."""
+        """Yield a fault if the displacements scatter more than their errors explain."""
         spread = []
         for name in ("source_y", "source_x"):
             left, (_, sigmas) = _fitted(evidence, name).left, evidence.column(name)
@@ -234,7 +234,7 @@ class FrameShift(Fault):
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the sharpest jump of the cutouts' displacements in the order of the scan."""
+        """Yield a fault for the sharpest jump of the displacements of the cutouts in the order of the scan."""
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
             step: SeriesJump | None = sharpest_step(scan_order(evidence.index), values, np.hypot(sigmas, FLOOR_PX))
@@ -291,7 +291,7 @@ class Strangers(Fault):
     settles: ClassVar[tuple[str, ...]] = ("misplaced",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield patterns whose sources are far from their positions, or that differ from their model."""
+        """Yield a fault with the patterns whose sources are far from their positions, or that differ from the model."""
         alike, gains = evidence.alike, evidence.values[:, 0]
         lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))
         far = np.stack([_fitted(evidence, name).left for name in ("source_y", "source_x")], 1)

@@ -44,7 +44,7 @@ BRIGHT = 2e-4
 
 
 def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
-    """Return lines minus the median of their neighbours, and the difference in standard deviations.
+    """Return the values of lines minus the median of their neighbours, and this difference in standard deviations.
 
     The scatter of lines among themselves counts as noise.
     """
@@ -58,7 +58,7 @@ def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
 
 
 def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
-    """Return a function that replaces lines of the sensor by the mean of the nearest good ones on both sides."""
+    """Return a function that replaces lines of the sensor by the mean of the nearest good lines on both sides."""
     bad = set(lines.tolist())
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
@@ -80,7 +80,7 @@ def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
 
 
 def shifted(axis: int, offsets: F8) -> Repair:
-    """Return a function that removes the offsets of lines of the sensor."""
+    """Return a function that subtracts the offsets of the lines of the sensor from patterns."""
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
         size = patterns.shape[1 + axis]
@@ -92,13 +92,13 @@ def shifted(axis: int, offsets: F8) -> Repair:
 
 
 def lit(axis: int, gains: F8, shape: tuple[int, ...]) -> PutIn:
-    """Return a function that multiplies the light of lines of the sensor by a fraction."""
+    """Return a function that multiplies the light on each line of the sensor, of this ``shape``, by its gain."""
     image = np.ones(shape) * (gains[:, None] if axis == 0 else gains)
     return lambda patch: patch.light * patch.seen(image)
 
 
 def added(image: F8) -> PutIn:
-    """Return a function that adds an image of the whole sensor to patterns."""
+    """Return a function that adds the corresponding part of an image of the sensor to patterns."""
     return lambda patch: patch.light + patch.seen(image)
 
 
@@ -227,7 +227,7 @@ class LineOffsets(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield faults along rows and along columns; both count as one fault with one cost."""
+        """Yield faults of rows and of columns; both count as one fault with one cost."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         both = [one for axis in (0, 1) if (one := _Offsets.of(total.lines(axis), axis, peak)) is not None]

@@ -56,7 +56,7 @@ class BadPixels(Fault):
     settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the pixels that differ from their neighbours and from their row and column."""
+        """Yield a fault with the pixels that differ from their neighbours and from their row and column."""
         if evidence.computed:
             return
         total = sensor_map(evidence)
@@ -179,7 +179,7 @@ class MosaicFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("lamp", "flicker", "jitter", "stage_gain", "drift", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the differences between the four pixels of each block of two by two."""
+        """Yield a fault if the four pixels of each block of 2 x 2 differ systematically."""
         total = sensor_map(evidence)
         four = total.classes(2, 2)
         # by the median over lines, because a single dead line is not a mosaic

@@ -46,15 +46,15 @@ class MatrixMeasures:
     matrix
         H, not transposed.
     planes
-        Measurements of each plane, without patterns.
+        Measurements of each plane, without its patterns.
     energy
-        Energy of each plane's patterns ``(nz,)``; 0 without light.
+        Median energy of the patterns of each plane ``(nz,)``; 0 without light.
     dark
-        Whether each plane has hardly any light ``(nz,)``.
+        Mask ``(nz,)`` of the planes with hardly any light.
     copies
-        Number of the earlier plane of which each plane is a copy ``(nz,)``; -1 if it is not a copy.
+        Index of the earlier plane of which each plane is a copy ``(nz,)``; -1 if it is not a copy.
     shadows_px
-        Diameter of the iris's shadow on the sensor ``(nz,)`` (pixels); NaN if unknown.
+        Diameter of the shadow of the iris on the sensor ``(nz,)`` (pixels); NaN if unknown.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class MatrixMeasures:
 
     @classmethod
     def of(cls, matrix: PSFMatrix, planes: Sequence[PlaneMeasures]) -> MatrixMeasures:
-        """Return the results of comparing the measured planes, given in the order of H."""
+        """Return the measurements of H as a whole, from those of its planes in the order of H."""
         energy = np.array([p.energy if p.lit else 0.0 for p in planes])
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)
@@ -136,11 +136,12 @@ def _places(matrix: PSFMatrix) -> NDArray[np.float64]:
 def shadow_sizes(
     planes: Sequence[PlaneMeasures], camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)
 ) -> NDArray[np.float64]:
-    """Return the diameter of the iris's shadow on the sensor, per plane (pixels); NaN if unknown.
+    """Return the diameter of the shadow of the iris on the sensor for each plane ``(nz,)`` (pixels); NaN if unknown.
 
-    Light through the iris reaches r = P (1 - 1/v) - e B/f, with P on the shadow at the lenslets and e on a lenslet.
-    Over a whole cell, both are distributed independently. The second moment of a depth-plane sum is therefore the sum
-    of that of the shadow (D²/8 for a disc of diameter D) and that of the lenslets, which does not depend on depth.
+    Light through the iris reaches the sensor at r = P (1 - 1/v) - e B/f, where P is a point of the shadow at the
+    lenslets and e a point of a lenslet. Over a full cell, both are distributed independently. The second moment of a
+    depth-plane sum is therefore the second moment of the shadow (D²/8 for a disc of diameter D) plus that of the
+    lenslets, which does not depend on depth.
     """
     sizes = np.full(len(planes), math.nan)
     if camera is None:

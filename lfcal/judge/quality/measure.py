@@ -45,13 +45,13 @@ PASSES = 6
 
 
 def lattice_camera(matrix: PSFMatrix) -> Camera | None:
-    """Return the camera of an H if it has a lenslet lattice, without which some metrics do not apply; else None."""
+    """Return the camera of an H if it has a lenslet lattice, which some metrics require; otherwise None."""
     camera = matrix.camera
     return camera if camera is not None and camera.has_lattice else None
 
 
 def has_elemental_images(matrix: PSFMatrix) -> bool:
-    """Return whether patterns are elemental images, according to the camera, or else by a period of one pixel."""
+    """Return whether patterns are elemental images, by the camera or, without one, by a period of one pixel."""
     return matrix.period == (1, 1) if matrix.camera is None else not matrix.camera.has_lattice
 
 
@@ -62,17 +62,17 @@ class PlaneContext:
     Attributes
     ----------
     matrix, z
-        H, not transposed, and the number of the plane.
+        H, not transposed, and the index of the plane.
     depth_sum
-        Sum of its patterns as stated in H ``(nt, ns)``.
+        Sum ``(nt, ns)`` of the patterns of the plane, as stated in H.
     aperture
-        The iris fitted to it.
+        The iris fitted to the sum.
     waves
-        Wave vectors of the lenslet lattice, see `lfcal.judge.quality._lattice.wave_vectors`.
+        Wave vectors of the lenslet lattice; see `lfcal.judge.quality._lattice.wave_vectors`.
     tiling
-        Result of the control frames, if any.
+        Result of the control frames; None: there are none.
     expected
-        Mean pattern expected from the camera, see `lfcal.judge.quality._expected.expected_sum`; None: unknown.
+        Mean pattern expected from the camera; see `lfcal.judge.quality._expected.expected_sum`. None: unknown.
     """
 
     matrix: PSFMatrix
@@ -85,7 +85,7 @@ class PlaneContext:
 
     @property
     def corner_tail(self) -> float:
-        """Light of the camera's own tails in a dark pixel, relative to the energy of a pattern; 0 if unknown."""
+        """Light in a dark pixel from the tails of the patterns, relative to the energy of a pattern; 0 if unknown."""
         if self.expected is None or not self.expected.any():
             return 0.0
         corners = dark_corners(self.expected[None, None].astype(np.float32)).background
@@ -94,7 +94,7 @@ class PlaneContext:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Faulty:
-    """Positions whose frames cannot be used, as flags ``(ny, nx)`` for each fault."""
+    """Masks ``(ny, nx)`` of the positions whose frames cannot be used, one for each kind of fault."""
 
     missing: NDArray[np.bool_]
     nonfinite: NDArray[np.bool_]
@@ -102,7 +102,7 @@ class Faulty:
 
     @property
     def any(self) -> NDArray[np.bool_]:
-        """Positions with any of the faults."""
+        """Mask ``(ny, nx)`` of the positions with any of the faults."""
         either: NDArray[np.bool_] = self.missing | self.nonfinite | self.duplicates
         return either
 
@@ -114,7 +114,7 @@ class Continuity:
     Attributes
     ----------
     seam
-        Ratio of the change across the edges of the period to that between neighbours; NaN if unknown.
+        Ratio of the change of patterns across the edges of the period to that between neighbours; NaN if unknown.
     odd
         Difference of each pattern from its neighbours, relative to the typical difference around it ``(ny, nx)``.
     """
@@ -132,20 +132,20 @@ class PlaneMeasures:
     Attributes
     ----------
     about
-        Facts known before the patterns are read: H, plane number, depth-plane sum, aperture.
+        Facts known before the patterns are read: H, index of the plane, depth-plane sum, aperture.
     patterns
         The patterns ``(ny, nx, nt, ns)``; empty after all metrics of the plane have been evaluated.
     table
-        Table of the patterns (energy, highest value, centroid and so on), noise and background.
+        Table of the properties of the patterns, such as energy, highest value and centroid, with noise and background.
     lit, energy
         Whether there is light in the plane, and the median energy of a good pattern.
     faulty
-        Missing, NaN and duplicate frames.
+        Positions with missing, NaN or duplicate frames.
     shares, shares_split
         Energy of each pattern relative to the typical one, without background ``(ny, nx)`` (per cent), and its
         components.
     edges
-        Light at the cutout's edges and outside the pattern.
+        Light at the edges of the cutout, and outside the pattern.
     spread
         Second moment of the depth-plane sum (pixels squared); NaN if unreliable.
     positions
@@ -187,13 +187,13 @@ class PlaneMeasures:
 
     @property
     def background(self) -> float:
-        """Background of a pixel, without the tails of the camera's own patterns."""
+        """Background of a pixel, without the light of the tails of the patterns."""
         found = self.dark.background
         return found - min(max(0.0, found), self.energy * self.about.corner_tail)
 
     @property
     def sensor_noise(self) -> float | None:
-        """Noise of a pixel without light, from the sensor's values; the median over positions. None: unknown."""
+        """Noise of a pixel without light according to the sensor, as the median over positions; None: unknown."""
         noise = self.about.matrix.facts.noise
         if noise is None:
             return None
@@ -204,7 +204,7 @@ class PlaneMeasures:
 
     @property
     def use(self) -> NDArray[np.bool_]:
-        """Positions whose frames can be used, ``(ny, nx)``."""
+        """Mask ``(ny, nx)`` of the positions whose frames can be used."""
         return ~self.faulty.any
 
     def released(self) -> PlaneMeasures:
@@ -215,7 +215,7 @@ class PlaneMeasures:
 def iter_measure(
     patterns: NDArray[np.float32], context: PlaneContext, clock: Clock, done: int, workers: int | None = None
 ) -> Work[PlaneMeasures]:
-    """Measure a plane's patterns ``(ny, nx, nt, ns)``; yields `PASSES` records from ``done`` on."""
+    """Measure the patterns ``(ny, nx, nt, ns)`` of a plane; yields `PASSES` progress records after ``done``."""
     dark = darkness(patterns)
     yield clock.at(done + 1)
     table = PatternTable.of(patterns, dark, workers)

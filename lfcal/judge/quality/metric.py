@@ -26,15 +26,15 @@ class Reading:
     Attributes
     ----------
     value
-        Value in the metric's unit; NaN if unknown.
+        Value in the unit of the metric; NaN if unknown.
     map
         Value of each position ``(ny, nx)``; None: not measured.
     positions
-        Flags ``(ny, nx)`` of the affected positions; None: not determined.
+        Mask ``(ny, nx)`` of the affected positions; None: not determined.
     detail
         Details as text; may be empty.
     cost
-        Resulting error of a reconstruction, if the plane determines it; NaN: the typical cost of such a value.
+        Resulting error of a reconstruction (NRMSE), if measured for this plane; NaN: the typical cost of such a value.
 
     Examples
     --------
@@ -62,7 +62,9 @@ UNKNOWN = Reading()
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of a value: good up to ``good``, bad beyond ``bad``, fair in between; reversed if higher is better.
+    """Limits for the merit of a value: good up to ``good``, bad beyond ``bad``, and fair in between.
+
+    If ``higher_is_better``, values are good from ``good`` upwards, and bad below ``bad``.
 
     Examples
     --------
@@ -83,7 +85,7 @@ class Limits:
             raise ValueError(f"limits: good {self.good} must not be worse than bad {self.bad}")
 
     def merit(self, value: float) -> Merit:
-        """Return the merit of ``value``; NaN is unknown."""
+        """Return the merit of ``value``; "unknown" for NaN."""
         if math.isnan(value):
             return "unknown"
         sign = -1.0 if self.higher_is_better else 1.0
@@ -94,7 +96,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """Cost of a metric's value: error of a reconstruction (NRMSE relative to the ideal H).
+    """Cost of the value of a metric, as the error of a reconstruction (NRMSE relative to the ideal H).
 
     Attributes
     ----------
@@ -119,7 +121,7 @@ class CostModel:
     per_frame: bool = False
 
     def of(self, value: float, limits: Limits, frames: int = 1) -> float:
-        """Return the cost of ``value`` in an H with a number of frames: 0 if it is good, NaN if it is unknown."""
+        """Return the cost of ``value`` in an H of ``frames`` frames: 0 if the value is good, NaN if it is unknown."""
         merit = limits.merit(value)
         if merit in ("good", "unknown"):
             return 0.0 if merit == "good" else math.nan
@@ -135,44 +137,46 @@ class CostModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MetricSpec:
-    """A metric, found by its key and measured by its function.
+    """Description of a metric, with the function that measures it.
 
     Attributes
     ----------
     key, title, unit
         Name in JSON, display name, and unit of the value (empty: a number).
     subject
-        Subject, one of `lfcal.base.SUBJECTS`.
+        Part of the recording that the metric concerns, one of `lfcal.base.SUBJECTS`.
     meaning, advice
-        Meaning of the value, and remedy if it is bad; one sentence or more each.
+        Meaning of the value, and remedy if it is bad, as sentences.
     limits, cost
         Limits of good and bad values, and the cost.
     of_plane
-        Function of one plane's shared measurements, called while the plane's patterns are in memory.
+        Function of the measurements of one plane, called while the patterns of the plane are in memory.
     of_matrix
-        Function of all planes' shared measurements, called once at the end. It returns one `Reading` for each plane,
-        or a single one for the whole matrix. A metric has one of the two functions.
+        Function of the measurements of all planes, called once at the end. It returns one `Reading` for each plane, or
+        a single one for the matrix. A metric has one of the two functions.
     needs_light
         Whether the value is unknown for a dark plane, without calling ``of_plane``.
     needs_centre
-        Whether it needs a pattern about the middle of the cutout, and so does not apply to separate elemental images.
+        Whether the metric requires a pattern around the middle of the cutout, and so does not apply to separate
+        elemental images.
     needs_all
         Whether one unknown plane makes a good overall value unknown, as for counts that must be complete.
     plot
-        How it is displayed: as a map over positions, a curve over planes, the depth-plane sum, or only in the table.
+        How the metric is displayed: as a map over positions, a curve over planes, the depth-plane sum, or only in the
+        table.
     map_unit
         Unit of the value of one position, if it differs from that of the overall value.
     always_shown
-        Whether a report also draws its map if the value is good.
+        Whether a report draws the map of the metric even if the value is good.
     overall
         How the overall value follows from those of the planes: the ``worst``, or the ``sum``.
     redo
         Whether the affected positions should be recorded again.
     verdict_detail
-        Whether the verdict contains the details instead of the title.
+        Whether the verdict states the details of the value instead of the title.
     if_unknown
-        Reason why the value may be unknown although the metric applies. Empty: an unknown value means that it does not
-        apply.
+        Reason why the value may be unknown although the metric applies. Empty: an unknown value means that the metric
+        does not apply.
 
     Examples
     --------
@@ -223,13 +227,13 @@ class MetricSpec:
 
     @property
     def name(self) -> str:
-        """The key, as the registry needs it."""
+        """The key, under the name that the registry requires."""
         return self.key
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Metric:
-    """A measured `MetricSpec`.
+    """Measured value of a metric.
 
     Attributes
     ----------
@@ -274,7 +278,7 @@ class Metric:
 
     @property
     def key(self) -> str:
-        """Name in JSON."""
+        """Name of the metric in JSON."""
         return self.spec.key
 
     @property
@@ -296,20 +300,20 @@ class Metric:
 
     @property
     def cost_text(self) -> str:
-        """Cost as text: a dash if there is none or it is unknown, and a word if it was not measured."""
+        """Cost as text: a dash if it is zero or unknown, and "typical" after a cost that was not measured."""
         if self.measured:
             return f"{self.cost:.3f}"
         return f"{self.cost:.2g} typical" if self.cost > 0 else "—"
 
     @property
     def limits(self) -> str:
-        """Thresholds as text."""
+        """Limits of good and bad values, as text."""
         better, worse = ("≥", "<") if self.spec.limits.higher_is_better else ("≤", ">")
         unit = f" {self.spec.unit}" if self.spec.unit else ""
         return f"{better} {self.spec.limits.good:g}{unit} good, {worse} {self.spec.limits.bad:g}{unit} bad"
 
     def to_dict(self) -> dict[str, object]:
-        """Return the metric as plain JSON types, with positions and without maps; NaN means unknown."""
+        """Return the metric as plain JSON types, with positions but without maps; NaN means unknown."""
         return {
             "key": self.key,
             "title": self.spec.title,
@@ -332,12 +336,13 @@ class Metric:
 
 
 def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, int]) -> Metric:
-    """Return the metric of an H with ``(nz, ny, nx)`` positions from its readings, one for each plane or a single one.
+    """Return the metric of an H of ``shape`` ``(nz, ny, nx)`` from one reading for each plane, or a single one.
 
     Raises
     ------
     ValueError
-        If the number of readings, a map or flags do not match the shape, because the metric's function is wrong.
+        If the number of readings, a map or a mask does not match the shape, because the function of the metric is
+        wrong.
     """
     nz, ny, nx = shape
     if len(readings) not in (1, nz):

@@ -20,12 +20,12 @@ NOISELESS = 3000.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatternTable:
-    """The table of `lfcal.judge.quality._kernels.frame_pass` over a plane.
+    """Table of the properties of each pattern of a plane.
 
     Attributes
     ----------
     table, digest
-        Columns ``(ny, nx, 10)`` and a checksum of each pattern ``(ny, nx)``.
+        Columns `FRAME_COLUMNS` ``(ny, nx, 10)``, and a checksum of each pattern ``(ny, nx)``.
     lit, sensor
         Number of times that each pixel of the cutout ``(nt, ns)``, and of the sensor ``(nt + ny - 1, ns + nx - 1)``,
         is lit.
@@ -74,18 +74,18 @@ class PatternTable:
         return PatternTable(table, digest, lit, sensor, dark, floor, peak, tolerance)
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """Return one column of the table, ``(ny, nx)``: see `FRAME_COLUMNS`."""
+        """Return the column ``name`` of `FRAME_COLUMNS`, ``(ny, nx)``."""
         return self.table[..., FRAME_COLUMNS.index(name)]
 
     @property
     def computed(self) -> bool:
         """Whether the plane has so little noise that it was computed instead of recorded.
 
-        Equal peaks are then no sign of saturation, and zeros no sign of dead pixels.
+        In a computed plane, equal peaks do not indicate saturation, and zeros do not indicate dead pixels.
         """
         return self.peak >= NOISELESS * self.dark.noise
 
     @property
     def light(self) -> NDArray[np.float64]:
-        """Energy of each pattern without the background, ``(ny, nx)``."""
+        """Energy of each pattern ``(ny, nx)`` without the background."""
         return self.column("energy") - self.dark.background * self.lit.size

@@ -27,25 +27,25 @@ class QualityReport:
     Attributes
     ----------
     shape
-        ``(nz, ny, nx, nt, ns)``.
+        Shape of H ``(nz, ny, nx, nt, ns)``.
     depths
         Depth of each plane (µm); NaN if H states none.
     metrics
-        All metrics, ranked: bad ones first, and among equal merits the most expensive for a reconstruction.
+        All metrics, sorted by merit with the bad ones first, then by decreasing cost.
     apertures
-        The iris seen from each plane.
+        The iris as seen from each plane.
     virtual_depths
-        Virtual depth of each plane from its spots' spacing; NaN if it cannot be measured.
+        Virtual depth of each plane from the spacing of its spots; NaN if it cannot be measured.
     iris
-        The iris from all planes together, None if none shows it.
+        The iris from all planes together; None if no plane shows it.
     f_number
-        Working f-number from the slope of aperture diameters over depth, if camera and planes allow it.
+        Working f-number from the slope of the aperture diameter over depth, if camera and planes determine it.
     noise, peak, energy
-        Noise of a dark pixel, median peak of the patterns and their mean energy, per plane.
+        Noise of a dark pixel, median peak of the patterns, and mean energy of the patterns, for each plane.
     tilings
-        Result of the control frames of each plane, if any.
+        Result of the control frames of each plane; None: there are none.
     seconds
-        Duration of the inspection.
+        Duration of the inspection (s).
 
     Examples
     --------
@@ -83,12 +83,12 @@ class QualityReport:
         raise KeyError(key)
 
     def plane_words(self, z: int, name: str = "") -> str:
-        """Return a text for plane ``z``: its depth, as a value of ``name`` if given, or else its number."""
+        """Return the depth of plane ``z`` as text, as a value of ``name`` if given; without a depth, its index."""
         return format_plane(float(self.depths[z]), z, name)
 
     @property
     def extent(self) -> str:
-        """Text of the range of depths; empty if H states none."""
+        """Range of depths, as text; empty if H states no depths."""
         if not np.isfinite(self.depths).all():
             return ""
         ends = (self.depths[0], self.depths[-1])[: min(2, self.depths.size)]
@@ -111,23 +111,26 @@ class QualityReport:
 
     @property
     def standing(self) -> tuple[Metric, ...]:
-        """The metrics that count: all of them."""
+        """All metrics, because none is refuted without a comparison with a camera."""
         return self.metrics
 
     @property
     def known(self) -> str:
-        """Text on the number of good metrics, for a verdict; empty if there are none."""
+        """Number of good metrics, as text for a verdict; empty if there are none."""
         good = sum(m.merit == "good" for m in self.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}; it was not compared with a camera"
         return by if good else ""
 
     @property
     def verdict(self) -> str:
-        """Verdict on H: what is wrong, where, its cost, and its remedy."""
+        """Verdict on H, with position, cost and remedy of each problem, as text."""
         return judgement_of(self).verdict
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
-        """Return positions (z, y, x) to record again with reasons, in scan order, except for metrics ``without``."""
+        """Return the positions (z, y, x) to record again, each with its reasons, in scan order.
+
+        ``without`` contains the keys of metrics to ignore.
+        """
         reasons: dict[tuple[int, int, int], list[str]] = {}
         for metric in self.metrics:
             # checking a suspicion costs one frame, missing a fault costs a reconstruction
@@ -137,7 +140,7 @@ class QualityReport:
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything except the maps as plain JSON types; with ``every``, also metrics that do not apply."""
+        """Return everything except the maps as plain JSON types, if ``every`` with the metrics that do not apply."""
         return {
             "format": "lfcal-quality",
             "version": 1,

@@ -18,7 +18,10 @@ PLACES = 3
 
 
 def merit_of(metric: Metric) -> Merit:
-    """Return the merit of an H according to a metric; single frames, which can be repeated, count by their cost."""
+    """Return the merit of an H according to a metric.
+
+    A metric of single frames, which can be recorded again, counts by its cost.
+    """
     spec = metric.spec
     if metric.merit in ("bad", "fair") and spec.redo and spec.cost.per_frame and len(metric.positions):
         return "bad" if metric.cost >= BAD else "fair" if metric.cost >= FAIR else "good"
@@ -26,12 +29,12 @@ def merit_of(metric: Metric) -> Merit:
 
 
 def merit_word(metric: Metric) -> str:
-    """Return the merit of a metric for a table: ``repeat`` if H is good apart from positions to record again."""
+    """Return the merit of a metric for a table, or "repeat" if H is good except for positions to record again."""
     return "repeat" if merit_of(metric) == "good" != metric.merit else metric.merit
 
 
 def findings_of(metrics: Iterable[Metric], shape: Sequence[int]) -> tuple[Finding, ...]:
-    """Return the findings of metrics about an H of ``shape`` ``(nz, ny, nx, ...)``, the worst first."""
+    """Return the findings of bad and fair metrics about an H of ``shape`` ``(nz, ny, nx, ...)``, the worst first."""
     found = (_finding(m, math.prod(shape[:3])) for m in metrics if m.merit in ("bad", "fair"))
     return tuple(sorted(found, key=lambda one: RANK[one.merit]))
 
@@ -61,7 +64,7 @@ def _finding(metric: Metric, frames: int) -> Finding:
 
 
 def where(positions: Sequence[Sequence[int]], frames: int) -> str:
-    """Return a text with the number of affected positions and the first of them (z, y, x); empty if there are none."""
+    """Return the number of affected positions and the first of them (z, y, x) as text; empty if there are none."""
     if not positions:
         return ""
     if len(positions) >= frames:

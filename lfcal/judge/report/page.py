@@ -48,7 +48,7 @@ def page(
     *,
     every: bool = False,
 ) -> str:
-    """Return the report of ``H`` as one HTML document without scripts or external links.
+    """Return the report on ``H`` as one HTML document without scripts or external links.
 
     With ``every``, metrics that do not apply are listed as well.
     """
@@ -181,14 +181,14 @@ def _metrics(quality: QualityReport, every: bool) -> str:
 
 
 def value_text(metric: Metric) -> str:
-    """Return the value with its unit; "infinite" if there is no noise to divide by, as in a simulated H."""
+    """Return the value with its unit; "∞" if there is no noise to divide by, as in a simulated H."""
     if math.isinf(metric.value):
         return f"∞ {metric.spec.unit}".strip()
     return metric.text
 
 
 def limits(metric: Metric) -> tuple[str, str]:
-    """Return the limits of good and bad in the unit of the metric's value."""
+    """Return the limits of good and of bad values in the unit of the metric, as text."""
     limits = metric.spec.limits
     better, worse = ("≥", "<") if limits.higher_is_better else ("≤", ">")
     return f"{better} {limits.good:g}", f"{worse} {limits.bad:g}"

@@ -75,7 +75,7 @@ SHOWN, PLANES = 4, 4
 
 
 def verdict(found: Comparison) -> str:
-    """Return one sentence on the difference between two H."""
+    """Return a summary of the difference between two H, as text."""
     one = found.all
     if not math.isfinite(one.nrmse):
         return "Nothing could be compared: no position has light in both."
@@ -89,7 +89,7 @@ def verdict(found: Comparison) -> str:
 
 
 def compared_words(found: Comparison) -> str:
-    """Return a text on what was compared."""
+    """Return the number of compared positions, planes and pixels, as text."""
     n, ny, nx, nt, ns = found.pair.shape
     many, whole = sum(one.positions for one in found.planes), n * ny * nx
     share = f"{many:,}" if many == whole else f"{many:,} of {whole:,}"
@@ -97,7 +97,7 @@ def compared_words(found: Comparison) -> str:
 
 
 def figure_rows(found: Comparison) -> list[tuple[str, ...]]:
-    """Return the figures of all planes together, of each plane, and of each lens type, by `COLUMNS`."""
+    """Return table rows of the differences over all planes, in each plane and for each lens type, with `COLUMNS`."""
     rows = _rows("all", found.all, found.types)
     for one in found.planes:
         # if the numbers of planes differ, state both
@@ -141,21 +141,21 @@ def _percent(share: float) -> str:
 
 
 def map_levels(error: NDArray[np.floating]) -> tuple[float, float]:
-    """Return the limits of the colour scale for a map of differences; from 0 if all are equal, to hide rounding."""
+    """Return the limits of the colour scale for a map of differences; they start at 0 if all values are equal."""
     known = error[np.isfinite(error)]
     low, top = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     return (0.0, top or 1.0) if top - low <= EVEN * top else (low, top)
 
 
 def compared_report_files(folder: Path) -> list[Path]:
-    """Return the paths of the files of a report in ``folder``."""
+    """Return the paths of the files of a comparison report in ``folder``."""
     return [folder / name for name in (PAGE, NUMBERS, PATTERNS, MAPS)]
 
 
 def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seconds: float = 0.0) -> Work[Path]:
-    """Write ``index.html``, its pictures and ``compare.json`` into ``folder``; return the page.
+    """Write ``index.html``, its images and ``compare.json`` into ``folder``, and return the path of the page.
 
-    Each file is complete when it appears, and the page is last.
+    Each file is written atomically, the page last.
 
     Raises
     ------

@@ -34,7 +34,7 @@ def iter_report(
     inspection: Inspection | None = None,
     every: bool = False,
 ) -> Work[Path]:
-    """Inspect H; write page, pictures, ``report.pdf``, ``quality.json`` and ``redo.json`` into ``folder``.
+    """Write a report on H into ``folder``: page, images, ``report.pdf``, ``quality.json`` and ``redo.json``.
 
     Everything is drawn before the first file is written. Each file is written atomically, the page last.
 
@@ -45,13 +45,13 @@ def iter_report(
     folder
         Output folder, created if needed. Files of an earlier report are replaced.
     reference
-        H of the same shape to compare with.
+        Another H of the same shape to compare H with; None: no comparison.
     controls
-        Control frames by depth plane for the inspection, see `lfcal.judge.quality.iter_inspect`.
+        Control frames by depth plane for the inspection; see `lfcal.judge.quality.iter_inspect`.
     workers
         Number of threads; None: all processors.
     inspection
-        The inspection of this H, if it was already done; None: only its metrics.
+        The inspection of this H, if it is already available; None: only the metrics are measured.
     every
         Whether to list metrics that do not apply.
 
@@ -132,7 +132,7 @@ report = drained(
 
 
 def report_files(folder: Path) -> list[Path]:
-    """Return the files of a report in ``folder``: page, lists, and every picture that it may have.
+    """Return the paths of the files of a report in ``folder``: page, lists, and every image that it may have.
 
     Examples
     --------
