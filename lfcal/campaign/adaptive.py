@@ -49,14 +49,14 @@ __all__ = ["FEWEST", "Adapted", "AdaptiveStep", "Goal", "iter_adaptive", "iter_s
 
 
 def iter_session_patterns(folder: Path) -> Work[Measured]:
-    """Return the patterns of every position of a session; yields progress in positions.
+    """Read the patterns of all positions of a session and return them; yields progress in positions.
 
     Raises
     ------
     InputError
-        If the frames are certainly not oriented as planned, or their noise is unknown.
+        If the frames are evidently not oriented as planned, or their noise is unknown.
     StorageError, FileFormatError
-        If there is no session, or it is damaged.
+        If the folder contains no session, or the session is damaged.
     """
     with RecordingSource(folder) as source:
         view = corrected_view(source, CorrectionRecipe(), source.plan)
@@ -90,20 +90,20 @@ ENDS = {
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Stopping rule, and the unknowns to fit.
+    """Stopping rule of an adaptive session, and the unknowns to fit.
 
     Attributes
     ----------
     error
-        Target relative error (L2) of H; at least the error of the simulated patterns.
+        Target relative error (L2) of H; it cannot be below the error of the simulated patterns.
     most
-        Largest number of positions; None: all of the plan.
+        Largest number of positions; None: all positions of the plan.
     first
         Number of positions before the first fit.
     unknowns
         Groups of unknowns, or ``"auto"``, as in `lfcal.fit.fit_camera`.
     candidates
-        Number of candidate positions for each choice; 0: all.
+        Number of candidate positions from which each choice is made; 0: all.
 
     Examples
     --------
@@ -140,7 +140,7 @@ class AdaptiveStep:
     expected_error
         Relative error (L2) of H due to the standard deviations of the unknowns.
     held_out_error
-        Error from held-out patterns: a value, or a limit.
+        Relative error of H from held-out patterns: a value or a limit.
     chi2, complete
         Chi-square of the fit, and whether the model is complete.
     groups
@@ -169,7 +169,7 @@ class AdaptiveStep:
         return {key: value for key, value in asdict(self).items() if key != "held_out_error"} | left
 
     def reaches(self, error: float) -> bool:
-        """Return whether the expected error of H is at most ``error``, and held-out patterns do not contradict this."""
+        """Return whether the expected error of H is at most ``error`` and held-out patterns do not contradict this."""
         known = self.held_out_error.known and self.held_out_error.value - 2 * self.held_out_error.sigma > error
         return self.complete and self.expected_error <= error and not known
 
@@ -181,8 +181,9 @@ class Adapted:
     Attributes
     ----------
     how
-        ``"reached"``: the target error is reached. ``"used up"``: no positions are left. ``"incomplete"``: the model
-        is incomplete, and more patterns do not help. ``"stopped"`` or ``"aborted"``: by the user.
+        Reason for the end. ``"reached"``: the target error is reached. ``"used up"``: no positions are left.
+        ``"incomplete"``: the model is incomplete, and more patterns do not help. ``"stopped"`` or ``"aborted"``: the
+        user ended the session.
     outcome
         Outcome of the whole recording.
     steps
@@ -198,11 +199,11 @@ class Adapted:
 
     @property
     def words(self) -> str:
-        """One line that explains why the session ended; empty if recording was stopped."""
+        """One line that states why the session ended; empty if recording was stopped."""
         return ENDS.get(self.how, "")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the end and the results of each fit as plain JSON types, without the recording and the fit."""
+        """Return the reason for the end and the results of each fit as plain JSON types, without recording and fit."""
         return {"ended": self.how, "steps": [step.to_dict() for step in self.steps]}
 
 
@@ -227,18 +228,18 @@ def iter_adaptive(
     workers: int | None = None,
     task: Mapping[str, Any] | None = None,
 ) -> Work[Adapted]:
-    """Record positions of ``plan`` until the error of H is ``goal.error``; yields progress of recording and fits.
+    """Record positions of ``plan`` until the error of H is ``goal.error``; yields the progress of recording and fits.
 
     Parameters
     ----------
     folder
-        A new or empty folder; with ``resume``, that of an earlier session.
+        A new or empty folder; with ``resume``, the folder of an earlier session.
     plan, rig, options, control, preview, observers, task
         As in `lfcal.acquire.iter_record`.
     goal
-        Stopping rule, and the unknowns to fit.
+        Stopping rule and unknowns to fit.
     resume
-        Whether to continue a session of chosen positions in ``folder``.
+        Whether to continue the adaptive session in ``folder``.
     seen
         Function called with every step after its fit.
     workers

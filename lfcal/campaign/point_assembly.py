@@ -26,22 +26,23 @@ __all__ = ["PointFrames", "iter_assemble_points", "shown_positions", "target_fac
 def shown_positions(
     points: Points, tolerance_px: float | None = None, *, resampled: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the positions ``(n, 3)`` that points show (-1 for none), and their deviations ``(n, 2)`` (pixels).
+    """Return the plan position ``(n, 3)`` that each point shows (-1: none) and the deviation ``(n, 2)`` in pixels.
 
-    A point shows a position if its phase matches, and if its chief ray is as near to a pixel centre as that of the
-    position. The array's period is not a whole number of pixels, and the same light displaced by half a pixel has a
-    different pattern. Resampling cannot restore an undersampled pattern; such points are used in a fit.
+    A point shows a position if its phase in the array's period matches and its chief ray has the same distance from a
+    pixel centre as that of the position. Both conditions are needed because the period is not a whole number of pixels,
+    and the same light displaced by half a pixel has a different pattern. Resampling cannot restore an undersampled
+    pattern; points with such patterns can only be used in a fit.
 
     Parameters
     ----------
     points
         Points found in the frames.
     tolerance_px
-        Largest deviation of phase and chief ray, in rows and in columns; None: that of the plan.
+        Largest deviation of phase and chief ray along rows and along columns; None: that of the plan.
     resampled
-        Whether patterns are moved by the fraction of a pixel between chief ray and pixel centre. Then only the phase
-        counts, and the deviation is that fraction. This requires pixels fine enough for all of the light
-        (`may_resample`).
+        Whether patterns are shifted by the fraction of a pixel between chief ray and pixel centre. In this case, only
+        the phase must match, and the deviation is that fraction. The pixels must be fine enough to sample all details
+        of the patterns (`may_resample`).
     """
     scan = points.plan.scan
     limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
@@ -60,22 +61,21 @@ def shown_positions(
 
 
 class PointFrames(SourceView):
-    """A source of frames with one point each, made from whole frames with many points.
+    """A source of frames with one point each, extracted from full frames with many points.
 
-    The frame of a point is the whole frame, moved by whole pixels so that the image of the point is where the scan has
-    it for its position. Its brightness is that of the median hole, and pixels that neighbours reach are marked as not
-    valid.
+    The frame of a point is the full frame, shifted by whole pixels to where the scan expects the point's image. It is
+    scaled to the brightness of the median hole, and pixels that receive light from neighbours are marked as invalid.
 
     Parameters
     ----------
     source
-        Whole frames in which ``points`` were found.
+        Full frames in which ``points`` were found.
     points
         Points found in the frames.
     tolerance_px
         As in `shown_positions`.
     resampled
-        As in `shown_positions`; None: if the camera's pixels are fine enough.
+        As in `shown_positions`; None: True if the camera's pixels are fine enough.
 
     Raises
     ------
@@ -115,7 +115,7 @@ class PointFrames(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the known facts about the frames; each point has a separate mask of saturated samples."""
+        """Return ``known``, adapted to the frames of points: each point has a separate mask of saturated samples."""
         known = replace(known, saturation=None, bit_depth=None, points_left_out=self.unused)
         return replace(known, target=None, target_frames=None)
 
@@ -124,7 +124,7 @@ class PointFrames(SourceView):
         return len(self.points)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the position that a point shows, and its deviation from it."""
+        """Return the position that the point of frame ``index`` shows, and its deviation from it."""
         points = self.points
         info = self.source.info(int(points.frame[index]))
         row, column = points.holes[index].tolist()
@@ -143,7 +143,7 @@ class PointFrames(SourceView):
         return scaled
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the frame of a point with its noise; samples reached by neighbours, or saturated, are invalid."""
+        """Return the frame of a point with its noise; saturated samples and those that neighbours reach are invalid."""
         share = float(self.points.brightness[index])
         found = self.source.samples(int(self.points.frame[index]), region)
         values = np.asarray(found.values, np.float32) / np.float32(share)
@@ -174,10 +174,10 @@ MOST = 20
 def target_facts(points: Points) -> dict[str, Any]:
     """Return the results for a target as plain JSON types.
 
-    ``crosstalk`` is the largest fraction of light from neighbours in a cutout: that of the plan, for equally bright
-    holes, times the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the deviation of
-    frames from the planned positions (rms), ``pose_rms_px`` that of the holes' light from the lattice, ``doubtful``
-    the fraction of uncertain labels.
+    ``crosstalk`` is the largest fraction of light from neighbours in a cutout: the plan's value for equally bright
+    holes, multiplied by the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the rms
+    deviation of frames from the planned positions, and ``pose_rms_px`` that of the holes' images from the lattice
+    (pixels). ``doubtful`` is the fraction of uncertain labels.
     """
     found = list(points.found.values())
     confidence = np.concatenate([one.confidence for one in found])
@@ -226,7 +226,7 @@ def _stage_error_px(points: Points) -> float:
 
 
 class AssembledPoints(NamedTuple):
-    """H of a target's frames, the points found, the number of points without a position, and results for the target."""
+    """H from a target's frames, the points found, the number of points without a position, and further results."""
 
     report: AssemblyReport
     points: Points
@@ -237,19 +237,19 @@ class AssembledPoints(NamedTuple):
 def iter_assemble_points(
     view: FrameSource, plan: TargetPlan, out: str | os.PathLike[str], settings: AssemblySettings | None = None
 ) -> Work[AssembledPoints]:
-    """Find the points of all frames, and assemble those that show positions; yields progress.
+    """Find the points of all frames and assemble H from those that show positions; yields progress.
 
     Parameters
     ----------
     view
-        Whole frames with their dark level subtracted.
+        Full frames with their dark level subtracted.
     plan
         The target with its planned positions.
     out
         H file.
     settings
-        As in `lfcal.psf.iter_assemble_plan`; positions without a point stay empty. If the pixels are fine enough,
-        patterns are moved to whole pixels, by default with band-limited interpolation.
+        As in `lfcal.psf.iter_assemble_plan`; positions without a point remain empty. If the pixels are fine enough,
+        patterns are resampled to whole pixels, by default with band-limited interpolation.
 
     Raises
     ------

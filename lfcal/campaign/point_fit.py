@@ -82,18 +82,18 @@ F8 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PointOptics:
-    """Optics of single points: cutouts, depths, and the size of the holes.
+    """Optics of individual points: cutouts, depths, and the size of the holes.
 
     Attributes
     ----------
     middles
-        Pixel ``(n, 2)`` at the middle of each cutout.
+        Sensor pixel (row, column) at the middle of each cutout, ``(n, 2)``.
     farther_um
-        Distance of each hole beyond the plane ``(n,)`` (µm).
+        Distance of each hole beyond its depth plane, ``(n,)`` (µm).
     hole_um
-        Diameter of the holes, unless it is an unknown (µm).
+        Diameter of the holes if it is not an unknown (µm).
     parts_um
-        Distance of the middle of each part of the field beyond the plane (µm).
+        Distance beyond the depth plane of the middle of each part of the field (µm).
     """
 
     middles: NDArray[np.intp]
@@ -103,7 +103,7 @@ class PointOptics:
 
     @classmethod
     def of(cls, points: Points, measured: Regional) -> PointOptics:
-        """Return the optics of ``measured`` points, which are ``points`` in any order."""
+        """Return the optics of the points in ``measured``, which are those of ``points`` in any order."""
         scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
         for plan, part, _ in measured.parts():
             middles[part] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[part, 1:]
@@ -117,13 +117,16 @@ class PointOptics:
         return cls(middles, found, points.plan.target.hole_um, _plane(points.pixels, farther, _middles(measured)))
 
     def beyond(self, measured: Regional, setup: Setup) -> F8:
-        """Return the distance of points ``(n,)`` beyond the plane if a setup tilts the target relative to its pose."""
+        """Return the distances ``(n,)`` of points beyond the plane for a setup that may tilt the target (µm).
+
+        The tilt is relative to the pose of the target.
+        """
         parts = np.array([place.farther_um for place in setup.regions]) - self.parts_um
         return _plane(_middles(measured), parts, self.middles.astype(np.float64))
 
     @property
     def regions(self) -> tuple[RegionPlace, ...]:
-        """Parts of the field, in the form of a setup."""
+        """The parts of the field, in the form that a setup requires."""
         return tuple(RegionPlace(farther_um=float(farther)) for farther in self.parts_um)
 
 
@@ -142,20 +145,20 @@ def _plane(pixels: F8, values: F8, at: F8) -> F8:
 def iter_with_point_light(
     problem: Problem, optics: PointOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
 ) -> Work[Problem]:
-    """Return the problem with the light of each point's optics at a vector; yields progress in points.
+    """Return the problem with the light of each point computed for the unknowns ``u``; yields progress in points.
 
     Parameters
     ----------
     problem
         Problem with points.
     optics
-        Facts about the single points.
+        Optics of the individual points.
     u, offsets_px
-        Vector of the unknowns, and the displacement of each point.
+        Vector of the unknowns, and the displacement of each point (pixels).
     sampling
         Sampling of the computation.
     note
-        Text of the progress.
+        Text that is shown with the progress.
     """
     measured = problem.measured
     assert isinstance(measured, Regional)  # points are those of parts of the field
@@ -237,9 +240,9 @@ SHOWN = 3.0
 
 
 def iter_hole_is_needed(finished: Finished) -> Work[bool]:
-    """Return whether the size of the holes is needed as an unknown; yields progress in derivatives.
+    """Return whether the size of the holes must be an unknown of the fit; yields progress in derivatives.
 
-    It is needed if chi² shows that the model is incomplete, and another size lowers the residual of held-out patterns.
+    It must be one if chi² shows that the model is incomplete and another size lowers the residual of held-out patterns.
     """
     problem, point, groups, columns, _ = finished
     hole = problem.vector.of_groups([HOLE]).tolist()
@@ -255,7 +258,7 @@ def iter_hole_is_needed(finished: Finished) -> Work[bool]:
 
 
 def hole_is_determined(finished: Finished) -> bool:
-    """Return whether the points determine the size of the holes, which was fitted.
+    """Return whether the points determine the fitted size of the holes.
 
     A hole much smaller than the finest detail of a pattern causes no measurable blur.
     """
@@ -272,7 +275,7 @@ def hole_is_determined(finished: Finished) -> bool:
 
 
 def moved_far(finished: Finished) -> bool:
-    """Return whether the size of the holes differs significantly from that for which their light was computed."""
+    """Return whether the fitted hole size differs significantly from the size for which the light was computed."""
     problem, point, groups, _, _ = finished
     if HOLE not in groups:
         return False
@@ -281,7 +284,7 @@ def moved_far(finished: Finished) -> bool:
 
 
 def without_hole(finished: Finished) -> Finished:
-    """Return the fit with the described holes, at the same values of all other unknowns."""
+    """Return the fit with the described size of the holes and unchanged values of all other unknowns."""
     problem, point, groups, columns, outliers = finished
     u = point.u.copy()
     u[problem.vector.of_groups([HOLE])] = 0.0
@@ -290,7 +293,9 @@ def without_hole(finished: Finished) -> Finished:
 
 
 def hole_words(fit: Fit, *, asked: bool = True) -> str:
-    """Return one line on the size of the holes found by a fit of points; empty if there is none.
+    """Return one line on the size of the holes found by a fit of points.
+
+    The text is empty if the size was not fitted, or if its change is not significant.
 
     Parameters
     ----------
@@ -317,7 +322,7 @@ def _described(hole_um: float) -> str:
 
 
 def with_undetermined_hole(fit: Fit) -> Fit:
-    """Return the fit with the size of the holes among the requested unknowns that did not help."""
+    """Return the fit with the size of the holes listed among the requested unknowns that did not help."""
     return replace(fit, unhelpful=(*fit.unhelpful, HOLE))
 
 
@@ -351,15 +356,15 @@ def iter_fit_points(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Fit one camera to the points of a target's frames, each at its actual position.
+    """Fit one camera to the points of a target's frames, each at its actual sensor position.
 
-    Nothing is reduced modulo the array's period: patterns are computed at their own pixels, including the fractions of
-    their positions, under the actual array. The field is divided into parts, each with the optics of its middle.
+    Positions are not reduced modulo the array's period: each pattern is computed at its actual subpixel position under
+    the actual array. The field is divided into parts, each with the optics of its middle.
 
     Parameters
     ----------
     source, points
-        The frames, with their dark level subtracted, and the points found in them.
+        The frames with their dark level subtracted, and the points found in them.
     unknowns, effects, stage, workers
         As in `lfcal.fit.fit_camera`; the array's pitch is always fitted. ``hole`` is the diameter of the target's
         holes, which is also fitted if chi² requires it.
@@ -492,7 +497,7 @@ def _with_light_as_found(finished: Finished, optics: PointOptics) -> Work[Finish
 
 
 def point_outputs(folder: Path) -> list[Path]:
-    """Return all files that a fit of points in ``folder`` consists of."""
+    """Return the paths of all files of a fit of points in ``folder``."""
     return [folder / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
 
 
@@ -505,14 +510,16 @@ def iter_write_points(
     with_h: bool = True,
     workers: int | None = None,
 ) -> Work[list[Path]]:
-    """Write a fit of points, ``fit.json`` last; H is that of the model with the light of the points.
+    """Write a fit of points to ``folder``, ``fit.json`` last.
+
+    H is that of the fitted model, with the light of the points.
 
     Parameters
     ----------
     fit
         Result of fitting one camera to the points of the whole field.
     scan
-        The region of the field for H, or several, whose H are written to one file.
+        The region of the field for H, or several regions, whose H are written to one file.
     folder
         Output folder, created if needed.
     known

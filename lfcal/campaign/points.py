@@ -35,24 +35,24 @@ MOST_DEVIATION_PX = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Usable points of a target's frames: with complete cutouts on the sensor and certain labels.
+    """Usable points of a target's frames, with certain labels and cutouts that are completely on the sensor.
 
     Attributes
     ----------
     plan
         The recorded plan.
     frame, z
-        Frame and plane of each point ``(n,)``.
+        Frame index and plane index of each point, ``(n,)``.
     holes
-        Labels ``(n, 2)`` as (row, column).
+        Label (row, column) of each point's hole, ``(n, 2)``.
     pixels
-        Sensor position ``(n, 2)`` of each chief ray (row, column); the cutout is centred on the nearest pixel.
+        Sensor position (row, column) of each chief ray, ``(n, 2)``; the cutout is centred on the nearest pixel.
     brightness
-        Light of each point, relative to the median hole in its frame ``(n,)``.
+        Light of each point relative to the median hole in its frame, ``(n,)``.
     away_um
-        Depth of each point from the pose of the target in its frame ``(n,)`` (µm).
+        Depth of each point from the target's pose in its frame, ``(n,)`` (µm).
     found
-        Results for each frame, by its number.
+        Results for each frame, by its index.
     """
 
     data: ClassVar[str] = "target"
@@ -72,29 +72,29 @@ class Points:
 
     @property
     def middles(self) -> NDArray[np.intp]:
-        """The pixel ``(n, 2)`` at the middle of each cutout."""
+        """The pixel (row, column) at the middle of each cutout, ``(n, 2)``."""
         whole: NDArray[np.intp] = np.floor(self.pixels + 0.5).astype(np.intp)
         return whole
 
     @property
     def residuals(self) -> F8:
-        """Fraction of each position that remains after rounding ``(n, 2)`` (pixels)."""
+        """Chief-ray position minus the nearest pixel, (row, column) for each point, ``(n, 2)`` (pixels)."""
         rest: F8 = self.pixels - self.middles
         return rest
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Points:
-        """Return the chosen points."""
+        """Return only the points that ``which``, a mask or indices, selects."""
         names = ("frame", "z", "holes", "pixels", "brightness", "away_um")
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
     def region(self, k: int) -> tuple[slice, slice]:
-        """Return the cutout of point ``k`` on the sensor."""
+        """Return the region of the sensor covered by the cutout of point ``k``."""
         (row, column), (nt, ns) = self.middles[k].tolist(), self.plan.scan.cutout
         top, left = row - (nt - 1) // 2, column - (ns - 1) // 2
         return slice(top, top + nt), slice(left, left + ns)
 
     def alone(self, k: int) -> NDArray[np.bool_]:
-        """Return a mask of the pixels in the cutout of point ``k`` that no neighbour's pattern reaches ``(nt, ns)``."""
+        """Return a mask ``(nt, ns)`` of the pixels in the cutout of point ``k`` that no neighbour's pattern reaches."""
         found, scan = self.found[int(self.frame[k])], self.plan.scan
         rows, columns = (np.arange(part.start, part.stop) for part in self.region(k))
         radius = half_extent_px(scan.camera, scan.depths_um[int(self.z[k])])
@@ -107,14 +107,14 @@ class Points:
 
     @property
     def known(self) -> str:
-        """Sentence on the number of points and their deviation from the target's lattice."""
+        """Sentence that states the number of points and their deviation from the target's lattice."""
         rms = float(np.median([one.fit.rms_px for one in self.found.values()]))
         seen = f"{format_count(len(self), 'point', 'points')} in {format_count(len(self.found), 'frame', 'frames')}"
         return f"found: {seen}; their images are {rms:.2f} px (rms) from the lattice"
 
     @property
     def mistakes(self) -> tuple[tuple[Finding, int], ...]:
-        """Deviations from the target's description with the number of frames that show them, most frequent first."""
+        """Deviations from the target's description, with the number of frames that show each, most frequent first."""
         counts: dict[tuple[str, tuple[tuple[int, ...], ...]], tuple[Finding, int]] = {}
         for found in self.found.values():
             for one in found.mistakes:
@@ -124,17 +124,17 @@ class Points:
 
 
 def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | None = None) -> Work[Points]:
-    """Find the points of all frames.
+    """Find the points of all frames and return them.
 
     Parameters
     ----------
     source
-        Whole frames, with their dark level subtracted: pass the corrected view. ``metadata.target_frames``, or else
-        the plan's order, identifies the frames.
+        Full frames with their dark level subtracted: pass the corrected view. ``metadata.target_frames``, or else the
+        plan's order, identifies the frames.
     plan
         The target with its planned positions.
     frames
-        Frames to read; None: all.
+        Indices of the frames to read; None: all.
 
     Yields
     ------
@@ -205,12 +205,15 @@ Tile = tuple[slice, slice]
 
 
 def tile_plan(scan: ScanPlan, corner: tuple[float, float], shape: tuple[int, int]) -> ScanPlan:
-    """Return a scan plan whose positions are the pixels of a part of the sensor, from its first pixel on."""
+    """Return a scan plan whose positions are the pixels of a part of the sensor.
+
+    ``corner`` is the first pixel (row, column) of the part and ``shape`` its size.
+    """
     return replace(scan, period=shape, anchor=(float(corner[0]), float(corner[1])))
 
 
 def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int, int]) -> tuple[Tile, ...]:
-    """Return the parts of the sensor, row by row; each is computed with the optics of its middle.
+    """Return the parts of the sensor, row by row, each of which is computed with the optics of its middle.
 
     Together they contain every pixel whose cutout is completely on the sensor.
     """
@@ -226,12 +229,12 @@ def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int,
 def measured_points(
     source: FrameSource, points: Points, parts: tuple[int, int] = (3, 3), *, most: int | None = None
 ) -> Regional:
-    """Return the patterns of points, each at its position in a part of the field.
+    """Return the patterns of points, each with its position in a part of the field.
 
     Parameters
     ----------
     source, points
-        The frames, with their dark level subtracted, and the points found in them.
+        The frames with their dark level subtracted, and the points found in them.
     parts
         Number of parts of the sensor (rows, columns); each is computed with the optics of its middle.
     most
@@ -269,10 +272,9 @@ def measured_points(
 
 
 def measured_modulo(source: FrameSource, points: Points, *, most: int | None = None) -> Measured:
-    """Return points as patterns of the scan of one period, as if the array repeated itself after whole pixels.
+    """Return points as patterns of a scan of one period, as if the period were a whole number of pixels.
 
-    This is only an approximation, and chi² of a fit shows the difference: positions are rounded, and reduced modulo
-    the period.
+    Positions are rounded and reduced modulo the period. This is an approximation; chi² of a fit shows its error.
     """
     scan = points.plan.scan
     firsts = _firsts(points)

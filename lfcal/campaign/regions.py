@@ -48,7 +48,7 @@ REGIONS_FILE = "regions.json"
 
 
 def is_regions(folder: Path) -> bool:
-    """Return whether ``folder`` is that of a session of several regions."""
+    """Return whether ``folder`` contains a session of several regions."""
     return (folder / REGIONS_FILE).is_file()
 
 
@@ -74,14 +74,14 @@ def read_regions(folder: Path) -> RegionPlan:
 
 
 def first_begun(folder: Path) -> Path | None:
-    """Return the folder of the first started region, which contains the session's options; None if there is none."""
+    """Return the folder of the first region that was started and has the session's options; None if there is none."""
     return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
 
 
 def forecast_regions(
     plan: RegionPlan, rig: Rig, options: Options, folder: Path, *, frames_per_s: float | None = None
 ) -> SessionForecast:
-    """Return the cost of all regions together, after checking each as in `lfcal.acquire.forecast`."""
+    """Return the forecast for all regions together, after checking each as in `lfcal.acquire.forecast`."""
     names = enumerate(plan.names)
     found = [forecast(plan.plan(k), rig, options, folder / name, frames_per_s=frames_per_s) for k, name in names]
     summed = ["positions", "other_frames", "seconds", "recording_bytes"]
@@ -101,18 +101,18 @@ def iter_record_regions(
     observers: Callable[[int], tuple[Observer, ...]] = lambda _: (),
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
-    """Record every region of ``plan`` into a separate session in ``folder``; return the common outcome.
+    """Record every region of ``plan`` into a separate session in ``folder`` and return the combined outcome.
 
     Parameters
     ----------
     folder
-        A new or empty folder; with ``resume`` that of an earlier session.
+        A new or empty folder; with ``resume``, the folder of an earlier session.
     plan, rig, options, control, preview, task
         As in `lfcal.acquire.iter_record`, which raises the same errors.
     resume
         Whether to continue with the first incomplete region, after a check of all regions.
     observers
-        Function from the number of a region to the observers of its frames.
+        Function that returns the observers of a region's frames for the index of the region.
 
     Examples
     --------
@@ -185,7 +185,13 @@ def _shown(work: Work[Outcome], name: str, before: int, total: int) -> Work[Outc
 
 
 def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Iterate over the regions of a session as name and folder; raises `InputError` if one was not started."""
+    """Yield the name and the folder of each region of a session.
+
+    Raises
+    ------
+    InputError
+        If the recording of a region was not started.
+    """
     for name in read_regions(folder).names:
         if not (folder / name / NAME).exists():
             raise InputError.expected(f"{folder}: region {name}", "a recording", "none", "resume the session")
@@ -194,13 +200,16 @@ def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
 
 @contextmanager
 def temporary_parts(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]]:
-    """Context that provides a path for H of each region, in a folder next to ``out`` that is removed at the end."""
+    """Provide, as a context manager, a temporary path for the H of each region.
+
+    The paths are in a folder next to ``out`` that is removed at the end.
+    """
     with storage_errors(out), TemporaryDirectory(prefix=f".{out.name}.regions-", dir=out.parent) as place:
         yield {name: Path(place) / f"{name}.h5" for name in names}
 
 
 def save_parts(parts: dict[str, Path], out: Path, **settings: Any) -> Path:
-    """Combine H of several regions from separate files into one file, by name."""
+    """Combine the H of several regions, given by name in ``parts``, into the file ``out`` and return its path."""
     with ExitStack() as stack:
         matrices: dict[str, PSFMatrix] = {name: stack.enter_context(open_psf(path)) for name, path in parts.items()}
         return save_regions(matrices, out, **settings)

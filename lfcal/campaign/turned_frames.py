@@ -33,7 +33,7 @@ EQUALLY_GOOD = 1.25
 
 @dataclass(frozen=True, eq=False)
 class SeenPattern:
-    """A frame without its background, its plane, and the centre of its light (row, column)."""
+    """A frame without its background, the index of its plane, and the centre of its light (row, column)."""
 
     frame: NDArray[np.float32]
     z: int
@@ -42,14 +42,15 @@ class SeenPattern:
 
 @dataclass(frozen=True, slots=True)
 class TurnedFrames:
-    """Orientations in which patterns match their camera far better than as delivered.
+    """Orientations in which patterns match those of the camera much better than as delivered.
 
     Attributes
     ----------
     turns
         Orientations of the frames; several if they explain the patterns equally well.
     residual, as_is
-        Unexplained fractions of the squared light in the best orientation, and as delivered.
+        Fraction of the squared light that remains unexplained in the best orientation, and in the orientation as
+        delivered.
     """
 
     turns: tuple[Orientation, ...]
@@ -77,7 +78,7 @@ def seen_patterns(
     Parameters
     ----------
     read
-        Function that returns frame k of the list.
+        Function that returns the frame with index k, as in ``positions``.
     positions
         Position ``(n, 3)`` of each frame as (z, y, x).
     plan
@@ -100,7 +101,7 @@ def seen_patterns(
 
 
 def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFrames | None:
-    """Return the orientations in which patterns match their camera; None if they match as delivered, or never.
+    """Return the orientations in which patterns match the camera; None if they match as delivered or in none.
 
     Parameters
     ----------

@@ -33,9 +33,10 @@ class CheckLine:
     label
         Name of the value.
     expected, measured
-        Described and measured value with units; the measured one with its standard error, if known.
+        Described and measured value with units; the measured value includes its standard error, if known.
     edge_px
-        Displacement of a micro-image at the frame's edge due to the difference (pixels); None if there is none.
+        Displacement of a micro-image at the frame's edge due to the difference (pixels); None if the value does not
+        cause any.
     verdict
         `FITS`, `DIFFERS`, `WRONG`, or `UNKNOWN` if the expected value was only assumed.
     """
@@ -63,13 +64,13 @@ class CameraCheck:
 
     @property
     def known(self) -> str:
-        """The number of values that agree, as text."""
+        """Text with the number of values that agree."""
         fits = sum(line.verdict == FITS for line in self.lines)
         return f"confirmed by the white image in {fits} of {format_count(len(self.lines), 'value', 'values')}"
 
     @property
     def verdict(self) -> str:
-        """The worst verdict of all lines; assumed values cannot be wrong."""
+        """The worst verdict of all lines; lines with assumed values do not count."""
         found = {line.verdict for line in self.lines}
         return next((verdict for verdict in (WRONG, DIFFERS) if verdict in found), FITS)
 
@@ -82,7 +83,7 @@ def check_camera(
     origin: tuple[int, int] | None = None,
     workers: int | None = None,
 ) -> CameraCheck:
-    """Return the comparison of ``camera`` with a white image.
+    """Compare ``camera`` with a white image and return the result.
 
     The lattice is fitted independently of the camera, so that a wrong description cannot bias it.
 
@@ -91,10 +92,10 @@ def check_camera(
     camera
         Camera description.
     white, dark
-        White frame ``(rows, columns)``, and dark frame or level to subtract.
+        White frame ``(rows, columns)``, and the dark frame or dark level to subtract.
     origin
-        Row and column on the sensor of the first pixel of frames that show a part of it; None: frames of the whole
-        sensor. Positions in the comparison are relative to the frames.
+        Sensor row and column of the first pixel, if the frames show only a part of the sensor; None: the frames show
+        the whole sensor. Positions in the comparison are relative to the frames.
     workers
         Number of threads; None: all processors.
 

@@ -107,27 +107,27 @@ class DepthMap:
     Attributes
     ----------
     slope
-        Slope w (`sensor_slope`), ``(rows, columns)`` float32.
+        Slope w (see `sensor_slope`), ``(rows, columns)`` float32.
     sigma
         Standard error of `slope`.
     confidence
-        Probability (0 to 1) that the error of the disparity is less than 0.3 px, from its standard error and the
-        fraction of micro-images that agree; 0 where the depth is unknown.
+        Probability (0 to 1) that the error of the disparity is less than 0.3 px, estimated from its standard error and
+        the fraction of micro-images that agree; 0 where the depth is unknown.
     image
         All-in-focus image of the central view.
     method
         ``"micro-images"`` or ``"views"``.
     corner_px, step_px
-        Position of sample (0, 0) on the frame (row, column), and distances of samples down and right (pixels).
+        Position (row, column) of sample (0, 0) on the frame, and spacing of the samples down and to the right (pixels).
     disparity_px
-        Scale of the disparity. For micro-images: disparity of neighbours times `slope`, which is the pitch (pixels).
-        For views: disparity between the outermost and the central view at a slope of 1 (samples).
+        Scale of the disparity. For micro-images: the product of `slope` and the disparity of neighbours, which equals
+        the pitch (pixels). For views: disparity between the outermost and the central view at a slope of 1 (samples).
     z_um, z_sigma_um
-        Depth from the working plane, positive away from the camera, and its standard error (µm); None before
+        Depth relative to the working plane, positive away from the camera, and its standard error (µm); None before
         `metric_depth`.
     across_um
-        Position (down, right) of each sample in object space, from the axis (µm), ``(rows, columns, 2)``; None before
-        `metric_depth`.
+        Position (down, right) of each sample in object space relative to the axis (µm), ``(rows, columns, 2)``; None
+        before `metric_depth`.
     """
 
     slope: Image = field(repr=False)
@@ -144,7 +144,7 @@ class DepthMap:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Map of the samples with a depth, ``(rows, columns)``."""
+        """Mask of the samples whose depth is known, ``(rows, columns)``."""
         return np.isfinite(self.slope)
 
     @property
@@ -162,13 +162,13 @@ class DepthMap:
         return self.sigma / self.slope**2 * np.float32(self.disparity_px)
 
     def places_px(self) -> Array:
-        """Return the positions ``(rows, columns, 2)`` of the samples on the frame (row, column; pixels)."""
+        """Return the positions (row, column) of the samples on the frame, ``(rows, columns, 2)`` (pixels)."""
         steps = zip(self.corner_px, self.step_px, self.slope.shape, strict=True)
         rows, columns = (corner + step * np.arange(n) for corner, step, n in steps)
         return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
 
     def points(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the points ``(n, 3)`` as (x, y, z), and a map of the samples that they come from.
+        """Return the points ``(n, 3)`` as (x, y, z), and a mask ``(rows, columns)`` of the samples they represent.
 
         Units are µm if the depth is metric; otherwise x and y are in pixels of the frame, and z is the slope.
         """
@@ -193,7 +193,7 @@ def iter_depth_map(
     radius_px: float | None = None,
     workers: int | None = None,
 ) -> Work[DepthMap]:
-    """Return the depth map of one light-field frame, in the central view.
+    """Compute and return the depth map of one light-field frame, in the central view.
 
     Depth is found only where the scene has texture. Unknown samples are NaN and are not filled in.
 
@@ -202,14 +202,15 @@ def iter_depth_map(
     frame
         Light-field frame ``(rows, columns)``; NaN and infinity are ignored.
     lattice, white, dark
-        As in `extract_views`. Without a white frame, the fall-off in the micro-images is estimated from the frame.
+        As in `extract_views`. Without a white frame, the fall-off of light in the micro-images is estimated from the
+        frame.
     mask
         True at pixels to leave out, ``(rows, columns)``; None: all pixels are used.
     camera
-        Camera that determines the range of slopes, the blur of its lens types, and the method; None: unknown.
+        Camera that determines the range of slopes, the blur of the lens types, and the method; None: unknown.
     type_of
-        Function that returns the lens types of lenslets q, r: the method of `LensTypes`, or of the camera's lattice if
-        ``lattice`` is that of the camera. Lenslets of different blur are then compared with less weight.
+        Function that returns the lens types of lenslets (q, r): `LensTypes.type_of`, or the method of the camera's
+        lattice if ``lattice`` is that of the camera. Comparisons of lenslets with different blur then have less weight.
     method
         ``"micro-images"``: match each micro-image with its neighbours, for lenslets that are focused on the scene.
         ``"views"``: compare the views on planes, for lenslets focused at infinity. ``"auto"``: choose by the focus of
@@ -273,9 +274,9 @@ def depth_seconds(
     slopes: tuple[float, float] | None = None,
     radius_px: float | None = None,
 ) -> float:
-    """Return the expected processor time (s) of `depth_map` with these parameters.
+    """Predict the CPU-seconds of `depth_map` with these parameters.
 
-    The middle of the frame is measured, and its time is scaled by the number of micro-images.
+    The middle of the frame is processed, and the time for it is scaled by the number of micro-images.
 
     Raises
     ------
@@ -309,7 +310,7 @@ def metric_depth(
     origin: tuple[int, int] = (0, 0),
     measured: Sequence[tuple[float, float]] = (),
 ) -> DepthMap:
-    """Return the map with depths in µm, converted by the camera and corrected by planes of measured slope, if any.
+    """Return the map with depths in µm, converted with the camera and corrected with planes of measured slope, if any.
 
     Parameters
     ----------
@@ -318,10 +319,10 @@ def metric_depth(
     camera
         Camera that took the frame.
     origin
-        Row and column on the sensor of the frame's first pixel.
+        Sensor row and column of the frame's first pixel.
     measured
-        Depth (µm) and measured slope of planes, for example from H. A line fitted to them corrects the slopes before
-        they are converted; a single plane corrects their scale.
+        Depth (µm) and measured slope of each plane, for example from H. A line fitted to them corrects the slopes
+        before they are converted; a single plane corrects their scale.
 
     Examples
     --------

@@ -60,7 +60,7 @@ def save_depth(path: Path, found: DepthMap) -> None:
 
 
 def save_points(path: Path, found: DepthMap) -> int:
-    """Write the points with a depth and their brightness to a binary PLY file; return their number.
+    """Write the points with a known depth and their brightness to a binary PLY file; return the number of points.
 
     Examples
     --------

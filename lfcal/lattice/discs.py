@@ -47,13 +47,13 @@ class LensletDiscs:
     Attributes
     ----------
     centres_px
-        Centres ``(n, 2)`` as (row, column).
+        Centres (row, column), ``(n, 2)`` (pixels).
     errors_px
-        Standard deviation of each centre along an axis ``(n,)``, from the scatter of its edge.
+        Standard error of each centre along one axis, ``(n,)`` (pixels), from the scatter of the disc's edge.
     radii_px
-        Mean radii ``(n,)``.
+        Mean radius of each disc, ``(n,)`` (pixels).
     camera
-        The camera with the lenslets at these places; the optical axis is where it was described.
+        The camera with the lenslets at the measured positions; the position of the optical axis is unchanged.
     """
 
     centres_px: F8
@@ -63,14 +63,15 @@ class LensletDiscs:
 
 
 def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
-    """Return the discs behind the lenslets of a Fourier light-field microscope, to a small part of a pixel.
+    """Locate the discs behind the lenslets of a Fourier light-field microscope with subpixel accuracy.
 
-    Discs may touch, and their light may fall off. They need symmetry about their centre: round or square.
+    Discs may touch, and their brightness may fall off towards the edge. They must be symmetric about their centres
+    (round or square).
 
     Parameters
     ----------
     white
-        White image ``(rows, columns)`` of an even field, or of the lenslets in the pupil.
+        White image ``(rows, columns)`` of a uniform field, or of the lenslets in the pupil.
     camera
         The described camera.
 

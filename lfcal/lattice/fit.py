@@ -57,11 +57,11 @@ def fit_lattice(
     pitch_px: float | None = None,
     workers: int | None = None,
 ) -> LatticeFit:
-    """Return the lattice of micro-images, fitted to a white image.
+    """Fit the lattice of micro-images to a white image and return the fit.
 
     A first lattice is found in the spectrum (`guess_lattice`) and extended from the middle of the frame outwards
-    (`fit_outwards`). Three steps then alternate: the mean micro-image is computed, each lenslet is located with it to
-    a fraction of a pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted robustly to the
+    (`fit_outwards`). Three steps are then repeated. The mean micro-image is computed, each lenslet is located with it
+    to a fraction of a pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted robustly to the
     positions. `select_form` chooses the form of the lattice: straight, or with a distortion. Finally, the lattice is
     shifted to the middle of the iris, because micro-images of an iris with an odd number of corners are not symmetric
     about it (`iris_centre`).
@@ -69,14 +69,14 @@ def fit_lattice(
     Parameters
     ----------
     white
-        Frame ``(rows, columns)`` of at least 7 evenly lit lenslets, with a pitch above 4 px. A part of the frame may
+        Frame ``(rows, columns)`` of at least 7 uniformly lit lenslets, with a pitch above 4 px. A part of the frame may
         be dark: the lattice is fitted to the lit part (`LatticeFit.outline_px`).
     dark
-        Dark frame or level to subtract.
+        Dark frame or dark level to subtract.
     kind
         ``"square"`` (also rectangular cells) or ``"hexagonal"``; None: detected.
     pitch_px
-        Nominal pitch along a row, accurate to 10 %; None: detected.
+        Nominal pitch along a row (pixels), accurate to 10 %; None: detected.
     workers
         Number of threads; None: all processors.
 
@@ -250,13 +250,13 @@ TRACKING_DEGREE = 3
 
 
 def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
-    """Return the radius of the first fitted region (pixels)."""
+    """Return the radius of the region that is fitted first (pixels)."""
     wanted = max(START_PITCHES * model.pitch, min(START_SHARE * frame.scale, START_PX))
     return wanted if 3 * (wanted / model.pitch) ** 2 >= MIN_REGION else frame.scale
 
 
 def tracking_form(count: int) -> LatticeForm:
-    """Return the form of the lattice that is reliable for extrapolation from ``count`` lenslets."""
+    """Return the form of the lattice for reliable extrapolation from ``count`` lenslets."""
     form = flexible_form(count // 2)
     return form if form.degree <= TRACKING_DEGREE else flexible_form(100)
 
@@ -266,7 +266,7 @@ def fit_outwards(
 ) -> tuple[LatticeModel, PlacedLenslets]:
     """Return the lattice fitted in growing regions about ``start`` (x, y), each predicted by the previous one.
 
-    The lenslets of the last region, which is the whole frame, are also returned.
+    The lenslets of the last region, which is the whole frame, are returned as well.
     """
     frame = DistortionFrame.of(image.shape)
     farthest = float(np.hypot(*(frame.outline() - start).T).max())
@@ -310,7 +310,10 @@ Unresolved, blurred cells have 0.42 and above, and look alike for any object."""
 
 
 def mean_cell(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp]) -> Array:
-    """Return the mean brightness over one cell ``(CELL_SIDE, CELL_SIDE)``, from the lenslets (q, r) of ``index``."""
+    """Return the mean brightness over one lattice cell, ``(CELL_SIDE, CELL_SIDE)``, of the lenslets ``index``.
+
+    ``index`` is ``(n, 2)`` as (q, r).
+    """
     from scipy.ndimage import map_coordinates
 
     chosen = index[:: max(1, len(index) // CELL_LENSLETS)]
@@ -333,7 +336,7 @@ def _surrounded(lenslets: PlacedLenslets) -> NDArray[np.intp]:
 
 
 def check_cell(cell: Array) -> None:
-    """Raise `InputError` if the mean cell is that of a checkerboard, or of overlapping micro-images.
+    """Raise `InputError` if the mean cell is that of a checkerboard or of overlapping micro-images.
 
     The light and dark fields of a checkerboard have the same shape: shifted by half a diagonal, each is the negative
     of the other. Micro-images and the gaps between them have different shapes.

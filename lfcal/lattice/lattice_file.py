@@ -67,7 +67,7 @@ def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
-    """Return the lattice's parameters, their errors and the distortion as plain values."""
+    """Return the lattice's parameters, their errors and the distortion as plain JSON types."""
     bend, errors = fit.distortion, {} if fit.errors is None else asdict(fit.errors)
     errors.pop("covariance", None)
     own = {name: getattr(fit, name) for name in NAMES}
@@ -116,7 +116,7 @@ def _draw(fit: LatticeFit, path: Path) -> None:
 
 
 def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
-    """Return the lattice in a ``lattice.json`` with all lenslets of its frame, of which the dead ones are marked.
+    """Return the lattice in a ``lattice.json`` file with all lenslets of its frame; dead lenslets are marked.
 
     Raises
     ------

@@ -21,14 +21,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class LatticeErrors:
-    """Standard errors of a fitted lattice's parameters, for the weights of the fit.
+    """Standard errors of the parameters of a fitted lattice, computed from the weights of the fit.
 
     Attributes
     ----------
     pitch_px, row_pitch_px, rotation_rad, shear_rad, origin_px
         Errors of the parameters of the same name; 0 if a parameter is not free.
     terms, centre
-        Errors of the distortion's terms, in order, and of its centre (column, row) (pixels).
+        Errors of the distortion's terms in their order, and of its centre (column, row) (pixels).
     covariance
         Covariance of all free parameters, in the order of `lfcal.lattice._forms.design`.
     """
@@ -78,7 +78,7 @@ class LatticeFit:
     shape
         Rows and columns of the frame.
     pitch_px, row_pitch_px
-        Distance of neighbours along a row, and of neighbouring rows (pixels).
+        Distance between neighbours along a row, and between neighbouring rows (pixels).
     rotation_rad
         Angle from the +x (column) axis to a row, positive towards +y (down) (rad).
     origin_px
@@ -90,7 +90,8 @@ class LatticeFit:
     residual_rms_px
         Rms distance along one axis of the located micro-images from the lattice, including distortion (pixels).
     index
-        ``(n, 2)``: indices q along a row and r across rows of every lenslet that is completely in the frame.
+        ``(n, 2)``: indices (q, r) of every lenslet that is completely in the frame; q counts along a row, r across
+        rows.
     measured_px
         ``(n, 2)``: located centres (row, column) (pixels); NaN for dead lenslets.
     light
@@ -98,20 +99,20 @@ class LatticeFit:
     dead
         ``(n,)``: True for lenslets that are too dark or cannot be located.
     distortion
-        Displacement from the undistorted lattice (pixels, points (column, row)); None: no distortion. Pitch, row pitch,
-        rotation and shear are those of the undistorted lattice.
+        Displacement from the undistorted lattice as a function of the point (column, row) (pixels); None: no
+        distortion. Pitch, row pitch, rotation and shear are those of the undistorted lattice.
     errors
         Standard errors of the parameters above.
     form, reason
         The chosen form of the lattice, and the reason for the choice, as text.
     places_px
-        ``(n, 2)``: best estimate of every centre (row, column), including dead lenslets (pixels): the lattice plus the
-        common deviation of the neighbours from it.
+        ``(n, 2)``: best estimate of every centre (row, column), including dead lenslets (pixels): the position in the
+        lattice plus the common deviation of the neighbours.
     notes
-        Doubts about the frame as a white image, and limits of the fit, one line each.
+        Reasons to doubt that the frame is a white image, and limits of the fit, one line each.
     outline_px
         ``(m, 2)``: corners (row, column) of the convex outline of the located micro-images (pixels), outside which the
-        lattice is extrapolated. None if a file does not state it.
+        lattice is extrapolated. None if it is missing in the file.
 
     Examples
     --------
@@ -144,12 +145,12 @@ class LatticeFit:
     outline_px: Array | None = None
 
     def basis_px(self) -> Array:
-        """Return the basis vectors (x, y) without distortion: along a row, and to the next row (pixels)."""
+        """Return the undistorted lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
         return self.model.basis()
 
     @cached_property
     def model(self) -> LatticeModel:
-        """The lattice as a model with points (x, y) (pixels)."""
+        """The lattice as a model whose points are (x, y) (pixels)."""
         along = self.pitch_px * np.array([math.cos(self.rotation_rad), math.sin(self.rotation_rad)])
         ratio, origin = self.row_pitch_px / self.pitch_px, np.array(self.origin_px[::-1], float)
         if self.distortion is not None:
@@ -162,12 +163,12 @@ class LatticeFit:
         return self.model.places(index)[..., ::-1]
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points: inverse of `centres_px`."""
+        """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points, the inverse of `centres_px`."""
         points = np.stack(np.broadcast_arrays(np.asarray(column, float), np.asarray(row, float)), axis=-1)
         return self.model.indices(points)
 
     def residual_map(self, size: int = 48) -> Array:
-        """Return the mean residual ``(2, rows, columns)`` as (row, column) on a grid over the frame (pixels).
+        """Return the mean residual (row, column) on a grid over the frame, ``(2, rows, columns)`` (pixels).
 
         The grid has ``size`` cells along the longer side. Cells without a located lenslet are NaN.
         """
@@ -182,17 +183,17 @@ class LatticeFit:
     def to_lattice(
         self, camera: Camera, *, origin: tuple[int, int] | None = None, type_step: int | None = None
     ) -> LensletLattice:
-        """Return ``camera``'s lattice with the measured values: pitch, rows, rotation, offset and distortion.
+        """Return the lattice of ``camera`` with the measured pitch, row distance, rotation, offset and distortion.
 
         Parameters
         ----------
         camera
-            The camera that took the frame; its lens types and gap are kept.
+            The camera that took the frame; its lens types and gap remain unchanged.
         origin
-            Lenslet (q, r) at the lattice's offset, of type 0 if there are three types; by default the lenslet nearest
+            Lenslet (q, r) at the lattice's offset, which has type 0 if there are three types; None: the lenslet nearest
             to the present offset.
         type_step
-            Direction of the lens types along a row (1 or 2); by default unchanged.
+            Type of the lenslet that follows one of type 0 along a row (1 or 2); None: unchanged.
 
         Raises
         ------
@@ -242,7 +243,7 @@ def outline_of(places: Array) -> Array:
 
 
 def within_outline(places: Array, outline: Array) -> NDArray[np.bool_]:
-    """Return which of the points ``places`` ``(n, 2)`` are within or on a convex ``outline``."""
+    """Return a mask ``(n,)`` of the points ``places`` ``(n, 2)`` that are within or on a convex ``outline``."""
     side = np.roll(outline, -1, axis=0) - outline
     away = places[:, None] - outline
     turn = side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0]
@@ -262,8 +263,8 @@ def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Arr
     """Return the best estimates ``(n, 2)`` of the lenslets' positions (pixels).
 
     The estimate is the position in the lattice plus a fraction of the weighted mean deviation of the neighbours. The
-    fraction is the part of this mean that is common to the neighbours: with scatter alone, its variance would be
-    sum(w²)/sum(w)² times that of a single one (James and Stein 1961).
+    fraction is the part of this mean that is common to the neighbours (James and Stein 1961). If the deviations were
+    only scatter, the variance of the mean would be sum(w²)/sum(w)² times that of a single deviation.
 
     Parameters
     ----------
@@ -313,10 +314,10 @@ def _means(index: NDArray[np.intp], values: Array, inliers: NDArray[np.bool_]) -
 
 
 def gridded(places: Array, values: Array, shape: tuple[int, int], size: int) -> Array:
-    """Return the mean of ``values`` ``(n, 2)`` in the cells of a grid, ``(2, rows, columns)``; NaN in empty cells.
+    """Return the mean of ``values`` ``(n, 2)`` in each cell of a grid, ``(2, rows, columns)``; NaN in empty cells.
 
-    The grid has ``size`` cells along the longer side of a frame of ``shape``. ``places`` ``(n, 2)`` are positions
-    (row, column); NaN are ignored.
+    The grid has ``size`` cells along the longer side of a frame of ``shape``. ``places`` ``(n, 2)`` are the positions
+    (row, column) of the values; NaN values are ignored.
     """
     known = np.isfinite(places).all(1) & np.isfinite(values).all(1)
     cell = max(shape) / size

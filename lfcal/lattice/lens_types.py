@@ -49,9 +49,9 @@ class LensTypes:
         Logarithm of the mean sharpness of types 0, 1 and 2 relative to their neighbours. Sharpness is the light in the
         inner part of the micro-image, or the gradient energy divided by the squared light.
     agreement
-        Fraction of triangles of neighbours that individually select this assignment; 1/6 by chance.
+        Fraction of triangles of neighbours that individually favour this assignment; 1/6 by chance.
     sigmas
-        Margin of this assignment over the next best, in standard errors.
+        Margin of this assignment over the second best, in standard errors.
     triangles
         Number of triangles of three neighbours that were used.
     """
@@ -69,12 +69,12 @@ class LensTypes:
         return min(0.5 * math.erfc(-self.sigmas / math.sqrt(2)), 1 - 1e-6)
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
-        """Return the types of lenslets q, r of the lattice fit."""
+        """Return the types of the lenslets with indices q and r of the lattice fit."""
         coset = np.asarray(q, np.intp) - np.asarray(r, np.intp)
         return np.mod(self.type_step * (coset - self.phase), 3)
 
     def to_lattice(self, fit: LatticeFit, camera: Camera) -> LensletLattice:
-        """Return ``camera``'s lattice with the fitted values and lens types, and a lenslet of type 0 at its offset."""
+        """Return the lattice of ``camera`` with the fitted values and lens types; its offset is at a type-0 lenslet."""
         row, column = camera.pixels(camera.lattice.offset_um)
         near = np.rint(fit.lenslet_at(row, column)).astype(int)
         # the nearest lenslet of type 0 is at most two steps away
@@ -88,8 +88,8 @@ class LensTypes:
 def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[float, ...]:
     """Return the blur ``|1/vf - 1/v|`` of each lens type, in lenslet diameters.
 
-    ``virtual_depth`` is that of the point in the frame. None: a white image, in which the lenslets image the main
-    lens's pupil, v = -b/B.
+    ``virtual_depth`` is that of the point source in the frame. None: a white image, in which the lenslets image the
+    main lens's pupil at v = -b/B.
 
     Examples
     --------
@@ -117,11 +117,11 @@ def classify_lens_types(
     dark: ArrayLike | float = 0.0,
     workers: int | None = None,
 ) -> LensTypes:
-    """Return the assignment of the three lens types, from a white image or a frame of a point source.
+    """Determine which lenslets have which of the three lens types, from a white image or a frame of a point source.
 
-    Types alternate so that every triangle of neighbouring lenslets contains one of each type. The sharpness is
-    compared within each triangle, which is independent of vignetting and of slow changes of the scene. The result is
-    the one of the six assignments whose expected blurs are most strongly anticorrelated with the measured sharpness.
+    Types alternate so that every triangle of neighbouring lenslets contains one of each type. The sharpness is compared
+    within each triangle, which is independent of vignetting and of slow changes of the scene. Of the six possible
+    assignments, the one is returned whose expected blurs are most strongly anticorrelated with the measured sharpness.
     In a white image, sharpness is the light in the inner part of the micro-images. This requires that all types
     transmit the same amount of light, as lenslets of equal size do.
 
@@ -134,9 +134,9 @@ def classify_lens_types(
     blur
         Expected blur of types 0, 1 and 2 in this frame, in any unit: `expected_blur`.
     content
-        ``"white"``: an evenly lit frame; ``"spots"``: a point source away from the focus of the lenslets.
+        ``"white"``: a uniformly lit frame; ``"spots"``: a point source away from the focus of the lenslets.
     dark
-        Dark frame or level to subtract.
+        Dark frame or dark level to subtract.
     workers
         Number of threads; None: all processors.
 

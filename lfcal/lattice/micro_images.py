@@ -33,7 +33,7 @@ INVERSE_PX, INVERSE_ROUNDS = 1e-8, 25
 
 
 class MicroImageLattice(Protocol):
-    """Protocol of the positions of micro-images that views need; `LatticeFit` and `CameraLattice` implement it."""
+    """Protocol of the lattice of micro-images that views require; `LatticeFit` and `CameraLattice` implement it."""
 
     @property
     def kind(self) -> str:
@@ -41,11 +41,11 @@ class MicroImageLattice(Protocol):
 
     @property
     def pitch_px(self) -> float:
-        """Distance of neighbours along a row (pixels)."""
+        """Distance between neighbours along a row (pixels)."""
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance of neighbouring rows (pixels)."""
+        """Distance between neighbouring rows (pixels)."""
 
     @property
     def rotation_rad(self) -> float:
@@ -55,7 +55,10 @@ class MicroImageLattice(Protocol):
         """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) of lenslets q (index in the row), r (row) (pixels)."""
+        """Return the centres ``(..., 2)`` as (row, column) of lenslets with indices q and r (pixels).
+
+        q counts lenslets along a row of the lattice, r counts the rows.
+        """
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
         """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points."""
@@ -71,7 +74,7 @@ class FrameLattice(MicroImageLattice, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CameraLattice:
-    """The lattice that a camera description states, on its whole sensor."""
+    """The lattice in a camera's description, on the whole sensor."""
 
     camera: Camera
 
@@ -87,12 +90,12 @@ class CameraLattice:
 
     @property
     def pitch_px(self) -> float:
-        """Distance of neighbours along a row (pixels)."""
+        """Distance between neighbours along a row (pixels)."""
         return self.camera.pitch_px
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance of neighbouring rows (pixels)."""
+        """Distance between neighbouring rows (pixels)."""
         return self.camera.lattice.row_step_um / self.camera.sensor.pixel_um
 
     @property
@@ -105,7 +108,7 @@ class CameraLattice:
         return self.camera.lattice.basis_um() / self.camera.sensor.pixel_um
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) of lenslets q, r."""
+        """Return the centres ``(..., 2)`` as (row, column) of lenslets with indices q and r (pixels)."""
         return self.camera.pixels(self.camera.periodic.centres_um(q, r))
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
@@ -124,7 +127,7 @@ class CameraLattice:
 
 @dataclass(frozen=True, slots=True)
 class CroppedLattice:
-    """The lattice on frames that show a part of the sensor; ``origin`` (row, column) is their first pixel on it."""
+    """The lattice on frames that show a part of the sensor; ``origin`` is the sensor pixel of their first pixel."""
 
     whole: FrameLattice
     shape: tuple[int, int]
@@ -137,12 +140,12 @@ class CroppedLattice:
 
     @property
     def pitch_px(self) -> float:
-        """Distance of neighbours along a row (pixels)."""
+        """Distance between neighbours along a row (pixels)."""
         return self.whole.pitch_px
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance of neighbouring rows (pixels)."""
+        """Distance between neighbouring rows (pixels)."""
         return self.whole.row_pitch_px
 
     @property
@@ -155,21 +158,21 @@ class CroppedLattice:
         return self.whole.basis_px()
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) in the part of the sensor (pixels)."""
+        """Return the centres ``(..., 2)`` as (row, column) on the frames (pixels)."""
         centres: Array = self.whole.centres_px(q, r) - np.array(self.origin, float)
         return centres
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional indices ``(..., 2)`` as (q, r) of points in the part of the sensor."""
+        """Return fractional lattice indices ``(..., 2)`` as (q, r) of points on the frames."""
         return self.whole.lenslet_at(np.asarray(row) + self.origin[0], np.asarray(column) + self.origin[1])
 
 
 @dataclass(frozen=True, slots=True)
 class TypeLattice:
-    """The lenslets of one of three types: a hexagonal lattice of sqrt(3) times the pitch, rotated by -30 degrees.
+    """The lenslets of one of three types, a hexagonal lattice with sqrt(3) times the pitch, rotated by -30 degrees.
 
-    Its lenslet (Q, R) is lenslet ``(first + 2 Q + R, R - Q)`` of the lattice ``every``. The type depends on ``(q - r)
-    mod 3``, which steps of (2, -1) and (1, 1) do not change.
+    Lenslet (Q, R) of this lattice is lenslet (q, r) = ``(first + 2 Q + R, R - Q)`` of the lattice ``every``. The type
+    depends on ``(q - r) mod 3``, which steps of (2, -1) and (1, 1) do not change.
 
     Examples
     --------
@@ -195,12 +198,12 @@ class TypeLattice:
 
     @property
     def pitch_px(self) -> float:
-        """Distance of neighbours along a row (pixels)."""
+        """Distance between neighbours along a row (pixels)."""
         return float(np.hypot(*self.basis_px()[0]))
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance of neighbouring rows (pixels)."""
+        """Distance between neighbouring rows (pixels)."""
         return abs(float(np.linalg.det(self.basis_px()))) / self.pitch_px
 
     @property
@@ -215,7 +218,7 @@ class TypeLattice:
         return basis
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) of lenslets Q, R."""
+        """Return the centres ``(..., 2)`` as (row, column) of lenslets with indices Q and R (pixels)."""
         along, across = np.asarray(q), np.asarray(r)
         return self.every.centres_px(self.first + 2 * along + across, across - along)
 
@@ -224,7 +227,7 @@ class TypeLattice:
         return self._type_indices(*np.moveaxis(self.every.lenslet_at(row, column), -1, 0))
 
     def among(self, lenslets: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Return those of the lenslets (q, r) that are of this type, as (Q, R)."""
+        """Return those lenslets (q, r) that are of this type, as indices (Q, R) of this lattice."""
         mine = [(q, r) for q, r in lenslets if (q - r - self.first) % 3 == 0]
         return [(int(i), int(j)) for i, j in (self._type_indices(np.asarray(q), np.asarray(r)) for q, r in mine)]
 
@@ -244,7 +247,8 @@ def lattice_of(
     shape
         Rows and columns of the frames; None: those of the sensor.
     origin
-        Row and column on the sensor of the frames' first pixel, if they show a part of it; None: the whole sensor.
+        Sensor row and column of the frames' first pixel, if they show only a part of the sensor; None: the whole
+        sensor.
 
     Raises
     ------
@@ -306,9 +310,10 @@ def _by(shape: Sequence[int]) -> str:
 
 
 def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> TypeLattice:
-    """Return the lenslets of one of three types as a separate lattice.
+    """Return the lenslets of one of three types as a separate lattice, which is hexagonal.
 
-    ``type_of`` is the method of `LensTypes` or of the camera's lattice. ``lens_type`` is 0, 1 or 2.
+    ``type_of`` returns the types of lenslets (q, r): `LensTypes.type_of`, or the method of the camera's lattice.
+    ``lens_type`` is 0, 1 or 2.
 
     Raises
     ------

@@ -45,12 +45,12 @@ class RenderedPlanes:
     images
         ``(n, rows, columns)`` float32: light relative to the white frame; 0 where no lenslet sees the plane.
     disagreement
-        ``(n, rows, columns)`` float32: variance between lenslets at each sample, which is smallest if the scene is on
-        the plane. Infinite if fewer than two lenslets see the sample.
+        ``(n, rows, columns)`` float32: variance between lenslets at each sample; it is smallest if the scene is on the
+        plane, and infinite if fewer than two lenslets see the sample.
     slopes
-        Slopes of the planes (`sensor_slope`).
+        Slopes of the planes (see `sensor_slope`).
     grid
-        Grid of the views' samples, each of which is divided into samples of the images.
+        Grid of the samples of a view; each of them is divided into samples of the images.
     samples
         Number of image samples along each side of a view's sample.
     """
@@ -95,7 +95,7 @@ def render(
 ) -> RenderedPlanes:
     """Return images of the planes at ``slopes``; each sample is the mean over all lenslets that see it.
 
-    A point S on the plane of slope w is seen at c + (S - c)/w below the lenslet whose micro-image is centred at c.
+    A point S on the plane of slope w is imaged at c + (S - c)/w by the lenslet whose micro-image is centred at c.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def render(
     slopes
         Slope of each plane; its absolute value must be at least `MIN_SLOPE`.
     type_of, shares
-        Function that returns the lens types of lenslets q, r, and the weight of each type for each plane:
+        Function that returns the lens types of lenslets (q, r), and the weights of the types for each plane:
         `sharpness_shares`, or 1 for one type and 0 for the others. By default all weights are equal.
     samples
         Number of image samples along each side of a view's sample.
@@ -152,7 +152,7 @@ def render(
 
 
 def check_slopes(slopes: Sequence[float]) -> None:
-    """Raise `InputError` unless `render` supports every plane."""
+    """Raise `InputError` if `render` does not support the slope of every plane."""
     for slope in slopes:
         check_number("slope", slope, at_least=-1e3, at_most=1e3)
         if abs(slope) < MIN_SLOPE:
@@ -197,7 +197,7 @@ def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
 
 
 def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
-    """Return the all-in-focus image, and the slope of the plane chosen at each sample.
+    """Return the all-in-focus image and, for each sample, the slope of the plane chosen there.
 
     The chosen plane has the smallest disagreement between lenslets in a small window. Where the scene has no texture,
     the choice is meaningless, but the image is then the same on all planes.

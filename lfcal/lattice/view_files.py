@@ -34,7 +34,7 @@ def stack_names(label: str, slopes: tuple[float, ...]) -> list[str]:
 
 
 def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
-    """Write all views as a stack ``(v, u, y, x)`` (ImageJ's t, z, y, x) and as a mosaic, and the central view."""
+    """Write all views as a stack ``(v, u, y, x)`` (t, z, y, x in ImageJ) and as a mosaic, and the central view."""
     stack, mosaic, central = (out / name for name in view_names(label))
     images = _joined([np.where(one.mask, one.images, np.float32(np.nan)) for one in colours], 2)
     _save_stack(stack, images, "TZCYX" if len(colours) > 1 else "TZYX")
@@ -46,7 +46,7 @@ def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
 
 
 def save_focal_stack(out: Path, label: str, colours: list[Array], slopes: tuple[float, ...]) -> None:
-    """Write the planes ``(n, rows, columns)`` of a focal stack to one file, and each as an image for viewing."""
+    """Write the planes ``(n, rows, columns)`` of a focal stack to one file, and each plane as an image for display."""
     stack, names = _joined(colours, 1), stack_names(label, slopes)
     _save_stack(out / names[0], stack, "ZCYX" if stack.ndim == 4 else "ZYX", [f"slope {w:+.3f}" for w in slopes])
     for name, image in zip(names[1:], stack, strict=True):
@@ -54,7 +54,7 @@ def save_focal_stack(out: Path, label: str, colours: list[Array], slopes: tuple[
 
 
 def save_total_focus(out: Path, colours: list[tuple[Array, Array]]) -> None:
-    """Write the all-in-focus image, also as an image for viewing, and the slopes at which it is in focus."""
+    """Write the all-in-focus image, a copy of it for display, and the slopes at which it is in focus."""
     image, slopes = (_joined(list(of), 0) for of in zip(*colours, strict=True))
     for name, one in ((TOTAL[0], image), (TOTAL[2], slopes)):
         _save_stack(out / name, one, "CYX" if one.ndim == 3 else "YX")

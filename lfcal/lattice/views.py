@@ -30,8 +30,8 @@ class Views:
     Attributes
     ----------
     images
-        ``(nv, nu, rows, columns)`` float32: views from the pixels displaced by `offsets` in v (down) and u (right)
-        from each lenslet's centre; 0 where no lenslet sees a sample.
+        ``(nv, nu, rows, columns)`` float32: views from the pixels displaced by `offsets` in v (down) and u (right) from
+        the centre of each micro-image; 0 where no lenslet sees a sample.
     weights
         Weight of each sample, ``(nv, nu, rows, columns)``: the same views of a white frame, or of the aperture's mask.
     offsets
@@ -39,7 +39,7 @@ class Views:
     radius_px
         Radius of the micro-images used (pixels).
     grid
-        Positions of the samples, and contributing lenslets.
+        Positions of the samples, and the lenslets that contribute to each.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Views:
 
     @property
     def step_px(self) -> tuple[float, float]:
-        """Distance of samples down and to the right in a view, on the sensor (pixels)."""
+        """Spacing of the samples of a view, down and to the right, on the sensor (pixels)."""
         return self.grid.step_px
 
     @property
@@ -76,7 +76,7 @@ class Views:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Map of the samples that a lenslet sees, ``(rows, columns)``."""
+        """Mask of the samples that at least one lenslet sees, ``(rows, columns)``."""
         return self.grid.mask
 
     @property
@@ -87,7 +87,7 @@ class Views:
         return result
 
     def mosaic(self, every: int = 1) -> Image:
-        """Return the views side by side, top to bottom and left to right; only every ``every``-th about the middle."""
+        """Return the views next to each other as one image; only every ``every``-th view, counted from the middle."""
         middle = len(self.offsets) // 2
         pick = np.arange(middle % every, len(self.offsets), every)
         chosen = self.images[np.ix_(pick, pick)]
@@ -111,9 +111,9 @@ def extract_views(
 ) -> Views:
     """Return the sub-aperture views of a light-field frame.
 
-    A pixel at a fixed offset from a lenslet's centre sees the scene through one part of the main lens's aperture. Such
-    pixels of all lenslets form a view. Samples between pixels are interpolated bilinearly, and samples between
-    lenslets as described in `view_grid`.
+    A pixel at a fixed offset from the centre of a micro-image sees the scene through one part of the main lens's
+    aperture. These pixels of all micro-images form a view. Samples between pixels are interpolated bilinearly, and
+    samples between lenslets as described in `view_grid`.
 
     Parameters
     ----------
@@ -123,10 +123,10 @@ def extract_views(
         Lattice of its micro-images: a `LatticeFit` from a white image of the same camera, or `lattice_of` a camera
         description.
     white
-        White frame ``(rows, columns)`` whose light weights the views. Without it, the weights are equal up to the
-        radius.
+        White frame ``(rows, columns)`` whose light provides the weights of the views. Without it, all pixels within the
+        radius have equal weights.
     dark
-        Dark frame or level to subtract from both.
+        Dark frame or dark level to subtract from both frames.
     radius_px
         Radius of the micro-images (pixels); by default 0.45 pitches.
     axes, full, missing, raster
@@ -181,12 +181,12 @@ def extract_views(
 
 
 def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
-    """Return a frame minus its dark frame or level as float32, after checking that both fit the lattice.
+    """Return a frame minus its dark frame or level as float32, after checking that the shapes match the lattice.
 
     Raises
     ------
     InputError
-        If one does not fit; the message calls the frame ``what``.
+        If a shape does not match; the message refers to the frame as ``what``.
     """
     image = as_sensor_frame(what, frame)
     if image.shape != tuple(lattice.shape):
@@ -217,11 +217,11 @@ def sample_views(
     filter: str = "linear",
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Fill ``out`` ``(nv, nu, rows, columns)`` with the views of a frame, and return it.
+    """Fill ``out`` ``(nv, nu, rows, columns)`` with the views of a frame and return it.
 
-    View (v, u) is the frame at each lenslet's centre + ``step_px`` (v - (nv - 1)/2, u - (nu - 1)/2), down and right
-    along the pixels, interpolated by ``filter`` (`TAPS`). Each sample is the weighted sum over its lenslets; it is 0
-    if no lenslet sees it. ``out`` is float32 or float64.
+    View (v, u) samples the frame at the offset ``step_px`` (v - (nv - 1)/2, u - (nu - 1)/2), down and to the right,
+    from the centre of each micro-image. ``filter`` is the interpolation, one of `TAPS`. Each sample of a view is the
+    weighted sum over its lenslets, or 0 if no lenslet sees it. ``out`` is float32 or float64.
 
     Examples
     --------

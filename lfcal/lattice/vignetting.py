@@ -15,14 +15,14 @@ __all__ = ["Vignetting", "vignetting_map"]
 
 @dataclass(frozen=True, eq=False)
 class Vignetting:
-    """Relative light over the field; 1 at the maximum of the smooth surface.
+    """Relative light over the field, normalized to 1 at the maximum of the smooth surface.
 
     Attributes
     ----------
     lenslets
         ``(n,)``: light of each lenslet, in the order of the fit; NaN for dead lenslets.
     surface
-        The smooth surface fitted to the lenslets.
+        Smooth surface fitted to the light of the lenslets.
     scatter
         Relative rms deviation of working lenslets from the surface.
     falloff
@@ -35,23 +35,22 @@ class Vignetting:
     falloff: float
 
     def frame(self) -> NDArray[np.float32]:
-        """Return the smooth light on every pixel, ``(rows, columns)`` float32: a white frame without lenslets.
+        """Return the smooth light at every pixel, ``(rows, columns)`` float32: a white frame without micro-images.
 
         ``White(vignetting.frame(), dark=0.0)`` flattens the field and leaves micro-images unchanged. Dividing by the
         white image itself would also multiply the noise in the gaps. Outside the lit part of a frame, the surface is
-        unknown: it stays at or above `falloff`.
+        unknown and limited to values of at least `falloff`.
         """
         return np.maximum(self.surface.frame(), np.float32(self.falloff))
 
 
 def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
-    """Return the fall-off of the lenslets' light over the field.
+    """Fit the fall-off of the lenslets' light over the field and return it.
 
     Parameters
     ----------
     fit
-        Lattice fitted to a white image after its dark was subtracted, because a pedestal would hide part of the
-        fall-off.
+        Lattice fitted to a white image whose dark level was subtracted; a pedestal would hide part of the fall-off.
     degree
         Largest degree of the polynomial surface; with only a few lenslets, a lower degree is used.
 

@@ -30,7 +30,7 @@ MICROMETRE, PIXEL = "micrometer", "pixel"
 
 
 def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
-    """Return the reader for ``path``, or None if it is not a file of lfcal; this is the command in the manifest.
+    """Return the reader for ``path``, or None if it is not a file of lfcal; napari calls this function.
 
     Parameters
     ----------
@@ -54,7 +54,8 @@ def _read(path: str | Sequence[str]) -> list[Layer]:
 def read_layers(path: str | Path) -> list[Layer]:
     """Return the layers of an H or HT file, a recorded session, or a volume; values are loaded when displayed.
 
-    For H, a hidden layer of HT is added. A file with several regions of the field has one layer for each region.
+    For an H file, a hidden layer with HT is added. A file with several regions of the field has one layer for each
+    region.
 
     Raises
     ------

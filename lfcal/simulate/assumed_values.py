@@ -59,7 +59,7 @@ PHASES = 3
 
 @dataclass(frozen=True, slots=True)
 class AssumedEffect:
-    """Relative changes if an assumed value is wrong by its uncertainty; infinite if unknown.
+    """Relative changes if one assumed value is wrong by its uncertainty; infinite if they are unknown.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class AssumedEffect:
     cutout
         Relative change of the side of the cutout that contains the patterns.
     pattern
-        Change of H by rays (relative L1), at most 2; 2 means that no light is where it was.
+        Change of H computed with rays (relative L1), at most 2; at 2, the old and new patterns do not overlap.
 
     Examples
     --------
@@ -94,7 +94,7 @@ class AssumedEffect:
 
     @property
     def largest(self) -> float:
-        """The largest of these changes."""
+        """Largest of the three relative changes."""
         return max(self.seconds, self.cutout, self.pattern)
 
     @property
@@ -108,9 +108,9 @@ class AssumedEffect:
 
 
 def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
-    """Return the effect of each assumed value of a plan's camera, estimated with rays, the largest first.
+    """Estimate the effect of each assumed value of a plan's camera with rays; the largest effects come first.
 
-    For single lenslets in a pupil plane, whose light is not computed with rays, values are not estimated.
+    The result is empty for single lenslets in a pupil plane, whose light is not computed with rays.
 
     Examples
     --------

@@ -46,16 +46,16 @@ SAME = 0.01
 
 @dataclass(frozen=True, eq=False)
 class ExpectedLight:
-    """Brightness of the pixels in the patterns of a scan, as levels of light in units of H.
+    """Light of the pixels in the patterns of a scan, in the units of H and grouped into levels of brightness.
 
     Attributes
     ----------
     levels
-        ``(planes, levels)`` mean light of the pixels of each level, as a fraction of the light of a pattern.
+        Mean light of the pixels of each level, ``(planes, levels)``, as a fraction of the light of a pattern.
     pixels
-        ``(planes, levels)`` number of these pixels in a pattern.
+        Number of these pixels in a pattern, ``(planes, levels)``.
     brightest
-        ``(planes,)`` light of the brightest pixel.
+        Light of the brightest pixel, ``(planes,)``.
 
     Examples
     --------
@@ -73,11 +73,11 @@ class ExpectedLight:
     brightest: NDArray[np.float64]
 
     def noise(self, plan: ScanPlan, peak: float = PLANNED_PEAK) -> tuple[float, ...]:
-        """Return the expected relative RMS error of each plane of H that is due to the sensor's noise.
+        """Return the expected relative RMS error ``(planes,)`` of each plane of H due to the sensor's noise.
 
         It includes photon noise, dark current, read noise and rounding, for frames whose mean dark frame is subtracted
-        and whose samples below zero are cut off. Errors that do not average out (the response of pixels, a wrong
-        position) are not included.
+        and whose samples below zero are clipped. Errors that do not average out, such as pixel response or a wrong
+        position, are not included.
 
         Parameters
         ----------
@@ -192,11 +192,11 @@ class ScanChoice:
 
 
 def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Forecast) -> tuple[ScanChoice, ...]:
-    """Return ways to record a plan, including the plan as it is, fastest first.
+    """Return ways to record a plan, fastest first; the plan itself is one of them.
 
     Shorter exposures are faster. The light is the same, so the brightest pixel reaches a smaller fraction of the full
-    well. The exposure is never longer than that of `PLANNED_PEAK`, or of the given ``peak`` if this is higher. For
-    less noise, more frames are averaged.
+    well. The exposure is limited to that at which the brightest pixel reaches `PLANNED_PEAK`, or the given ``peak`` if
+    this is higher. For less noise, more frames are averaged.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
     peak
         Fraction of the full well that the brightest pixel reaches at the plan's exposures.
     forecast
-        Forecast of the plan, which contains speed of the stage and frame rate.
+        Forecast of the plan, which contains the stage's speed and the frame rate.
 
     Examples
     --------

@@ -32,7 +32,7 @@ EffectsLike: TypeAlias = Iterable[Effect] | EffectSelection | str
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Distribution of a tolerance over effects at each depth.
+    """Effects at each depth and the tolerance shared between their omission and the computation.
 
     Attributes
     ----------
@@ -60,16 +60,16 @@ class Budget:
 
 
 def tolerance_for(effects: object, tolerance: float | None) -> float:
-    """Return ``tolerance`` if it is given; otherwise that of a selection of effects, or else `USUAL_TOLERANCE`."""
+    """Return ``tolerance`` if given; otherwise the tolerance of a selection of effects, or else `USUAL_TOLERANCE`."""
     if tolerance is not None:
         return tolerance
     return effects.tolerance if isinstance(effects, EffectSelection) else USUAL_TOLERANCE
 
 
 def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> Budget:
-    """Return the budget for the given effects, for those that a selection has on, or for those that ``"auto"`` finds.
+    """Return the budget for the given effects, the effects that a selection has on, or those that ``"auto"`` selects.
 
-    For given effects, nothing counts as left out. ``tolerance`` is as in `tolerance_for`.
+    For given effects, the error of omitted effects is 0. ``tolerance`` is as in `tolerance_for`.
     """
     tolerance = tolerance_for(effects, tolerance)
     if isinstance(effects, str):
@@ -95,7 +95,7 @@ def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
 
 
 class Computed(NamedTuple):
-    """Facts about a plane that was computed.
+    """Error and record of a plane that was computed.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class PlaneTask:
     Attributes
     ----------
     plan, z
-        The plan and the number of the plane.
+        The plan and the index of the plane.
     effects
         Effects that are on at this plane.
     level, sampling

@@ -51,7 +51,7 @@ class Pass:
     level
         As in `simulate_psf`.
     tolerance
-        Relative L1 error that planes must keep; planes that already keep it are not computed again.
+        Largest relative L1 error allowed; planes already within it are not computed again.
     """
 
     level: str
@@ -59,7 +59,10 @@ class Pass:
 
 
 def passes_for(tolerance: float, level: str = "auto") -> tuple[Pass, ...]:
-    """Return the passes that lead to a tolerance: rays, then steps by about 3; all but the last are fast."""
+    """Return the passes for a tolerance: first rays, then tolerances that decrease by factors of about 3.
+
+    All passes except the last are fast.
+    """
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     if level == "geometric":
         return (Pass(level, tolerance),)
@@ -81,10 +84,11 @@ def iter_refine_psf(
     on_pass: Callable[[PSFMatrix], None] | None = None,
     run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
-    """Simulate H into a file in passes; yields progress in rows.
+    """Simulate H into a file in passes and yield the progress in rows.
 
     After each pass, the file contains a complete H, which replaces the previous one atomically; each plane is labelled
-    with the error that it reached. Closing the generator stops, and keeps the result of the last complete pass.
+    with the error that it reached. Closing the generator stops the simulation; the result of the last complete pass
+    remains.
 
     Parameters
     ----------
@@ -97,8 +101,8 @@ def iter_refine_psf(
     on_pass
         Function called with the H of each pass, opened from the file; it is closed when the next pass is complete.
     run
-        Do each pass in units of a plane: finished units are kept if it is stopped, and the next run continues from
-        them. Effects must then be from the catalogue. None: unfinished work of a pass is discarded.
+        Settings of a run in units of one plane. If the run is stopped, finished units remain, and the next run
+        continues from them. Effects must then be from the catalogue. None: unfinished work of a pass is discarded.
 
     Returns
     -------
@@ -160,7 +164,7 @@ def _note(held: PSFMatrix | None) -> str:
 
 
 def errors_within(before: PSFMatrix | None, tolerance: float) -> dict[int, float]:
-    """Return the error of the planes of an H that already keep a tolerance, by plane number."""
+    """Return the errors of the planes of an H that are already within a tolerance, by plane index."""
     if before is None:
         return {}
     errors = before.facts.known()["error"]

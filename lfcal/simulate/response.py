@@ -26,22 +26,22 @@ __all__ = ["PlaneResponse"]
 class PlaneResponse:
     """Responses of one depth plane of a plan with a tuple of effects.
 
-    Engines are made on demand: one for each wavelength, and for `rows` one for each displaced source point, which is
-    freed before the next is made.
+    Engines are created on demand: one for each wavelength and, for `rows`, one for each displaced source point, which
+    is freed before the next one is created.
 
     Parameters
     ----------
     plan, z
-        The plan and the number of the plane.
+        The plan and the index of the plane.
     effects
         Effects on scene, light and response; others are ignored here.
     level, tolerance, sampling
-        Level and sampling as in `simulate_psf`; ``tolerance`` is the part for the computation. A given sampling is
-        used unchanged. Otherwise a probe (`lfcal.simulate.accuracy.probe`) determines the sampling of the first
-        engine. It is refined until the energy balances at every position. Earlier results keep their coarser
-        sampling.
+        Level and sampling as in `simulate_psf`; ``tolerance`` is the error allowed for the computation. A given
+        sampling is used unchanged. Otherwise, a probe (`lfcal.simulate.accuracy.probe`) determines the sampling of the
+        first engine. The sampling is refined until the energy balances at every position; earlier results are not
+        computed again.
     cutout
-        Pixels ``(nt, ns)``, if they differ from those of the plan.
+        Pixels ``(nt, ns)`` of the cutout; None: those of the plan.
     depth_error_um
         Displacement of the plane away from the camera, relative to the plan (µm).
     on_sensor
@@ -89,7 +89,7 @@ class PlaneResponse:
 
     @property
     def sampling_used(self) -> dict[str, Any] | None:
-        """Return the sampling of the engines so far, as plain JSON types; None if no engine ran."""
+        """Return the sampling of the engines created so far, as plain JSON types; None if no engine ran."""
         return None if self.settled is None else asdict(self.settled)
 
     @property
@@ -99,7 +99,7 @@ class PlaneResponse:
 
     @property
     def certificate(self) -> Certificate:
-        """Energy in and out of all responses so far, over all samples of the light."""
+        """Energy in and out of all responses so far, summed over all light samples."""
         parts = [*self._freed, *(engine.certificate for engine in self._engines.values())]
         return Certificate(
             sum(p.responses for p in parts),
@@ -122,7 +122,7 @@ class PlaneResponse:
         self.level, self.settled, self.reached = other.level, other.settled, other.reached
 
     def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
-        """Return the responses ``(len(ys), len(xs), nt, ns)`` of positions ys x xs (whole numbers)."""
+        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions ys x xs (any integers)."""
         y, x = np.asarray(ys, np.intp), np.asarray(xs, np.intp)
         out = np.zeros((len(y), len(x), *self.cutout), np.float32)
         for _ in self.accumulate(out, y, x, block=max(1, len(y)), workers=workers):
@@ -138,9 +138,9 @@ class PlaneResponse:
         block: int,
         workers: int | None = None,
     ) -> Iterator[int]:
-        """Add the responses of ys x xs to ``out``, ``block`` rows at a time; yield the rows done after each block.
+        """Add the responses of ys x xs to ``out``, ``block`` rows at a time, and yield the number of rows done.
 
-        Rows are counted once per sample of the light: `runs` times ``len(ys)`` in all.
+        Rows are counted once per light sample: `runs` times ``len(ys)`` in total.
         """
         done = 0
         for sample in self.samples:
@@ -231,10 +231,11 @@ class PlaneResponse:
         return found.engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
-        """Return windows ``(row, column, values)`` of the light of a source whose paraxial chief ray is at (y, x).
+        """Return windows ``(row, column, values)`` with the light of a source at any sensor position.
 
-        Pixels are those of the sensor, counted from position (0, 0); ``row, column`` is the window's middle pixel. A
-        finite source has one window for each source point.
+        The paraxial chief ray of the source is at (``y_px``, ``x_px``), in sensor pixels relative to position (0, 0).
+        ``row, column`` is the middle pixel of the window, in the same coordinates. A finite source has one window for
+        each source point.
         """
         out = []
         for sample in self.samples:
@@ -265,7 +266,7 @@ def _is_achromatic(scene: AnyScene) -> bool:
 
 
 def at_wavelength(scene: AnyScene, wavelength_um: float) -> AnyScene:
-    """Return the scene for another wavelength; aberrations keep their path lengths, images and foci move."""
+    """Return the scene at another wavelength: aberrations keep their path lengths; images and foci move."""
     if isinstance(scene, PupilScene):
         return replace(scene, wavelength_um=wavelength_um)
     scale = scene.wavelength_um / wavelength_um
@@ -288,7 +289,7 @@ def at_wavelength(scene: AnyScene, wavelength_um: float) -> AnyScene:
 
 
 def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:
-    """Return the samples with all wavelengths of a source point merged into one sample."""
+    """Return one sample for each source point, with all its wavelengths merged into ``wavelength_um``."""
     weights: dict[tuple[float, float], float] = {}
     for s in samples:
         weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight

@@ -56,10 +56,10 @@ class PupilIris:
     curvature
         Ratio of apothem to blade radius: 0 for straight edges, 1 for a circle.
     rotation_rad
-        Angle of the first vertex from +x towards +y.
+        Angle of the first vertex from +x towards +y (rad).
     stop
         A second, circular stop ``(x, y, radius)`` that clips the pupil seen from off axis (mechanical vignetting), or
-        None. It removes light: the rest has less than unit energy.
+        None. It removes light, so the remaining energy is less than 1.
     """
 
     blades: int = 0
@@ -93,7 +93,7 @@ MAX_ORDER = 40
 
 
 def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
-    """Raise `InputError` unless every term ``(n, m, waves)`` is a Zernike polynomial with a finite coefficient."""
+    """Raise `InputError` if a term ``(n, m, waves)`` is not a Zernike polynomial with a finite coefficient."""
     for n, m, waves in terms:
         check_number("wavefront coefficient (waves)", waves)
         check_number("order of a Zernike term", n, at_least=0, at_most=MAX_ORDER)
@@ -105,7 +105,9 @@ def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
 
 
 def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0) -> Wavefront:
-    """Return the Zernike terms of Seidel W040 rho^4 + W131 rho^3 cos(theta - angle), coefficients in waves.
+    """Return the Zernike terms of the Seidel aberrations W040 rho^4 + W131 rho^3 cos(theta - angle).
+
+    The arguments ``spherical`` and ``coma`` are W040 and W131 in waves.
 
     rho^4 = (R40 + 3 R20 + 2 R00) / 6 and rho^3 = (R31 + 2 R11) / 3.
     """
@@ -121,7 +123,7 @@ def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0)
 
 
 def pixel_response(power: float, sine_y: ArrayLike, sine_x: ArrayLike) -> NDArray[np.float64]:
-    """Return cos^power of the angle of rays with these sines; 0 if there is no such ray."""
+    """Return cos^power of the angles of rays with these direction sines; 0 where the sines exceed those of any ray."""
     square = np.square(sine_y) + np.square(sine_x)
     response: NDArray[np.float64] = np.clip(1.0 - square, 0.0, None) ** (power / 2)
     return response
@@ -137,14 +139,14 @@ EDGE_RAYS = 64
 
 
 class Crossing(NamedTuple):
-    """Effect of an interface on plane waves at different angles; arrays of the same shape.
+    """Transmission of plane waves at different angles through an interface; all arrays have the same shape.
 
     Attributes
     ----------
     axial
-        n2 cos t2 in the specimen, positive imaginary beyond total reflection.
+        n2 cos t2 in the specimen; positive imaginary for total reflection.
     s, p
-        Fresnel's coefficients of waves polarised along the interface and across it.
+        Fresnel coefficients of s-polarised and p-polarised waves.
     """
 
     axial: C16
@@ -161,8 +163,8 @@ class Specimen:
     index
         Refractive index of the specimen.
     depth_um
-        Depth of the nominal focal plane below the interface. A source at z is ``depth_um + z`` deep; a negative depth
-        is in the immersion medium.
+        Depth of the nominal focal plane below the interface. A source at z has the depth ``depth_um + z``; a source
+        with a negative depth is in the immersion medium.
     """
 
     index: float
@@ -183,7 +185,7 @@ class Specimen:
         return z_um if deep < 0 else medium_index * deep / self.index - self.depth_um
 
     def crossing(self, medium_index: float, theta: F8) -> Crossing:
-        """Return the effect of the interface on waves at angles ``theta`` in the medium, per solid angle there.
+        """Return the transmission of the interface at angles ``theta`` (rad) in the medium, per solid angle there.
 
         With n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2).
         These are the coefficients of an incoming wave. They equal those of the outgoing one times n1 cos t / (n2 cos
@@ -196,9 +198,9 @@ class Specimen:
 
 
 def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, theta: F8) -> F8:
-    """Return where rays of a source at ``z_um`` reach the array, by their angle in the medium (µm, signed by side).
+    """Return the heights at which rays of a source at ``z_um`` reach the array, by their signed angle in the medium.
 
-    M z tan t, or M (d tan t2 - D tan t) behind an interface; NaN for rays with total reflection.
+    The heights (µm) are M z tan t, or M (d tan t2 - D tan t) behind an interface; NaN for rays with total reflection.
     """
     if specimen is None or specimen.source_um(z_um) < 0:
         return optics.magnification * z_um * np.tan(theta)
@@ -210,7 +212,7 @@ def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, thet
 
 
 def cone_radius_um(optics: Microscope, z_um: float, specimen: Specimen | None) -> float:
-    """Return the radius of the disc that the rays of a source at ``z_um`` light on the array (µm)."""
+    """Return the radius of the disc on the array that the rays of a source at ``z_um`` illuminate (µm)."""
     if specimen is None:
         return optics.magnification * abs(z_um) * math.tan(optics.half_angle_rad)
     theta = optics.half_angle_rad * np.arange(1, EDGE_RAYS + 1) / EDGE_RAYS
@@ -245,7 +247,7 @@ class Scene:
         The lenslets on the array itself (not their micro-images), with focal lengths, clear diameter and gap B; its
         offset is the centre of a type-0 lenslet from source position (0, 0).
     cutout, period
-        Pixels (nt, ns) around each source position; source positions (ny, nx) of a full plane.
+        Pixels (nt, ns) around each source position; number of source positions (ny, nx) of a full plane.
     f_number
         Working f-number Nw of the cone that reaches the array.
     iris
@@ -256,19 +258,19 @@ class Scene:
     pupil_um
         Distance b of the exit pupil before the array; inf is telecentric.
     wavefront
-        Aberration of the main lens: ``(n, m, waves)`` of Zernike R_n^|m|(rho) cos(m theta), sin for m < 0, value 1 at
-        the rim, rho = 1 on the disc f/(2N). Empty: none. See `seidel`.
+        Aberration of the main lens as Zernike terms ``(n, m, waves)``: ``waves`` times R_n^|m|(rho) cos(m theta), or
+        sin(|m| theta) for m < 0. R is 1 at the rim, rho = 1, of the disc f/(2N). Empty: none. See `seidel`.
     main_diffraction, lenslet_diffraction
         Whether the fringes of the iris and the lenslets' diffraction are computed.
     exact_defocus
         Whether the main lens's defocus is a(1 - cos theta) instead of a theta^2 / 2.
     lens_law
         q of u/(2 Nw) = sin theta / (1 - q sin² theta)^1/2, the height u in the pupil of the ray at theta: 0 is the sine
-        condition, 1 the tangent law. It needs exact angles; light is even over the pupil's area.
+        condition, 1 the tangent law. It needs exact angles; the pupil is uniformly lit.
     exact_rays
         Whether rays between lenslet and sensor follow tan theta instead of sin theta. The wave level follows them ray
-        by ray, away from the native plane. With `exact_defocus`, chief rays are straight again: the two belong
-        together. A microscope's field is always exact up to the array; of its levels, the grid and the reference
+        by ray, away from the native plane. Together with `exact_defocus`, which should have the same value, chief rays
+        are straight. A microscope's field is always exact up to the array; of its levels, the grid and the reference
         follow these rays.
     pixel_fill
         Light-sensitive fraction of a pixel's side, in (0, 1].
@@ -287,7 +289,7 @@ class Scene:
         Displacement of every image from its paraxial position, as a function of that position on the sensor, after
         offsets.
     tilt
-        Growth (y, x) of the gap over the array, per µm from the middle of the period: the array is tilted.
+        Tilt (y, x) of the array: increase of the gap per µm from the middle of the period.
     defects
         Lenslets with lower transmission, by their position in ``lattice`` (rows r, columns q).
     lenslet_waves
@@ -295,8 +297,8 @@ class Scene:
     type_waves
         Additional aberration of each lens type (waves); empty: none.
     glass
-        Thickness (µm) and index of a plate between lenslets and sensor: its aberration at exact angles. The gap is the
-        equivalent one in air, B - t (1 - 1/n).
+        Thickness t (µm) and index n of a plate between lenslets and sensor, for its aberration at exact angles. The gap
+        is the equivalent one in air, B - t (1 - 1/n).
     accept
         Power n of the pixels' response cos^n to the angle of light, 0 for none, and the slope (y, x) of the chief ray.
     colour_rate, dispersion_um2
@@ -388,7 +390,7 @@ class Scene:
 
     @property
     def row_um(self) -> float:
-        """Height of a pixel; ``pixel_um`` is its width."""
+        """Height of a pixel (µm); ``pixel_um`` is its width."""
         return self.pixel_um * self.pixel_aspect
 
     # -- derived lengths of the reduced, telecentric frame ------------------------------------------------
@@ -399,34 +401,34 @@ class Scene:
 
     @property
     def gap_um(self) -> float:
-        """Distance B from lenslets to sensor."""
+        """Distance B from lenslets to sensor (µm)."""
         return self.lattice.gap_um
 
     @property
     def reduced_gap_um(self) -> float:
-        """B' = B/s."""
+        """Gap in the reduced frame, B' = B/s (µm)."""
         return self.gap_um / self.scale
 
     @property
     def reduced_pixel_um(self) -> float:
-        """Pixel pitch in the reduced frame, pixel/s."""
+        """Pixel pitch in the reduced frame, divided by s (µm)."""
         return self.pixel_um / self.scale
 
     @property
     def reduced_image_um(self) -> float:
-        """Image distance in the reduced frame, a' = a / (1 + a/b); 0 at the native plane."""
+        """Image distance in the reduced frame, a' = a / (1 + a/b) (µm); 0 at the native plane."""
         return self.image_um / (1.0 + self.image_um / self.pupil_um)
 
     @property
     def shadow_radius_um(self) -> float:
-        """Radius of the disc that the cone f/Nw cuts from the array, |a'| / (2 Nw); for a microscope, from its rays."""
+        """Radius of the disc that the cone cuts from the array, |a'| / (2 Nw); for a microscope, by its rays (µm)."""
         if self.objective is not None:
             return cone_radius_um(self.objective, self.z_um, self.specimen)
         return abs(self.reduced_image_um) / (2 * self.f_number)
 
     @property
     def clear_radius_um(self) -> float:
-        """Radius of a circular lenslet's clear aperture."""
+        """Radius of a circular lenslet's clear aperture (µm)."""
         return self.lattice.clear_diameter_um / 2
 
     @property
@@ -457,7 +459,7 @@ class Scene:
 
     @property
     def anchor_px(self) -> tuple[float, float]:
-        """Source position (0, 0) as (y, x) pixels on the sensor from the centre of a type-0 micro-image."""
+        """Source position (0, 0) on the sensor, (y, x) in pixels relative to the centre of a type-0 micro-image."""
         x, y = self.lattice.offset_um
         # the anchor is relative to a lenslet, the lattice's offset to the anchor: hence the sign
         return -y * self.scale / self.row_um, -x * self.scale / self.pixel_um
@@ -470,7 +472,7 @@ class Scene:
         return replace(self.lattice, clear_um=self.lattice.clear_diameter_um).fill_factor
 
     def quartic(self, kind: int) -> float:
-        """Return the phase of a type's spherical aberration per fourth power of the distance (rad/µm^4)."""
+        """Return the quartic phase coefficient of the spherical aberration of lenslets of type ``kind`` (rad/µm^4)."""
         waves = self.lenslet_waves + (self.type_waves[kind] if self.type_waves else 0.0)
         return 2 * math.pi * waves / self.clear_radius_um**4
 
@@ -484,23 +486,23 @@ class Scene:
         return self.reduced_gap_um / self.lattice.types[kind].focal_length_um
 
     def sigma(self, kind: int) -> float:
-        """Return the spot's size over the lenslet's, 1 - B'/a' - B'/f, signed; infinite at the native plane."""
+        """Return the ratio of spot size to lenslet size, 1 - B'/a' - B'/f, signed; infinite at the native plane."""
         # with the image on the array, the whole cone falls on one lenslet, and sigma has a pole
         near = self.reduced_image_um
         return math.inf if near == 0 else 1.0 - self.reduced_gap_um / near - self.lens_curvature(kind)
 
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
-        """Return the pixel (row, column), from source position (0, 0), in which a chief ray ends."""
+        """Return the pixel (row, column), relative to source position (0, 0), that a chief ray meets."""
         # floor(v + 0.5) instead of round(), so that halves are always rounded up
         return math.floor(y_um / self.row_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
-        """Return the point at which the chief ray of position (y, x) meets the sensor, including its offset."""
+        """Return the sensor point (y, x) that the chief ray of position (y, x) meets, including its offset (µm)."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
         return self.imaged_um(y * self.row_um + float(dy), x * self.pixel_um + float(dx))
 
     def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
-        """Return the actual point on the sensor of the chief ray whose paraxial position is (y, x)."""
+        """Return the actual sensor point (y, x) of the chief ray whose paraxial point is (``y_um``, ``x_um``) (µm)."""
         if self.image_map is None:
             return y_um, x_um
         dy, dx = (c + gy * y_um + gx * x_um for c, gy, gx in self.image_map)
@@ -508,7 +510,7 @@ class Scene:
 
     @property
     def farthest_um(self) -> float:
-        """Largest distance of a source's chief ray from the middle of its cutout, on the sensor's scale."""
+        """Largest distance on the sensor of a source's chief ray from the middle of its cutout (µm)."""
         far = 0.0 if self.offsets_um is None else float(np.hypot(*np.moveaxis(self.offsets_um, -1, 0)).max())
         if self.image_map is None:
             return far
@@ -518,18 +520,21 @@ class Scene:
         return far + max(math.hypot(*np.subtract(self.imaged_um(*at), at)) for at in corners)
 
     def farther_at(self, y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the additional distance from the sensor, due to the tilt, of the array's points at (y, x) (µm)."""
+        """Return the increase of the array's distance from the sensor, due to the tilt, at the points (y, x) (µm)."""
         sides = zip(self.period, (self.row_um, self.pixel_um), strict=True)
         middle_y, middle_x = ((n - 1) / 2 * px / self.scale for n, px in sides)
         farther: NDArray[np.float64] = self.tilt[0] * (y - middle_y) + self.tilt[1] * (x - middle_x)
         return farther
 
     def farther_um(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the additional distance (µm), as `farther_at`, of lenslets at ``centres_um`` ``(n, 2)`` as (x, y)."""
+        """Return the increase of distance (µm), as in `farther_at`, for lenslets at ``centres_um``.
+
+        ``centres_um`` is ``(n, 2)`` as (x, y).
+        """
         return self.farther_at(centres_um[:, 1], centres_um[:, 0])
 
     def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the fraction of light that lenslets at ``centres_um`` ``(n, 2)`` as (x, y) transmit."""
+        """Return the fraction of light that each lenslet at ``centres_um``, ``(n, 2)`` as (x, y), transmits."""
         share = np.ones(len(centres_um))
         if self.defects and len(centres_um):
             index = np.rint(self.lattice.lenslet_at(centres_um))
@@ -538,10 +543,11 @@ class Scene:
         return share
 
     def tilted(self, centres_um: NDArray[np.float64], kinds: NDArray[np.intp]) -> tuple[NDArray[np.float64], ...]:
-        """Return the effect of the tilt on lenslets ``(n, 2)`` as (x, y): the factor of X0 - c, and sigma.
+        """Return the changes due to the tilt, of the factor of X0 - c and of sigma, for lenslets at ``centres_um``.
 
-        A ray through the centre of a lenslet that is d farther from the sensor meets it at c + (B + d)/(a + d) (X0 -
-        c), and sigma is 1 - (B + d)/(a + d) - (B + d)/f: both to first order in d.
+        ``centres_um`` is ``(n, 2)`` as (x, y). A ray through the centre of a lenslet that is farther from the sensor by
+        d meets the sensor at c + (B + d)/(a + d) (X0 - c). Sigma becomes 1 - (B + d)/(a + d) - (B + d)/f. Both changes,
+        ``(n,)``, are of first order in d.
         """
         a, none = self.reduced_image_um, np.zeros(len(centres_um))
         # near the native plane, the lit lenslets are next to each other, and 1/a' has no meaning

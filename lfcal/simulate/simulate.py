@@ -27,14 +27,14 @@ MEMORY_LIMIT = 6 << 30
 
 
 class Simulation(PlaneSource):
-    """Source of the simulated planes of one H.
+    """Source of the planes of an H, which it simulates.
 
     Parameters
     ----------
     plan, effects, level, tolerance, sampling
         As in `simulate_psf`.
     provenance
-        Stored with H, in addition to all that is needed to simulate it again.
+        Provenance to store with H, in addition to all inputs from which it can be simulated again.
     """
 
     title = "simulate"
@@ -55,11 +55,11 @@ class Simulation(PlaneSource):
         self.header = header_of(plan, {**self.provenance(), **(provenance or {})})
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute plane ``z``; progress counts its rows."""
+        """Compute plane ``z`` and yield the progress in rows."""
         return (yield from TaskPlane(self.task(z)).iter_plane(z, zeros, workers, alone=alone))
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
-        """Return how another process computes plane ``z``."""
+        """Return the description from which another process can compute plane ``z``."""
         return TaskPlane(self.task(z)).reopening(z, stored)
 
     def task(self, z: int) -> PlaneTask:
@@ -90,7 +90,7 @@ class TaskPlane(PlaneSource):
         self.task, self.header = task, header_of(task.plan, {})
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute the plane; progress counts its rows."""
+        """Compute the plane and yield the progress in rows."""
         plan, values = self.task.plan, zeros()
         made = yield from self.task.compute(values, workers)
         return Plane(values, Facts.of(plan.period, plan.cutout, error=made.error), simulated=made.record)
@@ -122,12 +122,12 @@ def open_plane(values: Mapping[str, Any], workers: int) -> TaskPlane:
 
 
 def header_of(plan: ScanPlan, provenance: Mapping[str, Any]) -> Header:
-    """Return the description of an H of ``plan`` besides its values."""
+    """Return the description of an H of ``plan``, without its values."""
     return Header(plan.shape, plan.depths_um, plan.camera, plan.anchor, provenance)
 
 
 def effects_to_records(effects: Iterable[Effect]) -> list[dict[str, Any]]:
-    """Return effects as plain JSON types, from which another process makes them.
+    """Return effects as plain JSON types, from which `effects_from_records` recreates them.
 
     Raises
     ------
@@ -166,11 +166,11 @@ def iter_simulate_psf(
     store_tolerance: float | None = None,
     run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
-    """Return H of a scan plan, simulated with the plan's camera.
+    """Simulate H of a scan plan with the plan's camera and return it.
 
     Values are fractions of the light through the iris towards the lenslets: the sum over an infinite cutout is the
-    light that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They belong to
-    the frames (`SimulatedCamera`), from which assembly makes an H that equals this one up to noise.
+    light that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They are part of
+    the frames (`SimulatedCamera`), from which assembly computes an H that equals this one except for noise.
 
     Parameters
     ----------
@@ -185,10 +185,10 @@ def iter_simulate_psf(
         effect needs waves.
     tolerance
         Allowed relative L1 error, from omitted effects and computation together; None: that of the selection of
-        effects, else `USUAL_TOLERANCE`. The facts of each plane state the error that it reached, measured by a probe
-        of a few positions.
+        effects, else `USUAL_TOLERANCE`. The error that each plane reached, measured by a probe of a few positions, is
+        stored with the plane.
     sampling
-        Sampling of the computation; None: as the tolerance requires.
+        Sampling of the computation; None: chosen for the tolerance.
     out
         H file to write, plane by plane; None keeps H in memory.
     dtype, compression
@@ -201,8 +201,8 @@ def iter_simulate_psf(
         For a file, instead of ``dtype``: the fraction (L1) that each pattern may lose relative to the computed one;
         see `PSFWriter`.
     run
-        Executor, and treatment of an earlier run. The file is computed in units of a plane, with effects of the
-        catalogue; finished planes stay for the next run.
+        Executor, and treatment of an earlier run. The file is computed in units of one plane, with effects of the
+        catalogue. Finished planes remain for the next run.
 
     Yields
     ------

@@ -61,13 +61,13 @@ def scene_of(
     camera
         Camera description.
     z_um, virtual_depth
-        The plane, given by one of the two; without either, the native plane.
+        Depth of the plane, given by one of the two; without either, the native plane.
     cutout, period
         Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``; None: the camera's period, rounded.
     anchor_px
-        Source position (0, 0) as (y, x) pixels from the centre of a type-0 micro-image.
+        Source position (0, 0), (y, x) in pixels relative to the centre of a type-0 micro-image.
     gap_um
-        Distance from lenslets to sensor, if it differs from the camera's; the image does not move.
+        Distance from lenslets to sensor (µm); None: the camera's. The image does not move.
     overrides
         Fields of `Scene` to set, for example ``pupil_um=math.inf`` for a telecentric model.
 
@@ -130,7 +130,10 @@ ALL_LEVELS = ("auto", "microscope", *LEVELS)
 
 
 def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
-    """Return the input of estimates for plane ``z``; ``peak`` is the brightest pixel relative to the full well."""
+    """Return the input for the estimates of effects in plane ``z``.
+
+    ``peak`` is the fraction of the full well that the brightest pixel reaches.
+    """
     camera = plan.cell_camera
     middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
     field = (middle - np.array(camera.sensor.centre_px)) * camera.sensor.pixel_um
@@ -153,7 +156,7 @@ def origin_of(plan: ScanPlan) -> tuple[int, int, float, float]:
 
 
 def grid_pixel(plan: ScanPlan, *, on_sensor: bool = False) -> tuple[float, float]:
-    """Return the width (µm) and aspect of the pixels of H, or with ``on_sensor`` of the sensor."""
+    """Return the width (µm) and the aspect ratio of the pixels of H, or with ``on_sensor`` of the sensor."""
     width = plan.camera.sensor.pixel_um
     if on_sensor or not plan.resample:
         return width, 1.0
@@ -164,7 +167,7 @@ def grid_pixel(plan: ScanPlan, *, on_sensor: bool = False) -> tuple[float, float
 
 
 def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: bool = False) -> Scene:
-    """Return the scene of the ideal camera: rays, a round iris, telecentric, every lenslet of the sharpest type.
+    """Return the scene of the ideal telecentric camera: rays, a round iris, and all lenslets of the sharpest type.
 
     The cutout is ``halo`` pixels larger than the plan's on every side. Pixels are those of H, which may be resampled,
     or with ``on_sensor`` those of the sensor.
@@ -201,12 +204,12 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: b
 
 
 def wave_level(camera: Camera) -> str:
-    """Return the level by which waves are followed: the Debye path of a microscope's lattice, else lens by lens."""
+    """Return the wave level for a camera: the Debye path for the lattice of a microscope, otherwise lens by lens."""
     return "debye" if camera.optics.telecentric and camera.has_lattice else "wave"
 
 
 def check_applicable(camera: Camera, effects: Iterable[Effect]) -> None:
-    """Raise `NoLatticeError` for an effect that needs a lenslet lattice, which the camera has not."""
+    """Raise `NoLatticeError` if an effect needs a lenslet lattice and the camera has none."""
     for effect in effects:
         if not effect.applies_to(camera):
             raise NoLatticeError.of(f"effect {effect.name}")
@@ -237,7 +240,7 @@ def scene_for(
     depth_error_um: float = 0.0,
     on_sensor: bool = False,
 ) -> AnyScene:
-    """Return the scene of plane ``z`` with every scene effect of ``effects``; pixels are as in `ideal_scene`."""
+    """Return the scene of plane ``z`` with all scene effects among ``effects``; pixels are as in `ideal_scene`."""
     outlook = outlook_of(plan, z)
     if depth_error_um:
         outlook = replace(outlook, z_um=outlook.z_um + depth_error_um)
@@ -256,7 +259,13 @@ def scene_for(
 
 
 def lattice_scene_for(plan: ScanPlan, z: int, effects: Iterable[Effect], *, depth_error_um: float = 0.0) -> Scene:
-    """Return `scene_for` of a camera with a lenslet lattice; raises `NoLatticeError` for others."""
+    """Return the `scene_for` of a camera with a lenslet lattice.
+
+    Raises
+    ------
+    NoLatticeError
+        If the camera has no lenslet lattice.
+    """
     scene = scene_for(plan, z, effects, depth_error_um=depth_error_um)
     if isinstance(scene, PupilScene):
         raise NoLatticeError.of("this calculation")
@@ -268,9 +277,9 @@ def resolve_level(scene: Scene, level: str = "auto") -> tuple[Scene, str]: ...
 @overload
 def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]: ...
 def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]:
-    """Return the scene and the engine's level; ``auto`` means rays unless an effect needs waves.
+    """Return the scene and the engine's level for ``level``; ``auto`` means rays unless an effect needs waves.
 
-    A named wave level always computes lenslet diffraction; ``microscope`` is the Debye path.
+    A wave level given by name always includes lenslet diffraction; ``microscope`` means the Debye path.
     """
     from lfcal.simulate.engines import choose_mode  # compiled code: loaded only when it is needed
 
@@ -296,7 +305,7 @@ def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]:
 def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSample, ...]:
     """Return the source points and wavelengths over which ``effects`` spread the light.
 
-    If an effect depends on wavelength, there are as many wavelengths as it needs, even without `Bandwidth`.
+    If an effect depends on the wavelength, the number of wavelengths is sufficient for it, even without `Bandwidth`.
     """
     chosen = tuple(effects)
     coloured = [effect for effect in chosen if effect.by_wavelength and effect.wavelengths(outlook) > 1]
@@ -316,7 +325,7 @@ def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSam
 def filter_kernel(
     effects: Sequence[Effect], camera: Camera
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
-    """Return the product of all response filters ``(rows, columns)``, odd; None if there are none."""
+    """Return the combined filter ``(rows, columns)`` of all response effects, of odd size; None if there are none."""
     kernel: NDArray[np.float64] | None = None
     for effect in effects:
         if isinstance(effect, PsfEffect):
@@ -330,9 +339,9 @@ def filter_kernel(
 
 
 def filtered(values: NDArray[Real], kernel: NDArray[np.float64]) -> NDArray[Real]:
-    """Return the last two axes convolved with a small ``kernel`` of odd sides; zeros beyond the border.
+    """Return ``values`` convolved along the last two axes with a small ``kernel`` of odd sides, zero-padded.
 
-    The type of ``values`` is kept. scipy.signal is not used, because its import is slow.
+    The result has the type of ``values``. scipy.signal is not used, because its import is slow.
     """
     out = np.zeros_like(values)
     rows, columns = values.shape[-2:]

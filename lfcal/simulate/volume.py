@@ -20,7 +20,7 @@ __all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]
 
 
 class ResponseSource(Protocol):
-    """Source of responses, a few positions at a time."""
+    """Protocol of a source of responses, read a few positions at a time."""
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
@@ -28,7 +28,7 @@ class ResponseSource(Protocol):
         ...
 
     def responses_at(self, z: int, y: int, xs: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Return the responses ``(len(xs), nt, ns)`` of positions (z, y, xs)."""
+        """Return the responses ``(len(xs), nt, ns)`` of the positions (z, y, x) for x in ``xs``."""
         ...
 
 
@@ -75,15 +75,15 @@ def iter_light_field(
     sampling: Sampling | None = None,
     workers: int | None = None,
 ) -> Work[NDArray[np.float32]]:
-    """Return the light field image of a glowing volume, ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
+    """Simulate and return the light field image of a luminous volume, ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
 
     Parameters
     ----------
     volume
         ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source position (0,
-        0). Voxels outside of the volume are dark.
+        0). Voxels outside the volume are dark.
     through
-        A PSF matrix, or a scan plan whose camera is simulated; only the positions that glow are computed.
+        A PSF matrix, or a scan plan whose camera is simulated; only the responses of luminous voxels are computed.
     effects, level, tolerance, sampling, workers
         As in `simulate_psf`, for a scan plan.
 
@@ -161,7 +161,9 @@ light_field = drained(
 
 
 def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, margin: int = 0) -> NDArray[np.float32]:
-    """Return a dark volume ``(nz, rows, columns)`` with ``count`` bright voxels of value 1, away from its border.
+    """Return a dark volume ``(nz, rows, columns)`` with ``count`` voxels of value 1, away from the border.
+
+    No bright voxel is within ``margin`` voxels of the border of a plane.
 
     Examples
     --------
@@ -184,16 +186,17 @@ def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, ma
 def vesicle(
     shape: tuple[int, int, int], radius: float, wall: float = 1.5, plane_step: float | None = None
 ) -> NDArray[np.float32]:
-    """Return a hollow sphere in the middle of the volume: a Gaussian wall of rms ``wall``, with peak 1.
+    """Return a hollow sphere in the middle of a volume, with a Gaussian wall of rms width ``wall`` and peak 1.
 
     Parameters
     ----------
     shape
         ``(nz, rows, columns)``.
     radius, wall
-        Radius and wall in voxels of a plane.
+        Radius and rms width of the wall, in voxels of a plane.
     plane_step
-        Distance of neighbouring planes in voxels of a plane; None: chosen so that the sphere just fills the planes.
+        Distance between neighbouring planes, in voxels of a plane; None: chosen so that the sphere just fills the
+        planes.
 
     Examples
     --------
@@ -214,16 +217,16 @@ def vesicle(
 def plume(
     shape: tuple[int, int, int], rng: np.random.Generator, width: float = 0.08, spread: float = 0.25
 ) -> NDArray[np.float32]:
-    """Return a plasma-like plume rising from the bottom edge: a widening, flickering column, peak 1.
+    """Return a plasma-like plume that rises from the bottom edge: a widening, flickering column with peak 1.
 
     Parameters
     ----------
     shape
         ``(nz, rows, columns)``.
     rng
-        Random generator for the filaments.
+        Random number generator for the filaments.
     width, spread
-        Rms width at the bottom, and its growth per length, in units of the number of rows.
+        Rms width at the bottom as a fraction of the number of rows, and the increase of this width per unit of height.
 
     Examples
     --------

@@ -99,21 +99,22 @@ def _timed_rate() -> float:
 def machine_rate() -> float:
     """Return complex multiply-adds per CPU-second of one thread of this machine.
 
-    The best of several measurements, corrected by the planes that this process has simulated.
+    The rate is the best of several measurements, corrected with the times of the planes that this process has
+    simulated.
     """
     _RATE.measure()
     return _RATE.best / _RATE.slowness
 
 
 def correct_rate(outlook: Outlook, level: str, tolerance: float, runs: int, took_s: float) -> None:
-    """Correct forecasts by the time of a plane that was simulated at ``level`` with ``runs`` samples of the light.
+    """Correct later time forecasts with the measured computing time of one simulated plane.
 
     Parameters
     ----------
     outlook, level, tolerance
         As in `engine_seconds`.
     runs
-        Number of runs of the engine.
+        Number of light samples of the plane; the engine runs once for each.
     took_s
         Measured computing time (CPU-seconds).
     """
@@ -125,7 +126,10 @@ def _slowness() -> float:
 
 
 def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> float:
-    """Return the CPU-seconds of one plane at a level of `lfcal.simulate.engines.base.LEVELS`, including tables."""
+    """Return the estimated CPU-seconds of one plane, including tables, at a level.
+
+    The levels are those of `lfcal.simulate.engines.base.LEVELS`.
+    """
     positions = outlook.period[0] * outlook.period[1]
     # most positions of a whole period of a microscope are mirror images of others
     return _slowness() * _estimated_seconds(
@@ -134,9 +138,10 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> flo
 
 
 def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) -> float:
-    """Return CPU-seconds of a few positions, including tables, on the machine on which the constants were measured.
+    """Return the estimated CPU-seconds of ``positions`` positions, including tables, on the reference machine.
 
-    Decisions based on it are the same on every machine.
+    The constants of the estimate were measured on that machine. Decisions based on these times are therefore the same
+    on every machine.
     """
     return _estimated_seconds(outlook, level, tolerance, positions)
 
@@ -215,7 +220,7 @@ def _lit_lenslets(outlook: Outlook, half_px: int) -> float:
 
 
 def table_seconds(outlook: Outlook) -> float:
-    """Return CPU-seconds of the Fourier transform for a plane's table of the main iris's fringes."""
+    """Return the estimated CPU-seconds of the Fourier transform that tabulates a plane's main-iris fringes."""
     if isinstance(outlook, PupilOutlook):
         return 0.0
     side = 4 * (outlook.shadow_px + 4 * outlook.camera.pitch_px)
@@ -223,7 +228,7 @@ def table_seconds(outlook: Outlook) -> float:
 
 
 def engine_times(outlook: Outlook, waves: str, tolerance: float) -> EngineSeconds:
-    """Return the cost of one plane by rays and at the level ``waves``, from which the costs of effects follow."""
+    """Return the CPU-seconds of one plane with rays, with waves at the level ``waves``, and of a table of fringes."""
     return EngineSeconds(
         engine_seconds(outlook, "geometric"), engine_seconds(outlook, waves, tolerance), table_seconds(outlook)
     )

@@ -85,9 +85,9 @@ class CostScaling:
     Attributes
     ----------
     planes
-        Cost of the positions of all planes, relative to the measured plane.
+        Cost of the positions of all planes, relative to those of the measured plane.
     count
-        Cost of the tables of all planes, relative to the measured plane.
+        Number of light samples of all planes, relative to the measured plane; the cost of tables scales with it.
     runs
         Number of light samples of the measured plane.
     """
@@ -97,14 +97,14 @@ class CostScaling:
     runs: int
 
     def seconds(self, setup: float, plane: float) -> float:
-        """Return the time of the whole H from the times for the tables and positions of one plane (s)."""
+        """Return the time of the whole H (s) from the times of one plane's tables and positions (s)."""
         return self.runs * (setup * self.count + plane * self.planes)
 
 
 def cost_scaling(
     plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None
 ) -> CostScaling:
-    """Return the factors from plane ``z`` to the whole plan at an engine's level, by the effects' estimates."""
+    """Return the factors that scale the cost of plane ``z`` to that of the whole plan at an engine's level."""
     budget = effects if isinstance(effects, Budget) else Budget(tuple(effects), 1.0)
     # planes differ in the number of lit lenslets and in effects: the ratio is estimated, one plane is measured
     samples = [_samples(plan, k, budget) for k in range(plan.shape[0])]
@@ -133,10 +133,10 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
 
 
 def plane_seconds(engine: PlaneEngine) -> float:
-    """Return the CPU-seconds for a whole plane by an engine that has not computed anything yet.
+    """Return the CPU-seconds that a new engine needs for a whole plane, extrapolated from a short run.
 
     The Debye path uses the same matrices and responses for many positions, so a few positions are not representative.
-    Its rows are computed one after the other for up to half a second.
+    There, whole rows are computed for up to half a second.
     """
     ny, nx = engine.scene.period
     if engine.level != "debye":
@@ -150,7 +150,7 @@ def plane_seconds(engine: PlaneEngine) -> float:
 
 
 def engine_clock() -> float:
-    """Return the CPU-seconds of this thread, without those for loading kernels, which happens once in a process."""
+    """Return the CPU-seconds of this thread, without the loading of kernels, which happens once per process."""
     return time.thread_time() - preparing_seconds()
 
 

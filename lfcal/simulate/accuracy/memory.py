@@ -66,9 +66,9 @@ def predict_bytes(
     store_tolerance: float | None = None,
     run: RunChoice | None = None,
 ) -> int:
-    """Return the peak memory of `simulate_psf`, including H (bytes).
+    """Predict the peak memory of `simulate_psf`, including H (bytes).
 
-    Each plane is probed, so two engines are in memory at the same time.
+    The prediction includes the probing of a plane, during which two engines are in memory.
 
     Parameters
     ----------
@@ -112,7 +112,10 @@ def predict_bytes(
 
 
 def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:
-    """Return the peak memory (bytes) of one plane with one thread, including its values, stored in steps or not."""
+    """Return the peak memory (bytes) of one plane with one thread, including its values.
+
+    With ``stepped``, the memory for storing the values in steps is added.
+    """
     values = math.prod(task.plan.shape[1:]) * (8 + (STEPPED if stepped else 0))
     return values + _plane_bytes(task.plan, task.z, task.effects, task.level, task.tolerance, task.sampling, workers=1)
 
@@ -171,7 +174,7 @@ def _between_lenslets(scene: Scene, y: int, x: int) -> bool:
 
 
 def engine_bytes(scene: Scene, step: LevelSampling, workers: int) -> int:
-    """Return the peak memory (bytes) of an engine of one sampling, during set-up or with ``workers`` threads."""
+    """Return the peak memory (bytes) of an engine with one sampling, during set-up or with ``workers`` threads."""
     if step.level == "geometric":
         return 0
     if step.sampling.double and step.level != "reference":

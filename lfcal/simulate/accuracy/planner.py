@@ -34,14 +34,14 @@ NEGLIGIBLE = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class PlannedEffect:
-    """One row of an `EffectSelection`.
+    """Decision on one effect, a row of an `EffectSelection`.
 
     Attributes
     ----------
     effect
         The effect with its magnitudes.
     planes
-        Whether it is simulated, for each depth plane.
+        Whether the effect is simulated, for each depth plane.
     setting
         Setting of the user: ``"auto"``, ``"on"`` or ``"off"``.
     estimate
@@ -49,9 +49,9 @@ class PlannedEffect:
     z_um
         Depth where the effect matters most (µm).
     reason
-        Reason why it is on or off there, as one sentence with numbers and units.
+        Reason why the effect is on or off at ``z_um``, as one sentence with numbers and units.
     brief
-        The reason in a few words, for a table column.
+        The same reason in a few words, for a table column.
     seconds
         Additional computing time for the whole plan (CPU-seconds on this machine).
 
@@ -82,7 +82,7 @@ class PlannedEffect:
 
     @property
     def on(self) -> bool:
-        """Whether it is simulated in any plane."""
+        """Whether the effect is simulated in at least one plane."""
         return any(self.planes)
 
 
@@ -128,11 +128,11 @@ class EffectSelection:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that are on in any plane."""
+        """The effects that are on in at least one plane."""
         return tuple(row.effect for row in self.rows if row.on)
 
     def plane(self, z_um: float) -> int:
-        """Return the number of the planned plane nearest to a depth."""
+        """Return the index of the planned plane that is nearest to the depth ``z_um``."""
         return min(range(len(self.depths_um)), key=lambda k: abs(self.depths_um[k] - z_um))
 
     def at(self, z_um: float) -> tuple[Effect, ...]:
@@ -153,7 +153,7 @@ class EffectSelection:
         return iter(self.effects)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return every effect with its estimate, level and times as plain JSON types."""
+        """Return the selection as plain JSON types: every effect with its estimate, the level, and the times."""
         return {
             "level": self.level,
             "tolerance": self.tolerance,
@@ -186,12 +186,12 @@ def plan_effects(
     frames: bool = False,
     peak: float = 0.8,
 ) -> EffectSelection:
-    """Return the effects that the planes of a scan need.
+    """Select the effects to simulate in the planes of a scan.
 
-    Effects are left out as long as their estimates add up to less than half the tolerance, the slowest ones first,
-    then the smallest. The other half is for errors of the computation. Errors of assembly and use (a gap error, a
-    loose stage) are simulated only if they are given in ``effects`` or switched on. Their typical size says nothing
-    about this camera.
+    Effects are left out as long as their estimates add up to less than half the tolerance, the slowest ones first, then
+    the smallest. The other half is reserved for errors of the computation. Errors of assembly and use (a gap error, a
+    loose stage) are simulated only if they are given in ``effects`` or switched on, because their typical sizes may not
+    apply to this camera.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def plan_effects(
     overrides
         Setting ``"auto"``, ``"on"`` or ``"off"`` by the name of the effect.
     effects
-        Effects with known magnitudes; each replaces the effect with its name in the catalogue.
+        Effects with known magnitudes; each replaces the catalogue's effect of the same name.
     frames
         Whether sensor frames are simulated; otherwise effects on frames and on the stage's motion are off.
     peak

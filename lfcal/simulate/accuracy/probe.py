@@ -74,20 +74,21 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
     """Return the cheapest sampling of a level with an error of at most ``share``, or the finest one.
 
     Samplings are tried from the fastest that is expected to suffice. Each is compared with one that is finer in all
-    respects: windows with the whole array on one grid, and a grid with a finer grid. If no grid is large enough for
-    the scene, windows are compared with wider ones whose fields are added. Exact angles, which windows follow only to
-    first order, are then compared with the reference. A smaller ``share`` never leads to a coarser sampling.
+    respects: windows are compared with the whole array on one grid, and a grid with a finer grid. If no grid is large
+    enough for the scene, windows are compared with wider ones whose fields are added. Exact angles, which windows
+    follow only to first order, are then compared with the reference. A smaller ``share`` never leads to a coarser
+    sampling.
 
     Parameters
     ----------
     scene
-        The plane.
+        Scene of the depth plane.
     level
         ``"wave"``, ``"grid"``, ``"debye"`` or ``"reference"``; rays have no sampling.
     share
         Relative L1 error allowed for the computation.
     escalate
-        Whether the reference may be used if the wave level does not reach the share.
+        Whether the reference may be used if the error of the wave level exceeds ``share``.
 
     Raises
     ------
@@ -146,10 +147,10 @@ def balanced(scene: AnyScene, level: str, sampling: Sampling) -> tuple[PlaneEngi
 
 
 def places(scene: AnyScene) -> tuple[list[int], list[int]]:
-    """Return the rows and columns of the positions that represent all others.
+    """Return the rows and columns of source positions that represent all others.
 
-    Four are used. There are more near the native plane, where one lenslet or the gap between two receives all the
-    light.
+    There are two rows and two columns, and more near the native plane, where one lenslet or the gap between two
+    receives all the light.
     """
     near = isinstance(scene, Scene) and scene.objective is None and scene.fresnel_number < SWITCH
     shares = ((0.0, 0.2, 0.5), (0.07, 0.25, 0.41, 0.75)) if near else ((0.0, 0.5), (0.25, 0.75))

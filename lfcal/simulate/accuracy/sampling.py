@@ -93,7 +93,7 @@ REFERENCE = ((1.0, 0.03), (1.25, 0.006), (1.6, 0.002), (2.4, 0.0005))
 
 @dataclass(frozen=True, slots=True)
 class LevelSampling:
-    """An engine's level with one sampling and its expected relative L1 error."""
+    """A level of the engine with one sampling and the expected relative L1 error."""
 
     level: str
     sampling: Sampling
@@ -102,7 +102,7 @@ class LevelSampling:
 
 @dataclass(frozen=True, slots=True)
 class Fringes:
-    """Spatial frequencies of the light on the sensor.
+    """Spatial frequencies of the light on the sensor, for lenslets of diameter d and pitch p at the gap B.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class Fringes:
 
     @classmethod
     def of(cls, described: Scene | Outlook) -> Fringes:
-        """Return the frequencies of a scene, or of an outlook, which does not include the rotation of cells."""
+        """Return the frequencies of a scene, or of an outlook, which ignores the rotation of lattice cells."""
         if isinstance(described, Outlook):
             lattice, px = described.camera.lattice, described.pixel_um
             width, spread = described.clear_um, described.wavelength_um * described.gap_um
@@ -144,7 +144,7 @@ class Fringes:
 
     @property
     def nodes(self) -> int:
-        """Nodes per pixel that the fringes between neighbouring lenslets need."""
+        """Nodes per pixel needed to sample the fringes between neighbouring lenslets."""
         return math.ceil(self.band + self.between + SPARE)
 
     @property
@@ -161,10 +161,10 @@ class Fringes:
 def steps_for(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling, ...]:
     """Return the samplings of a level, fastest first.
 
-    Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; or windows whose fields
-    are added, if no grid is large enough for the scene. Level ``"debye"``: nodes of the separable path; for other
-    arrays, a grid. Level ``"grid"``: all grids that are small enough, or else the smallest one, which its engine
-    refuses.
+    Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; or windows whose fields are
+    added, if no grid is large enough for the scene. Level ``"debye"``: nodes of the separable path; for other arrays, a
+    grid. Level ``"grid"``: all grids that are small enough, or else the smallest one, which the engine rejects as too
+    large.
     """
     if isinstance(described, PupilScene):
         return _pupil_steps(described, level)
@@ -252,7 +252,7 @@ def _kink_factor(described: Scene | Outlook) -> float:
 
 
 def grid_margin(described: Scene | Outlook, left_out: float) -> int:
-    """Return the margin of a grid (px) outside which there is the fraction ``left_out`` of the light."""
+    """Return the margin of a grid (px) beyond which the fraction ``left_out`` of the light falls."""
     airy = described.wavelength_um * described.f_number / _pixel_um(described)
     return min(WIDEST, math.ceil(OUTSIDE * airy / left_out))
 
@@ -262,7 +262,7 @@ def _pixel_um(described: Scene | Outlook) -> float:
 
 
 def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
-    """Return the number of fields for a tilted array; 1 without tilt."""
+    """Return the number of fields needed for a tilted array; 1 without tilt."""
     if not isinstance(described, Scene) or described.tilt == (0.0, 0.0):
         return 1
     from lfcal.simulate.engines import orders_of  # compiled code: loaded only when it is needed
@@ -301,7 +301,7 @@ def _margin_px(margin: float, fringes: Fringes) -> int:
 
 
 def step_for(described: AnyScene | Outlook, level: str, tolerance: float) -> LevelSampling:
-    """Return the fastest sampling of a level that is expected to keep ``tolerance``, or the finest one."""
+    """Return the fastest sampling of a level whose expected error is within ``tolerance``, or else the finest one."""
     steps = steps_for(described, level)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])
 

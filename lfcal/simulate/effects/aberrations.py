@@ -75,7 +75,7 @@ class Spherical(_Aberration):
     rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean spot shift, 0.4 of the rim's 8 Nw W lambda / v, and the fraction of light that it moves."""
+        """Return W040 in waves, and the error due to the mean spot shift, which is 0.4 of that of the rim ray."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
@@ -86,7 +86,7 @@ class Spherical(_Aberration):
 
 @dataclass(frozen=True, slots=True)
 class Coma(_Aberration):
-    """Third-order coma W131 rho³ cos(theta - angle), linear in the field.
+    """Third-order coma W131 rho^3 cos(theta - angle), linear in the field.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Coma(_Aberration):
     rank: ClassVar[int] = 71
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean spot shift: three quarters of the gradient's rms over the pupil, 1.29 W per radius."""
+        """Return W131 in waves, and the error due to the mean spot shift, estimated from the rms slope."""
         shift = _mean_shift(outlook, 0.75 * 1.29 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 2 Nw * 0.97 W lambda/v")
 
@@ -123,12 +123,13 @@ class Coma(_Aberration):
 
 @dataclass(frozen=True, slots=True)
 class Zernike(_Aberration):
-    """Any aberration as Zernike terms.
+    """Any aberration, given as Zernike terms.
 
     Attributes
     ----------
     terms
-        ``(n, m, waves)``: R_n^|m|(rho) cos(m theta), sin for m < 0; value ``waves`` at the rim.
+        Tuples ``(n, m, waves)``: ``waves`` times R_n^|m|(rho) cos(m theta), or sin(|m| theta) for m < 0; R is 1 at the
+        rim.
 
     Examples
     --------
@@ -154,7 +155,7 @@ class Zernike(_Aberration):
         check_wavefront(self.terms)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms wavefront and the spot shift from three quarters of its gradient's rms over the pupil."""
+        """Return the rms wavefront in waves, and the error due to the spot shift that follows from its rms slope."""
         rms, slope = wavefront_rms(self.terms)
         return Estimate(
             rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
@@ -169,22 +170,22 @@ class Zernike(_Aberration):
 class FieldAberrations(SceneEffect):
     """Third-order variation of the wavefront over the field of a lens whose elements may be displaced or tilted.
 
-    With H the field point x + i y over ``radius_um``, coma is ``coma`` H. Astigmatism is ``astigmatism`` H² plus the
-    contribution of displaced elements, (``astigmatism_x`` + i ``astigmatism_y``) H. Spherical aberration is
-    ``spherical`` |H|². Each is a Zernike term whose cosine is the real part and whose sine the imaginary part
-    (Thompson 2005, eqs. 13 and 27). The wavefront on the axis is given by `Zernike`, the variation of focus by
+    For the normalized field point h = (x + i y)/``radius_um``, coma is ``coma`` h. Astigmatism is ``astigmatism`` h²
+    plus the contribution of displaced elements, (``astigmatism_x`` + i ``astigmatism_y``) h. Spherical aberration is
+    ``spherical`` |h|². The real part is the coefficient of the cosine Zernike term, the imaginary part that of the sine
+    term (Thompson 2005, eqs. 13 and 27). The wavefront on the axis is given by `Zernike`, the variation of focus by
     `FieldCurvature`.
 
     Attributes
     ----------
     coma
-        R_3^1 at ``radius_um`` along the field, value 1 at the pupil's rim (wavelengths).
+        Coefficient of R_3^1 at ``radius_um`` along the field (wavelengths); R is 1 at the pupil's rim.
     astigmatism
-        R_2^2 at ``radius_um`` along the field.
+        Coefficient of R_2^2 at ``radius_um`` along the field (wavelengths).
     astigmatism_y, astigmatism_x
-        Components of R_2^2 that grow linearly with the field.
+        Components of the coefficient of R_2^2 that grow linearly with the field (wavelengths).
     spherical
-        R_4^0 at ``radius_um``, in addition to that on the axis.
+        Coefficient of R_4^0 at ``radius_um``, in addition to that on the axis (wavelengths).
     radius_um
         Distance from the axis on the sensor to which the coefficients refer (µm).
 
@@ -219,7 +220,7 @@ class FieldAberrations(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def terms_at(self, field_um: tuple[float, float]) -> Wavefront:
-        """Return the Zernike terms at a point (y, x) from the axis on the sensor, without those that are 0."""
+        """Return the Zernike terms other than 0 at the sensor point ``field_um``, (y, x) from the axis (µm)."""
         y, x = field_um
         at = complex(x, y) / self.radius_um
         coma = self.coma * at
@@ -234,14 +235,14 @@ class FieldAberrations(SceneEffect):
         return tuple(term for term in found if term[2])
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms wavefront in the middle of the region, and the spot shift as for any wavefront."""
+        """Return the rms wavefront in the middle of the region, and the error due to the shift from its slope."""
         rms, slope = wavefront_rms(self.terms_at(outlook.field_um))
         return Estimate(
             rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront at its position in the field; nothing changes without one."""
+        """Return the scene with the wavefront of its field position added, or unchanged if that is zero."""
         terms = self.terms_at(outlook.field_um)
         if not terms:
             return scene

@@ -17,7 +17,7 @@ __all__ = ["ArrayRotation", "ArrayTilt", "LensletGap", "PitchError", "Telecentri
 
 @dataclass(frozen=True, slots=True)
 class Telecentricity(SceneEffect):
-    """The main lens at a finite distance: micro-images are farther apart than lenslets, by the factor 1 + B/b.
+    """The main lens is at a finite distance b: micro-images are farther apart than lenslets, by the factor 1 + B/b.
 
     Without this effect, the pupil is at infinity, and micro-images have the same pitch as lenslets.
 
@@ -37,7 +37,7 @@ class Telecentricity(SceneEffect):
     rank: ClassVar[int] = 50
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the growth of the period, and the spots' rms shift over the lit lenslets of the region."""
+        """Return the increase of the period, and the error due to the rms spot shift over the lit lenslets."""
         optics = outlook.camera.optics
         if optics.telecentric:
             return Estimate(0.0, "px", 0.0, "telecentric")
@@ -82,7 +82,7 @@ class LensletGap(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rim's spot shift dB/(2 Nw); its mean over the shadow is two thirds of it."""
+        """Return the spot shift of the rim ray (px), and the error due to the mean shift, two thirds of it."""
         rim = abs(self.error_um) / (2 * outlook.f_number) / outlook.pixel_um
         return Estimate(rim, "px", outlook.moved(2 / 3 * rim), "dB/(2 Nw) at the rim, 2/3 of it on average")
 
@@ -121,7 +121,7 @@ class ArrayRotation(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the lenslets' rms displacement alpha * r over the region."""
+        """Return the rms displacement of the region's lenslets (px), and the resulting error."""
         shift = abs(self.angle_rad) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "alpha * r_rms")
 
@@ -134,12 +134,12 @@ class ArrayRotation(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class PitchError(SceneEffect):
-    """A lenslet pitch that differs from the described one.
+    """The lenslet pitch differs from the described one.
 
     Attributes
     ----------
     relative
-        True pitch over described pitch, minus 1.
+        True pitch divided by described pitch, minus 1.
 
     Examples
     --------
@@ -163,7 +163,7 @@ class PitchError(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the lenslets' rms displacement (dp/p) * r over the region."""
+        """Return the rms displacement of the region's lenslets (px), and the resulting error."""
         shift = abs(self.relative) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "dp/p * r_rms")
 
@@ -213,10 +213,7 @@ class ArrayTilt(SceneEffect):
         return self.rows_rad * outlook.field_um[0] + self.columns_rad * outlook.field_um[1]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rim's spot shift d (1 - 1/v)/(2 Nw), with a mean of two thirds, and the shift within the region.
-
-        Over the lit lenslets, the gap changes by t r; averaged over a disc, |c cos| c is r²/pi.
-        """
+        """Return the increase of the gap (µm), and the error due to the spot shifts that it and the tilt cause."""
         farther, tilt = self.farther_um(outlook), math.hypot(self.rows_rad, self.columns_rad)
         across = outlook.shadow_px * outlook.pixel_um * tilt
         v = outlook.virtual_depth

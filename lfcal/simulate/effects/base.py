@@ -37,7 +37,7 @@ __all__ = [
 
 
 class ActsOn(Enum):
-    """What an effect changes, in the order of the light path; the values are shown to users."""
+    """Part of the light path or of the recording that an effect changes, in the order of the light path."""
 
     SCENE = "optics"
     """The `Scene` given to the engine; costs nothing, unless waves must be computed."""
@@ -96,7 +96,7 @@ class Estimate:
     error
         Relative L1 error of the image if the effect is left out, sum(|without - with|) / sum(|with|).
     formula
-        Text on how size and error were computed.
+        Text that states how size and error were computed.
     upper_bound
         Whether ``error`` is an upper bound (within a factor of 4) instead of an estimate (within 2).
     measured
@@ -163,15 +163,15 @@ class SensorStrip:
     row
         Sensor row of the strip's first row.
     total_e
-        Light of the whole frame (electrons).
+        Total light of the whole frame (electrons).
     rng
         Random generator for this effect on this strip of this frame.
     pattern
         Function for random patterns of this strip of the sensor that are the same in every frame: called with the name
         of a pattern, it returns standard normal deviates in the strip's shape.
     light_e
-        Light of the whole frame ``(rows, columns)`` before any effect (electrons), for light from elsewhere in the
-        frame. Read only.
+        Light of the whole frame ``(rows, columns)`` before any effect (electrons), for effects that bring light from
+        elsewhere in the frame. Read-only.
 
     Examples
     --------
@@ -205,9 +205,9 @@ def _frozen(value: Any) -> Any:
 
 
 class Effect(ABC):
-    """An effect; subclasses are frozen dataclasses whose fields are magnitudes (None: the camera's value).
+    """Base class of effects, which are frozen dataclasses; their fields are magnitudes (None: the camera's value).
 
-    Every field has a default: the catalogue shows each effect as it is made without arguments.
+    Every field has a default, so that the catalogue can create each effect without arguments.
 
     Examples
     --------
@@ -267,7 +267,7 @@ class Effect(ABC):
         return None
 
     def applies_to(self, camera: Camera) -> bool:
-        """Return whether ``camera`` has what the effect acts on."""
+        """Return whether ``camera`` has the part that the effect acts on."""
         return self.without_lattice or camera.has_lattice
 
     def magnitude(self, field: str, camera: Camera) -> Any:
@@ -281,15 +281,15 @@ class Effect(ABC):
 
     @classmethod
     def is_described(cls, field: str, camera: Camera) -> bool:
-        """Return whether the description of ``camera`` has a value for ``field``; a microscope has no iris blades."""
+        """Return whether the description of ``camera`` has a value for ``field``."""
         return has_value(camera, cls.described.get(field, ""))
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the error that leaving the effect out would cause in the plane of ``outlook``."""
+        """Return the size of the effect and the error that leaving it out would cause in the plane of ``outlook``."""
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether the formula of the estimate is valid there; otherwise the effect is run at a few positions."""
+        """Return whether the estimate's formula is valid; otherwise the effect is run at a few positions."""
         return outlook.regular
 
     def wavelengths(self, outlook: Outlook) -> int:
@@ -345,7 +345,7 @@ class LightEffect(Effect):
         """Return ``samples`` spread over source points or wavelengths; the sum of the weights is unchanged."""
 
     def runs(self, outlook: Outlook) -> int:
-        """Return the number of samples that one point becomes."""
+        """Return the number of samples by which one sample of the light is replaced."""
         return len(self.spread((LightSample(0.0, 0.0, outlook.wavelength_um, 1.0),), outlook))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
@@ -370,10 +370,10 @@ class PsfEffect(Effect):
 
     @abstractmethod
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the filter ``(rows, columns)``, odd in both directions; its sum is the fraction of light kept."""
+        """Return the filter ``(rows, columns)``, both numbers odd; its sum is the fraction of light that remains."""
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the cost of nine multiply-adds per pixel relative to a wave engine: 2 % (measured)."""
+        """Return the time for nine multiply-adds per pixel (s): 2 % of that of a wave engine (measured)."""
         del outlook
         return 0.02 * engine.waves
 
@@ -396,9 +396,9 @@ class MotionEffect(Effect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return actual minus commanded positions ``(n, 3)`` as (z, y, x) in µm.
+        """Return the actual minus the commanded positions, ``(n, 3)`` as (z, y, x) in µm.
 
-        ``commanded_um`` ``(n, 3)`` are the commanded positions in the order in which they are visited.
+        ``commanded_um`` contains the commanded positions, in the same form and in the order in which they are visited.
         """
 
 
@@ -426,7 +426,7 @@ class FrameEffect(Effect):
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Return the strip ``(rows, columns)`` after the effect; it may be changed in place.
 
-        The strip contains electrons below rank 80, and sample values (counts) from rank 80 on.
+        The strip is in electrons for effects with a `rank` below 80, and in counts for the others.
         """
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:

@@ -93,7 +93,7 @@ class ChromaticFocus(_Chromatic):
         return _wavelengths(refocus_px(outlook, self.rate * self.width(outlook) / 2), outlook)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shift of the image over the spectrum, and the spots' blur by its rms, da/sqrt(12)/(4 Nw v)."""
+        """Return the shift of the image over the spectrum, and the error due to the blur that its rms causes."""
         shift = abs(self.rate) * self.width(outlook)
         # along an axis, the rms of the pupil's coordinate is half a radius
         rms = refocus_px(outlook, shift / math.sqrt(12)) / 2
@@ -116,7 +116,8 @@ class ChromaticFocus(_Chromatic):
 class LensletDispersion(_Chromatic):
     """Dispersion of the lenslets' glass: their described focal lengths hold only at the design wavelength.
 
-    1/f is proportional to n - 1. n follows Cauchy's A + B/lambda² through the glass's F and C lines; n itself cancels.
+    1/f is proportional to n - 1, where n follows Cauchy's formula A + B/lambda² at the glass's F and C lines. The value
+    of n itself cancels.
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class LensletDispersion(_Chromatic):
     rank: ClassVar[int] = 76
 
     def strength(self, wavelength_um: float) -> float:
-        """Return b in f(lambda) = f / (1 + b (1/lambda² - 1/lambda_0²)), lambda_0 the design wavelength (µm²)."""
+        """Return b (µm²) in f(lambda) = f / (1 + b (1/lambda² - 1/lambda_0²)), where lambda_0 is ``wavelength_um``."""
         # for a glass whose power is 1 at the d line
         b = 1.0 / (self.abbe * (LINE_F**-2 - LINE_C**-2))
         return b / (1.0 + b * (wavelength_um**-2 - LINE_D**-2))
@@ -162,7 +163,7 @@ class LensletDispersion(_Chromatic):
         return _wavelengths(outlook.lit_px * steep * self._share(outlook) / 2, outlook)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return df/f over the spectrum, and the light moved by the motion of the spots' rims, R B/f df/f/sqrt(12)."""
+        """Return df/f over the spectrum, and the error due to the resulting rms motion of the spots' rims."""
         share, radius = self._share(outlook), 0.5 * outlook.clear_um / outlook.pixel_um
         steep = outlook.gap_um / outlook.camera.lattice.types[0].focal_length_um
         error = 1.5 * _fringes(radius * steep * share / math.sqrt(12), outlook)

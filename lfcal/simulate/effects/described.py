@@ -73,10 +73,10 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
     Parameters
     ----------
     items
-        ``NAME=on``, ``off`` or ``auto``; or ``NAME=VALUE``, for example ``coma=0.3@40deg``, ``lenslet_gap=5um`` or
-        ``drift=rows:2um,columns:1um``: the first magnitude, or named ones, with ``@`` for the direction; or the path
-        of a JSON file of effects (`read_entries`). A magnitude may be followed by the word measured: ``coma=0.3
-        measured``. If a name occurs several times, the last entry counts.
+        Each item is ``NAME=on``, ``NAME=off`` or ``NAME=auto``, or ``NAME=VALUE``, or the path of a JSON file of
+        effects (`read_entries`). ``VALUE`` is the first magnitude, with ``@`` before a direction (``coma=0.3@40deg``),
+        or a list of named magnitudes (``drift=rows:2um,columns:1um``). A magnitude may be followed by the word
+        measured: ``coma=0.3 measured``. If a name occurs several times, the last entry counts.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
 
 
 def effect_words(entries: Iterable[Entry]) -> tuple[str, ...]:
-    """Return the texts that `effect_entries` reads: a setting and all given magnitudes of each effect."""
+    """Return entries as texts for `effect_entries`: the setting and all given magnitudes of each effect."""
     words = []
     for entry in entries:
         parts = []
@@ -181,7 +181,7 @@ def entries_json(entries: Iterable[Entry]) -> str:
 
 
 def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
-    """Return the effect ``name`` with ``magnitudes`` by field, in the units of its fields; others as in the catalogue.
+    """Return the effect ``name`` with ``magnitudes`` by field, in the units of the fields; others have their defaults.
 
     Raises
     ------

@@ -22,8 +22,8 @@ class SensorNonlinearity(FrameEffect):
     Attributes
     ----------
     share
-        Fraction q of the signal that is missing at full well; negative: the signal is too large. It is constant above
-        the full well.
+        Fraction q of the signal that is missing at full well; negative: the signal is too large. The fraction is
+        constant above the full well.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class SensorNonlinearity(FrameEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return q, and the loss of Gaussian spots of equal light: half of q peak/full well in the sharpest spot."""
+        """Return q, and the error for Gaussian spots of equal light, whose mean signal is half of their peak."""
         full, sharp = outlook.camera.sensor.full_well_e, min(outlook.widths_px)
 
         def lost(width: float) -> float:
@@ -72,7 +72,7 @@ class SensorNonlinearity(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class Ghost(FrameEffect):
-    """A faint second image by reflections in the lens: the frame mirrored about the optical axis, scaled and displaced.
+    """A faint second image from reflections in the lens: the frame, mirrored about the axis, scaled and shifted.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Ghost(FrameEffect):
     scale
         Size of the ghost relative to that of the image.
     rows_um, columns_um
-        Position (rows, columns) on the sensor of the ghost of a point on the axis, relative to the axis (µm).
+        Sensor position, relative to the axis, of the ghost of a point on the axis (µm).
 
     Examples
     --------

@@ -104,14 +104,14 @@ class MechanicalVignetting(SceneEffect):
         return outlook.field_um[0] * unit, outlook.field_um[1] * unit
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return lost light relative to remaining light for two discs at a distance s; 1.27 s/D for equal discs."""
+        """Return the lost light relative to the remaining light, from the overlap of two discs (pupil and rim)."""
         shift = math.hypot(*self.shift(outlook))
         kept = overlap(shift, self.radius)
         error = min(2.0, (1.0 - kept) / max(kept, 1e-9))
         return Estimate(shift, "pupil radii", error, "overlap of two discs; 1.27 s/D for equal ones")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the second stop, unless it cuts nothing."""
+        """Return the scene with the rim as a second stop, or unchanged if the rim cuts nothing."""
         y, x = self.shift(outlook)
         # a stop that cuts nothing would still lose the symmetry and the tables of a circular pupil
         if overlap(math.hypot(y, x), self.radius) >= 1.0:

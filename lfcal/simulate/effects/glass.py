@@ -17,9 +17,10 @@ __all__ = ["CoverGlass"]
 
 @dataclass(frozen=True, slots=True)
 class CoverGlass(SceneEffect):
-    """A plane plate between lenslets and sensor: the focus moves by t (1 - 1/n), and more for steep rays.
+    """A plane-parallel plate between lenslets and sensor: the focus moves by t (1 - 1/n), and more for steep rays.
 
-    Rays show the first effect; the second one needs non-paraxial angles and waves.
+    Ray tracing includes only the paraxial shift. The additional shift of steep rays needs non-paraxial angles and
+    waves.
 
     Attributes
     ----------
@@ -52,11 +53,11 @@ class CoverGlass(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def shorter_um(self) -> float:
-        """Return the difference between the described gap and the gap in air (µm)."""
+        """Return the described gap minus the equivalent gap in air (µm)."""
         return self.thickness_um * (1.0 - 1.0 / self.index) * (1.0 - self.in_gap)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the focus shift, and two thirds of the rim's spot shift, plus the effect of the plate's aberration."""
+        """Return the focus shift, and the error due to the mean spot shift and the plate's aberration."""
         cone = 1.0 / (2.0 * outlook.f_number)
         rim = self.shorter_um() * cone
         # of B tan, t (1/n - 1/n³)/2 s³ is missing; the mean is 0.4 of the rim's value

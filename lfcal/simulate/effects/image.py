@@ -16,14 +16,14 @@ __all__ = ["Distortion", "FieldCurvature"]
 
 
 def refocus_px(outlook: Outlook, by_um: float) -> float:
-    """Return the rim's spot shift if the image moves along the axis by ``by_um``, da/(2 Nw v) (pixels)."""
+    """Return the spot shift of the rim ray (px) if the image moves along the axis by ``by_um``."""
     shift = abs(by_um) / (2 * outlook.f_number * outlook.depth) / outlook.pixel_um
     return shift if outlook.has_lens else min(shift, 1.5 * outlook.shadow_px)
 
 
 @dataclass(frozen=True, slots=True)
 class FieldCurvature(SceneEffect):
-    """A curved image surface: off the axis, the image is nearer or farther.
+    """A curved image surface: off the axis, the image is nearer to the main lens or farther from it.
 
     Attributes
     ----------
@@ -57,12 +57,12 @@ class FieldCurvature(SceneEffect):
             )
 
     def sag_um(self, outlook: Outlook) -> float:
-        """Return the additional distance of the image of the region, h²/(2 R) (µm)."""
+        """Return the additional distance of the region's image from the main lens (µm)."""
         y, x = outlook.field_um
         return (y * y + x * x) / (2 * self.radius_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's shift da, and two thirds of the rim's spot shift da/(2 Nw v)."""
+        """Return the shift of the image along the axis, and the error due to the mean spot shift."""
         sag = self.sag_um(outlook)
         error = outlook.moved(2 / 3 * refocus_px(outlook, sag))
         return Estimate(abs(sag), "µm", error, "da = h²/(2 R); shift (2/3) da/(2 Nw v)")
@@ -116,7 +116,7 @@ class Distortion(SceneEffect):
         return share * y, share * x
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the displacement k h³ of the region's images, which spots follow by 1/v."""
+        """Return the displacement of the region's images, and the error due to the resulting spot shift."""
         shift = math.hypot(*self.at(outlook)) / outlook.pixel_um
         return Estimate(
             shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all of it"

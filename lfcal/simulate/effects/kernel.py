@@ -33,8 +33,8 @@ NEIGHBOURS: Mapping[str, tuple[int, int]] = {
 class PixelKernel(PsfEffect):
     """A fraction of each pixel's light that appears in each of its eight neighbours: smear, residual charge, blur.
 
-    This is a measured filter, not a cause: crosstalk and the sizes of source and pixels are separate effects. Light is
-    conserved, because a pixel loses what its neighbours gain. Negative fractions sharpen the image.
+    This is a measured filter and not a model of a cause: crosstalk and the sizes of source and pixels are separate
+    effects. Light is conserved, because a pixel loses what its neighbours gain. Negative fractions sharpen the image.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class PixelKernel(PsfEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sum of the fractions, and the effect of the blur or the displacement, whichever is larger."""
+        """Return the sum of the fractions, and the error due to blur or displacement, whichever is larger."""
         shares = {place: getattr(self, name) for name, place in NEIGHBOURS.items()}
         aside = math.hypot(*(sum(w * place[k] for place, w in shares.items()) for k in (0, 1)))
         variance = sum(abs(w) * (y * y + x * x) for (y, x), w in shares.items()) / 2

@@ -25,15 +25,15 @@ PLACES = 7
 
 @dataclass(frozen=True, slots=True)
 class MissingLenslets(SceneEffect):
-    """Single lenslets that transmit less light than the others, or none.
+    """Individual lenslets that transmit less light than the others, or none.
 
     Attributes
     ----------
     lenslets
-        ``(row, column, transmission)``: row and column of the lattice, from the type-0 lenslet nearest to the region's
-        first position. Columns follow the lattice vectors (`LensletLattice.centres_um`, r and q): in a hexagonal
-        array, column 0 of the next row is the right one of the two lenslets below. Transmission is the fraction of
-        light that passes, 0 to 1.
+        Tuples ``(row, column, transmission)``. Row and column are lattice indices relative to the type-0 lenslet
+        nearest to the region's first position. They are r and q of `LensletLattice.centres_um`: in a hexagonal array,
+        column 0 of the next row is the right one of the two lenslets below. Transmission is the fraction of light that
+        passes, 0 to 1.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class MissingLenslets(SceneEffect):
         object.__setattr__(self, "lenslets", tuple((r, q, t) for (r, q), t in known.items()))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return lost over remaining light: 1 - t times each lenslet's share of the shadow, over all positions."""
+        """Return the sum of 1 - transmission (lenslets), and the lost light relative to the remaining light."""
         lattice, px = outlook.camera.lattice, outlook.pixel_um
         first = [
             c + f / px - (n - 1) / 2
@@ -89,7 +89,7 @@ class MissingLenslets(SceneEffect):
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with these lenslets."""
+        """Return the scene with the defective lenslets added."""
         del outlook
         found = tuple(one for one in self.lenslets if one[2] != 1.0)
         return replace(scene, defects=scene.defects + found) if found else scene
@@ -97,13 +97,13 @@ class MissingLenslets(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class LensletSpherical(SceneEffect):
-    """Spherical aberration of every lenslet, a phase 2 pi W (r/R)^4 behind it. Rays do not show it.
+    """Spherical aberration of every lenslet: a phase 2 pi W (r/R)^4, which rays do not include.
 
     Attributes
     ----------
     waves
-        W040 at the rim of the clear diameter (waves of the design wavelength). Positive: the rim focuses farther
-        away. In the corners of touching square lenslets it is four times as large.
+        W040 at the rim of the clear diameter (waves of the design wavelength). Positive values mean that the rim
+        focuses farther away. In the corners of touching square lenslets, the aberration is four times as large.
     type_0, type_1, type_2
         Additional aberration of each lens type (waves).
 
@@ -133,7 +133,13 @@ class LensletSpherical(SceneEffect):
     titles: ClassVar[Mapping[str, str]] = {name: f"more in lens type {k}" for k, name in enumerate(OF_TYPES)}
 
     def of_types(self, types: int) -> tuple[float, ...]:
-        """Return the addition to `waves` for each of a camera's ``types`` lens types; raise an error for others."""
+        """Return the addition to `waves` for each of a camera's ``types`` lens types.
+
+        Raises
+        ------
+        InputError
+            If an aberration is given for a lens type that the camera does not have.
+        """
         by_type = self.type_0, self.type_1, self.type_2
         if any(by_type[types:]):
             missing = next(k for k in range(types, len(by_type)) if by_type[k])
@@ -143,7 +149,7 @@ class LensletSpherical(SceneEffect):
         return by_type[:types]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return W, and the light moved by 0.4 of the rim's 4 W lambda B/R; in all directions it is 0.6 of a shift."""
+        """Return the mean W of the lens types (waves), and the error due to the resulting mean spot shift."""
         radius = 0.5 * outlook.clear_um
         # moved light is proportional to the size: all types count equally
         sizes = [abs(self.waves + more) for more in self.of_types(len(outlook.camera.lattice.types))]

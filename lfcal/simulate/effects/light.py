@@ -57,10 +57,9 @@ class FiniteSource(LightEffect):
         return diameter / outlook.camera.step_um(outlook.z_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the size of the source's image through a lenslet, D |M| / |v|; its rms is a quarter of the diameter.
+        """Return the diameter of the source's image through a lenslet (px), and the error due to its blur.
 
-        The edge of the shadow is also blurred: an annulus of the mean chord of the image, 2/pi of its rms, relative to
-        the area.
+        The error includes the blurred edge of the iris's shadow.
         """
         image = self.image_px(outlook)
         # the rms of a disc's coordinate is a quarter of its diameter; defocus scales the image by 1/v
@@ -71,8 +70,9 @@ class FiniteSource(LightEffect):
     def degree(self, outlook: Outlook) -> int:
         """Return the polynomial degree that must be integrated exactly over the source's disc.
 
-        A spot that moves by R over the disc is a function exp(i k x) with |k| up to about 2/w. A rule of degree D is
-        accurate up to k R of about D/2. The edge of the shadow moves over lenslets in the same way.
+        The spatial frequencies k of a spot of width w reach about 2/w. If the spot moves by R over the disc, a rule of
+        degree D is accurate up to k R of about D/2. The same applies to the edge of the shadow, which moves over
+        lenslets.
         """
         radius = self.image_px(outlook) / 2
         moved = radius / outlook.depth / min(outlook.widths_px)
@@ -94,8 +94,8 @@ class FiniteSource(LightEffect):
 def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
     """Return ``(y, x, weight)`` of points on the unit disc, exact for polynomials up to ``degree``; weights sum to 1.
 
-    Up to degree 5, the rule has the 7 points of Abramowitz & Stegun 25.4.61. Above, it has rings at Gauss-Legendre
-    nodes of the squared radius, each of ``degree`` + 1 points.
+    Up to degree 5, the rule has the 7 points of Abramowitz & Stegun 25.4.61. For higher degrees, it has rings of
+    ``degree`` + 1 points at Gauss-Legendre nodes of the squared radius.
     """
     if degree <= 5:
         radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6
@@ -114,7 +114,7 @@ def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth(LightEffect):
-    """Light of a flat spectrum around the design wavelength.
+    """Light with a flat spectrum around the design wavelength.
 
     Attributes
     ----------
@@ -148,11 +148,11 @@ class Bandwidth(LightEffect):
         return width
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative bandwidth x, and the error from washed-out fringes in spots and between lenslets.
+        """Return the relative bandwidth, and the error from washed-out fringes in spots and between lenslets.
 
-        The error is quadratic for narrow bands. Beyond about a tenth, the outer fringes have vanished and it grows
-        linearly. Fringes between lenslets are finer and vanish sooner; the light in them decreases with the size of
-        the lenslets.
+        The error is quadratic for narrow bands. Above a relative bandwidth of about a tenth, the outer fringes have
+        vanished and the error grows linearly. Fringes between lenslets are finer and vanish sooner. The larger the
+        lenslets, the less light these fringes contain.
         """
         x = self.width(outlook) / outlook.wavelength_um
         fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
@@ -164,7 +164,7 @@ class Bandwidth(LightEffect):
         return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether each lenslet sees enough fringes of the iris for them to wash out in the same way."""
+        """Return whether each lenslet receives enough fringes of the iris for the estimate's formula to be valid."""
         if not outlook.camera.has_lattice:
             return True
         return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
@@ -191,7 +191,7 @@ class Bandwidth(LightEffect):
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
-        """Return Gauss-Legendre wavelengths over the spectrum; `count` determines their number."""
+        """Return ``samples`` spread over Gauss-Legendre wavelengths, whose number is `count`."""
         width = self.width(outlook)
         if width == 0:
             return samples

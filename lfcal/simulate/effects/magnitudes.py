@@ -31,7 +31,7 @@ SHOWN = {"_um": "µm", "_rad": "°", "_s": "s"}
 
 
 def units_of(kind: type[Effect], field: str) -> dict[str, float]:
-    """Return the units in which the magnitude ``field`` may be given, each with its size in the field's unit."""
+    """Return the units in which the magnitude ``field`` may be given, each with its size in the field's own unit."""
     named = kind.units.get(field)
     if named is not None:
         return SHARES if named in ("share", "%") else {named: 1.0} if named else {}
@@ -42,7 +42,7 @@ def units_of(kind: type[Effect], field: str) -> dict[str, float]:
 
 
 def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1.0) -> float:
-    """Return the number in ``text``, converted to the field's unit; ``plain`` is the factor if no unit is given.
+    """Return the number in ``text``, converted to the field's unit; ``plain`` is the factor for a number without unit.
 
     Raises
     ------
@@ -71,8 +71,8 @@ class Magnitude:
     title, unit
         Displayed name and unit: ``"direction"`` in ``"°"``.
     kind
-        ``"number"``, ``"whole"``, ``"text"`` or ``"terms"`` (a list of triples); ``"other"``: only files can contain
-        it.
+        ``"number"``, ``"whole"`` (an integer), ``"text"`` or ``"terms"`` (a list of triples); ``"other"``: only files
+        can contain the value.
     scale
         Ratio of the value to the displayed number.
     units
@@ -80,9 +80,9 @@ class Magnitude:
     value
         Value in the effect; None: the value in the camera's description, or a typical value.
     counts
-        Effective value: ``value``, or what replaces None; None if there is no value.
+        Effective value: ``value``, or the camera's or typical value if that is None; None if there is no value at all.
     default
-        Value of an effect that was made without this magnitude.
+        Value in an effect that is created without this magnitude.
     limits
         Smallest and largest value, in the field's unit.
     source
@@ -113,7 +113,7 @@ class Magnitude:
     columns: tuple[str, ...] = ()
 
     def text(self, value: Any) -> str:
-        """Return ``value`` as text without its unit; `read` reads it back."""
+        """Return ``value`` as text without its unit, which `read` can convert back."""
         if value is None or isinstance(value, str):
             return value or ""
         if self.kind == "terms":
@@ -121,7 +121,7 @@ class Magnitude:
         return f"{value / self.scale:.10g}" if self.kind in ("number", "whole") else str(value)
 
     def range_text(self) -> str:
-        """Return a text with the limits; empty if any number is allowed."""
+        """Return the limits as text; empty if any number is allowed."""
         low, high = (None if math.isinf(limit) else f"{limit / self.scale:g}" for limit in self.limits)
         words = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}" if high else ""
         return f"{words} {self.unit}".rstrip() if words else ""
@@ -202,7 +202,7 @@ def _magnitude(effect: Effect, field: Any, camera: Camera, given: Mapping[str, s
 
 
 def kind_of(annotation: str) -> str:
-    """Return the kind of a magnitude by the annotation of its field."""
+    """Return the kind of a magnitude (as in `Magnitude`) for the type annotation of its field."""
     base = annotation.removesuffix(" | None").strip()
     if base in TRIPLES:
         return "terms"

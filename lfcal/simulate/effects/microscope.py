@@ -22,10 +22,11 @@ RAYS = 4000
 
 @dataclass(frozen=True, slots=True)
 class VectorialPupil(SceneEffect):
-    """The source as a dipole of any orientation, and light as a vector field; without it, both are scalar.
+    """The source is a dipole of any orientation and light a vector field; without this effect, both are scalar.
 
-    A bead or a dye, averaged over orientations, sends the same light through each part of the pupil as a scalar point.
-    The parts interfere differently, however: the intensities of five fields add, while a scalar point has one field.
+    A bead or a dye, averaged over orientations, sends the same light through each part of the pupil as a scalar point
+    source. However, the parts interfere differently: the intensities of five fields add, while a scalar point source
+    has one field.
 
     Examples
     --------
@@ -43,11 +44,12 @@ class VectorialPupil(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the fraction of light in fields other than the first, and a fit to simulations with NA 0.1 to 1.49.
+        """Return the fraction of light in fields other than the first, and an error fitted to simulations.
 
-        In focus, the fields differ by sin²(alpha). The difference is visible if the focus is large on the lenslets,
-        and less if pixels are wider than the fringes between lenslets. Out of focus, parts of the pupil meet only if
-        they are near each other (by N waves of defocus), or where micro-images overlap (images behind the array).
+        In focus, the fields differ by sin²(alpha). The difference is visible if the focal spot is large on the
+        lenslets, and less visible if pixels are wider than the fringes between lenslets. Out of focus, parts of the
+        pupil meet only if they are near each other (by N waves of defocus), or where micro-images overlap (images
+        behind the array).
         """
         optics, lattice = outlook.camera.optics, outlook.camera.lattice
         if not isinstance(optics, Microscope):
@@ -74,12 +76,12 @@ class VectorialPupil(SceneEffect):
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with a vector field, which only waves show; the scene of a main lens is unchanged."""
+        """Return the scene with a vector field, which only wave engines use; the scene of a main lens is unchanged."""
         del outlook
         return scene if scene.objective is None else replace(scene, vectorial=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the cost of four more fields; their tables are shared if rows and columns are separable (measured)."""
+        """Return the time of four more fields (s); their tables are shared if rows and columns are separable."""
         if not outlook.camera.optics.telecentric:
             return 0.0
         lattice = outlook.camera.lattice
@@ -89,7 +91,7 @@ class VectorialPupil(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class IndexMismatch(SceneEffect):
-    """A specimen of another index than the immersion medium: focal shift, spherical aberration, reflected light.
+    """A specimen whose index differs from the immersion medium: focal shift, spherical aberration, reflected light.
 
     Attributes
     ----------
@@ -97,7 +99,7 @@ class IndexMismatch(SceneEffect):
         Refractive index of the specimen.
     depth_um
         Depth below the interface of the nominal focal plane (µm), where the focus would be without the specimen. A
-        plane at z is ``depth_um + z`` deep; a plane before the interface is in the immersion medium.
+        plane at z has the depth ``depth_um + z``; a negative depth means that the plane is in the immersion medium.
 
     Examples
     --------
@@ -123,10 +125,11 @@ class IndexMismatch(SceneEffect):
         return Specimen(self.index, self.depth_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the paraxial focal shift, and an estimate from the displacement X and brightness of each ray.
+        """Return the paraxial focal shift, and an error estimated from the displacement X and brightness of each ray.
 
-        A ray's light changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), and completely if the ray enters or leaves
-        the cutout. Changes of brightness are added in quadrature. The formula was fitted to simulations.
+        A ray's light changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), with pitch p and virtual depth v, and
+        completely if the ray enters or leaves the cutout. Changes of brightness are added in quadrature. The formula
+        was fitted to simulations.
         """
         optics, specimen, z = outlook.camera.optics, self.specimen(), outlook.z_um
         formula = "rays of Snell: 2 (1 - exp(-2.1 X/p/(1 + (v/2)²)^½)); Fresnel"
@@ -164,7 +167,7 @@ class IndexMismatch(SceneEffect):
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the specimen, or for rays with its paraxial image; unchanged for a main lens."""
+        """Return the scene with the specimen, or for rays with its paraxial image; a main lens's scene is unchanged."""
         del outlook
         if scene.objective is None:
             return scene
@@ -173,7 +176,7 @@ class IndexMismatch(SceneEffect):
         return replace(scene, specimen=specimen, image_um=image)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time of the tables (s): the integral has more nodes, responses cost the same."""
+        """Return the time of the tables (s), whose integral has more nodes; responses take no longer."""
         del outlook, engine
         return 0.0
 

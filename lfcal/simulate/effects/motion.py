@@ -26,12 +26,12 @@ def _pixels(outlook: Outlook, length_um: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PositioningError(MotionEffect):
-    """Random error of every position of the stage, normally distributed.
+    """Random, normally distributed error of every stage position.
 
     Attributes
     ----------
     rms_um
-        Rms error of each lateral axis (µm in object space); None: 2 µm, 0.05 µm for a microscope.
+        Rms error of each lateral axis (µm in object space); None: 2 µm, or 0.05 µm for a microscope.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class PositioningError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's rms shift |M| e, and the light moved by the mean shift."""
+        """Return the rms shift of the image, and the error due to the mean shift."""
         shift = _pixels(outlook, self.rms(outlook.camera))
         length = math.sqrt(math.pi / 2) * shift  # mean length of a two-dimensional normal deviate
         return Estimate(shift, "px", outlook.source_moved(length), "|M| e; spots by 1.25 |M| e/v, shadow by 1.25 |M| e")
@@ -68,7 +68,7 @@ class PositioningError(MotionEffect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return independent normal deviates for y and x."""
+        """Return displacements ``(n, 3)`` (µm) that are independent normal deviates for y and x, and 0 for z."""
         out = np.zeros_like(commanded_um)
         out[:, 1:] = self.rms(camera) * rng.standard_normal((len(out), 2))
         return out
@@ -81,7 +81,7 @@ class Backlash(MotionEffect):
     Attributes
     ----------
     play_um
-        Lost motion at a reversal of each lateral axis (µm in object space); None: 10 µm, 0.2 µm for a microscope.
+        Lost motion at a reversal of each lateral axis (µm in object space); None: 10 µm, or 0.2 µm for a microscope.
 
     Examples
     --------
@@ -105,21 +105,21 @@ class Backlash(MotionEffect):
     rank: ClassVar[int] = 20
 
     def play(self, camera: Camera) -> float:
-        """Return the lost motion (µm)."""
+        """Return the lost motion at a reversal (µm)."""
         play: float = self.magnitude("play_um", camera)
         return play
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's shift |M| e; every other row of a serpentine scan lags by it."""
+        """Return the shift of the image by the lost motion, and an upper bound of the error that it causes."""
         shift = _pixels(outlook, self.play(outlook.camera))
         return Estimate(shift, "px", outlook.source_moved(shift), "||M| e, if every position lags", True)
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return the position of the carriage minus that of the drive (µm).
+        """Return the position of the carriage minus that of the drive, ``(n, 3)`` as (z, y, x) in µm.
 
-        At the start, the play is taken up towards increasing coordinates.
+        At the start, the drive is engaged for motion towards increasing coordinates.
         """
         del rng
         out, play = np.zeros_like(commanded_um), self.play(camera)
@@ -140,7 +140,7 @@ class Drift(MotionEffect):
     Attributes
     ----------
     rows_um, columns_um
-        Displacement at the end of the session (µm in object space); None: 5 µm, 0.2 µm for a microscope.
+        Displacement at the end of the session (µm in object space); None: 5 µm, or 0.2 µm for a microscope.
 
     Examples
     --------
@@ -163,18 +163,18 @@ class Drift(MotionEffect):
     rank: ClassVar[int] = 30
 
     def end(self, camera: Camera) -> tuple[float, float]:
-        """Return the displacement ``(y, x)`` at the end (µm)."""
+        """Return the displacement ``(y, x)`` at the end of the session (µm)."""
         return self.magnitude("rows_um", camera), self.magnitude("columns_um", camera)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's shift at the end of the session; its mean is half of it."""
+        """Return the image's shift at the end of the session, and the error due to the mean shift, half of it."""
         shift = _pixels(outlook, math.hypot(*self.end(outlook.camera)))
         return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "||M| e at the end, half of it on average")
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return a displacement that grows linearly from the first to the last position."""
+        """Return displacements ``(n, 3)`` (µm) that grow linearly from the first to the last position."""
         del rng
         out = np.zeros_like(commanded_um)
         share = np.arange(len(out)) / max(1, len(out) - 1)
@@ -184,12 +184,12 @@ class Drift(MotionEffect):
 
 @dataclass(frozen=True, slots=True)
 class DepthError(MotionEffect):
-    """A random error of the depth of each plane, the same for all its positions.
+    """Random error of the depth of each plane, the same for all positions in the plane.
 
     Attributes
     ----------
     rms_um
-        Rms error of the depth of a plane (µm); None: 10 µm, 0.1 µm for a microscope.
+        Rms error of the depth of a plane (µm); None: 10 µm, or 0.1 µm for a microscope.
 
     Examples
     --------
@@ -218,7 +218,7 @@ class DepthError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return dv = M² dz/B, and the mean spot shift dv B/(3 Nw v) that results."""
+        """Return the change of the virtual depth, and the error due to the resulting mean spot shift."""
         camera = outlook.camera
         if isinstance(outlook, PupilOutlook):
             step = MEAN * self.rms(camera)
@@ -234,7 +234,7 @@ class DepthError(MotionEffect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return one normal deviate for each plane."""
+        """Return displacements ``(n, 3)`` (µm): one normal deviate of z for each plane, and 0 for y and x."""
         out = np.zeros_like(commanded_um)
         planes, which = np.unique(commanded_um[:, 0], return_inverse=True)
         out[:, 0] = (self.rms(camera) * rng.standard_normal(len(planes)))[which]

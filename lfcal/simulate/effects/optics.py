@@ -47,10 +47,10 @@ class LensTypeDefocus(SceneEffect):
     rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the largest spot diameter d |1/vf - 1/v|, and the mean change from the sharpest type's width.
+        """Return the largest spot diameter (px), and the mean change if all types had the sharpest type's spot width.
 
-        With growing N_F, spots change from Gaussians to discs, whose difference is twice the area that they do not
-        share.
+        With increasing Fresnel number, spots change from Gaussians to discs. The difference of two discs is twice the
+        area that they do not share.
         """
         sharp = min(outlook.widths_px)
         error = 0.0
@@ -91,12 +91,12 @@ class LensletDiffraction(SceneEffect):
         return Estimate(airy, "px", outlook.diffracted, "1.22 lambda B/d; 0.65/(1 + N_F)^(1/3) per type")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with lenslet diffraction on."""
+        """Return the scene with lenslet diffraction switched on."""
         del outlook
         return replace(scene, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the additional time of waves compared with rays."""
+        """Return the additional time of waves compared with rays (s)."""
         del outlook
         return max(0.0, engine.waves - engine.rays)
 
@@ -105,8 +105,9 @@ class LensletDiffraction(SceneEffect):
 class IrisDiffraction(SceneEffect):
     """Fresnel fringes of the main iris on the lenslets; without this effect, the iris casts a sharp shadow.
 
-    Fringes and shadow cannot be separated within the iris's depth of focus (N_F below 8), or in a microscope's Debye
-    integral. There, this effect is computed together with lenslet diffraction, even if it is off.
+    Fringes and shadow cannot be separated within the iris's depth of focus (Fresnel number below 8), or in a
+    microscope's Debye integral. In these cases, this effect is always computed together with lenslet diffraction, even
+    if it is off.
 
     Examples
     --------
@@ -124,7 +125,7 @@ class IrisDiffraction(SceneEffect):
     rank: ClassVar[int] = 30
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shadow's Fresnel number N_F = |a| / (4 Nw² lambda) and 0.6 / sqrt(N_F)."""
+        """Return the Fresnel number N_F = |a| / (4 Nw² lambda) of the iris's shadow, and the error 0.6 / sqrt(N_F)."""
         number = outlook.fresnel_main
         if not outlook.has_lens:
             return Estimate(number, "N_F", 0.0, "in the Debye integral")
@@ -133,7 +134,7 @@ class IrisDiffraction(SceneEffect):
         return Estimate(number, "N_F", min(1.5, 0.6 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.6/N_F^(1/2)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the iris's diffraction on."""
+        """Return the scene with the iris's diffraction switched on."""
         del outlook
         return replace(scene, main_diffraction=True)
 
@@ -193,15 +194,15 @@ class IrisShape(SceneEffect):
                 check_number(f"{self.title}: blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
 
     def iris(self, camera: Camera) -> PupilIris:
-        """Return the iris of ``camera`` with the given values of this effect."""
+        """Return the iris of ``camera``, with this effect's values in place of the camera's where they are given."""
         blades, curvature, rotation = (self.magnitude(f.name, camera) for f in fields(self))
         return PupilIris(int(blades), float(curvature), float(rotation))
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the difference in area between the polygon and the circle of the same area.
 
-        A regular polygon of half angle h = pi/n differs from its circle by 0.257 h² of the area, and with diffraction
-        at its edges by 0.4 h². For curved blades, the difference is proportional to 1 - curvature.
+        For a regular polygon with n sides, the difference is 0.257 (pi/n)² of the area, or 0.4 (pi/n)² with diffraction
+        at its edges. For curved blades, the difference is proportional to 1 - curvature.
         """
         iris = self.iris(outlook.camera)
         if iris.circular:
@@ -210,21 +211,21 @@ class IrisShape(SceneEffect):
         return Estimate(float(iris.blades), "blades", error, "0.4 (pi/n)² (1 - curvature)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the bladed iris; a second stop is kept."""
+        """Return the scene with the bladed iris; a second stop of the scene is unchanged."""
         # mechanical vignetting may have been applied before
         return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
 
 
 @dataclass(frozen=True, slots=True)
 class ExactAngles(SceneEffect):
-    """Non-paraxial angles: the main lens's defocus as a (1 - cos theta), lenslet rays by tan theta.
+    """Non-paraxial angles: the defocus of the main lens is a (1 - cos theta), and lenslet rays follow tan theta.
 
-    The two belong together. Each alone displaces the rays through the lenslets' centres: by 8 Nw W lambda/v with W =
-    a/(8 lambda (2 Nw)^4), and by B/(2 (2 Nw)³) at the rim. With both, these rays meet the sensor at their paraxial
-    positions, because the path to the image is a straight line. What remains is the coma of lenslets with a parabolic
-    phase, and a shadow that is larger by 1/(8 Nw²). A microscope's field is always exact up to the array, by its Debye
-    integral. With this effect, the angles behind the array are exact too; the light of a position is then computed on
-    one grid, not by rows and columns.
+    The two belong together. Each alone displaces the rays through the lenslets' centres: at the rim, the first by 8 Nw
+    W lambda/v with W = a/(8 lambda (2 Nw)^4), the second by B/(2 (2 Nw)³). With both, these rays meet the sensor at
+    their paraxial positions, because the path to the image is a straight line. Two changes remain: the coma of lenslets
+    with a parabolic phase, and a shadow that is larger by the fraction 1/(8 Nw²). The Debye integral of a microscope is
+    always exact up to the array. With this effect, the angles behind the array are exact too; the light of a position
+    is then computed on one grid instead of by rows and columns.
 
     Examples
     --------
@@ -242,7 +243,7 @@ class ExactAngles(SceneEffect):
     rank: ClassVar[int] = 60
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rim's displacement B/(2 (2 Nw)³); 0.56 to 0.65 of it moves the measured amount of light."""
+        """Return the displacement of the rim ray, and the error due to 0.56 to 0.65 of it (measured)."""
         if not outlook.has_lens:
             return self._behind_lenslets(outlook)
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
@@ -261,9 +262,9 @@ class ExactAngles(SceneEffect):
         )
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether spots move like rays: many lenslets are lit, by more than fringes, and spots are wide enough.
+        """Return whether the formula is valid: many lenslets are lit by more than fringes, and spots are wide enough.
 
-        For a microscope, return whether the angles move little light.
+        For a microscope, it is valid if the angles move little light.
         """
         if not outlook.has_lens:
             return self._behind_lenslets(outlook).error < SMALL
@@ -272,15 +273,16 @@ class ExactAngles(SceneEffect):
         return outlook.regular and spread
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with exact rays and exact defocus, which a microscope's Debye integral already has."""
+        """Return the scene with exact rays and exact defocus; a microscope's Debye integral already has the latter."""
         if outlook.has_lens:
             return replace(scene, exact_defocus=True, exact_rays=True)
         return replace(scene, exact_rays=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the cost of a phase per response relative to a wave engine: a tenth (measured).
+        """Return the time of a phase per response (s): a tenth of that of a wave engine (measured).
 
-        A microscope's square lenslets need a grid instead of rows and columns (measured); others use one in any case.
+        For square lenslets of a microscope, it is the additional time of a grid compared with separate rows and
+        columns. Other arrays of a microscope use a grid in any case.
         """
         if outlook.has_lens:
             return 0.1 * engine.waves
@@ -292,14 +294,14 @@ class ExactAngles(SceneEffect):
 class LensLaw(SceneEffect):
     """Departure of the main lens from the sine condition, at exact angles.
 
-    Without this effect, a ray from height u in the pupil reaches the array at sin theta = u/(2 Nw), as in a lens
-    without coma. In a thin lens with a stop of diameter f/N, tan theta = u/(2 Nw). An iris that is smaller by 1/(8
-    Nw²) has nearly the same effect. A microscope's objective obeys the sine condition.
+    Without this effect, a ray from the relative height u in the pupil reaches the array at sin theta = u/(2 Nw), as in
+    a lens without coma. In a thin lens with a stop of diameter f/N, tan theta = u/(2 Nw). An iris that is smaller by
+    the fraction 1/(8 Nw²) has nearly the same effect. A microscope's objective obeys the sine condition.
 
     Attributes
     ----------
     tangent
-        0 for the sine condition, 1 for the tangent law, q between them: sin theta = x / (1 + q x²)^1/2, x = u/(2 Nw).
+        Parameter q: 0 for the sine condition, 1 for the tangent law; sin theta = x / (1 + q x²)^½ with x = u/(2 Nw).
 
     Examples
     --------
@@ -323,14 +325,14 @@ class LensLaw(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the change of the rim's sine, and the light moved by a shadow that is smaller by 1/(8 Nw²)."""
+        """Return the change of the rim ray's sine, and the error due to a smaller shadow of the iris."""
         if not outlook.has_lens:
             return Estimate(0.0, "of the rim's sine", 0.0, "an objective obeys the sine condition")
         square = abs(self.tangent) / (2 * outlook.f_number) ** 2
         return Estimate(0.5 * square, "of the rim's sine", 2 * square, "q/(8 Nw²) at the rim; q/(2 Nw²) of the light")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with this law, at exact angles."""
+        """Return the scene with this law and exact angles."""
         if not outlook.has_lens or self.tangent == 0:
             return scene
         return replace(scene, lens_law=self.tangent, exact_defocus=True, exact_rays=True, lenslet_diffraction=True)

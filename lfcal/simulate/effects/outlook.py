@@ -14,7 +14,7 @@ __all__ = ["Outlook", "PupilOutlook", "share_moved", "share_widened"]
 
 
 def share_moved(shift: float, width: float) -> float:
-    """Return the relative L1 change when a Gaussian spot of rms ``width`` moves by ``shift`` (same unit).
+    """Return the relative L1 change if a Gaussian spot of rms width ``width`` moves by ``shift`` (same unit).
 
     It is 2 erf(shift / (2 sqrt(2) width)), which is 0.8 shift / width for small shifts.
     """
@@ -24,7 +24,8 @@ def share_moved(shift: float, width: float) -> float:
 def share_widened(width_a: float, width_b: float) -> float:
     """Return the relative L1 difference of two round Gaussian spots with rms widths ``width_a`` and ``width_b``.
 
-    It is 2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)², which is 0.74 (b² - a²)/a² for a small widening.
+    It is 2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)², where a is the smaller width; for a small widening, this is
+    0.74 (b² - a²)/a².
     """
     small, large = sorted((width_a, width_b))
     q = (small / large) ** 2
@@ -49,7 +50,7 @@ class Outlook:
     period
         Positions ``(rows, columns)`` of the source.
     field_um
-        Middle of the region from the optical axis on the sensor, ``(y, x)`` (µm).
+        Middle of the region on the sensor, ``(y, x)`` relative to the optical axis (µm).
     peak_e
         Electrons in the brightest pixel of the session.
     exposure_s
@@ -113,20 +114,20 @@ class Outlook:
 
     @property
     def depth(self) -> float:
-        """Ratio of a shift of the main image on the array to its shift on the sensor, |v|.
+        """Ratio |v| of a shift of the main image on the array to the resulting shift on the sensor, at least 1.2.
 
-        It is at least 1.2: closer to the array, the size of the image determines the scale, not the lenslets.
+        Closer to the array, the size of the image determines the scale instead of the lenslets.
         """
         return max(1.2, abs(self.virtual_depth))
 
     @property
     def regular(self) -> bool:
-        """Whether formulas are valid: the image is far enough from the array for the spots to be separate."""
+        """Whether the estimates' formulas are valid: the image is far enough from the array for separate spots."""
         return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
 
     @property
     def fresnel_main(self) -> float:
-        """Fresnel number of the main iris' shadow, |a| / (4 Nw² lambda)."""
+        """Fresnel number of the main iris's shadow, |a| / (4 Nw² lambda)."""
         return abs(self.shift_um) / (4.0 * self.f_number**2 * self.wavelength_um)
 
     @cached_property
@@ -138,7 +139,7 @@ class Outlook:
     # -- patterns, in pixels ---------------------------------------------------------------------------
     @property
     def shadow_px(self) -> float:
-        """Radius of the main iris' shadow on the lenslets (pixels), at least its Airy disc."""
+        """Radius of the main iris's shadow on the lenslets (pixels), at least that of its Airy disc."""
         airy = 1.22 * self.wavelength_um * self.f_number
         radius = abs(self.shift_um) / (2.0 * self.f_number)
         if isinstance(self.camera.optics, Microscope):
@@ -158,7 +159,7 @@ class Outlook:
 
     @property
     def pattern_px(self) -> float:
-        """Radius of the lit pattern on the sensor: the shadow reduced by 1 - 1/v, plus a spot and half a lenslet."""
+        """Radius of the lit pattern (pixels): the shadow times 1 - 1/v, plus a spot and half a lenslet."""
         shrunk = self.shadow_px * abs(1.0 - 1.0 / self.virtual_depth)
         return shrunk + max(self.geometric_px) + 0.5 * self.camera.pitch_px
 
@@ -187,7 +188,7 @@ class Outlook:
     def diffracted(self) -> float:
         """Relative L1 change if spots are computed by rays instead of waves, 0.65/(1 + N_F)^(1/3) for each type.
 
-        In a microscope, rays are also paraxial: the shadow M z tan(alpha) is drawn as M z sin(alpha).
+        In a microscope, rays are also paraxial: the shadow has the radius M z sin(alpha) instead of M z tan(alpha).
         """
         change = sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
         if isinstance(self.camera.optics, Microscope):
@@ -200,14 +201,15 @@ class Outlook:
 
     @property
     def resolved(self) -> float:
-        """Fraction of a defocused spot's fringes that pixels resolve; the fringes are 4.8 of `airy_px` apart."""
+        """Fraction of a defocused spot's fringes that pixels resolve; the period of the fringes is 4.8 `airy_px`."""
         return 1.0 / (1.0 + (0.15 / self.airy_px) ** 2)
 
     @property
     def structure(self) -> tuple[float, ...]:
         """Ratio of a defocused spot's width to that of its fringes for each type, 1 + 0.45 N_F if they are resolved.
 
-        A Gaussian of the spot's width underestimates measured changes by this factor if N_F is large.
+        A Gaussian of the spot's width underestimates measured changes by this factor if the Fresnel number N_F is
+        large.
         """
         return tuple(1.0 + 0.45 * self.resolved * n for n in self.fresnel_lenslets)
 
@@ -233,7 +235,7 @@ class Outlook:
     def array_moved(self, shift_px: float) -> float:
         """Return the relative L1 change if the lenslets move by ``shift_px`` and the source does not.
 
-        Spots follow by 1 - 1/v of the shift, apertures by all of it. In a microscope, the lenslets' fields interfere
+        Spots move by 1 - 1/v of the shift, apertures by the full shift. In a microscope, the lenslets' fields interfere
         in fringes of lambda B/p, which are finer than a defocused spot.
         """
         shift = shift_px * math.hypot(0.5, 0.75 * (1.0 - 1.0 / self.virtual_depth))
@@ -243,15 +245,15 @@ class Outlook:
         return self.over_types(lambda w: share_moved(shift, min(w, fringe)))
 
     def shadow_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change if the shadow moves by ``shift_px``: 1.27 shift / radius."""
+        """Return the relative L1 change if the shadow moves by ``shift_px``: 1.27 times shift over shadow radius."""
         return min(2.0, 4.0 / math.pi * abs(shift_px) / self.shadow_px)
 
     def source_moved(self, shift_px: float) -> float:
         """Return the relative L1 change if the paraxial image moves by ``shift_px``.
 
-        Spots move by shift/|v|, and the shadow by the shift. Fringes follow neither exactly, so the total is the root
-        of the sum of squares, with 0.85 of the spots' part (measured). A shadow within one lenslet matters where it
-        crosses the border to the next one.
+        Spots move by shift/|v|, and the shadow by the shift. Fringes follow neither exactly. The total is therefore the
+        root of the sum of squares, with 0.85 of the spots' contribution (measured). A shadow smaller than a lenslet
+        contributes only where it crosses the border to the next one.
         """
         spots = 0.85 * self.moved(shift_px / self.depth)
         within = min(1.0, 2.0 * self.shadow_px / self.camera.pitch_px)
@@ -271,7 +273,7 @@ class Outlook:
 
     @cached_property
     def signal_e(self) -> float:
-        """Electrons of one source position in the whole frame, if the sharpest spot reaches the peak."""
+        """Electrons in the whole frame for one source position, if the sharpest spot reaches `peak_e`."""
         return self.peak_e * 2.0 * math.pi * min(self.widths_px) ** 2 * self.lenslets
 
     @property
@@ -282,9 +284,10 @@ class Outlook:
 
 @dataclass(frozen=True)
 class PupilOutlook(Outlook):
-    """Input of the estimates for a Fourier light-field microscope, whose lenslets image the source itself.
+    """Input for the estimates of a Fourier light-field microscope, whose lenslets image the source directly.
 
-    There is no image near the lenslets: virtual depth and what follows from it raise `lfcal.camera.NoLatticeError`.
+    There is no image near the lenslets: the virtual depth and quantities derived from it raise
+    `lfcal.camera.NoLatticeError`.
 
     Examples
     --------
@@ -302,7 +305,7 @@ class PupilOutlook(Outlook):
 
     @cached_property
     def scene(self) -> PupilScene:
-        """The scene of the ideal camera, about the optical axis."""
+        """The scene of the ideal camera, centred on the optical axis."""
         optics, sensor = self.camera.optics, self.camera.sensor
         assert isinstance(optics, Microscope)
         return PupilScene(
@@ -311,7 +314,7 @@ class PupilOutlook(Outlook):
 
     @property
     def depth(self) -> float:
-        """Fraction of the source's shift by which spots move: all of it."""
+        """Ratio of a shift of the source's image to the resulting shift of the spots, 1."""
         return 1.0
 
     @property
@@ -344,7 +347,7 @@ class PupilOutlook(Outlook):
 
     @property
     def pattern_px(self) -> float:
-        """Radius of the disc with as many pixels as all spots, with two Airy radii around each."""
+        """Radius (pixels) of the disc with the area of all spots, including two Airy radii around each."""
         reach = (radius + 5.8 * self.airy_px for radius in self.geometric_px)
         return math.sqrt(sum(one * one for one in reach))
 
@@ -355,7 +358,7 @@ class PupilOutlook(Outlook):
         return share * sum(radii) / len(radii) / self.pixel_um
 
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
-        """Return the relative L1 change when every spot is blurred by ``rms_px`` per axis."""
+        """Return the relative L1 change if every spot is blurred by ``rms_px`` along each axis."""
         total = 0.0
         for width, fringes in zip(self.widths_px, self.fresnel_lenslets, strict=True):
             w, n = math.hypot(width, floor_px), self.resolved * fringes
@@ -364,10 +367,10 @@ class PupilOutlook(Outlook):
         return total / len(self.widths_px)
 
     def source_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change when the source's image moves by ``shift_px``: all spots follow."""
+        """Return the relative L1 change if the source's image moves by ``shift_px``, which moves all spots equally."""
         return self.moved(shift_px)
 
     def shadow_moved(self, shift_px: float) -> float:
-        """Return 0: there is no shadow of an iris."""
+        """Return 0, because the iris casts no shadow on the lenslets."""
         del shift_px
         return 0.0

@@ -20,7 +20,7 @@ __all__ = ["AngularResponse", "Crosstalk", "PixelFill"]
 
 @dataclass(frozen=True, slots=True)
 class PixelFill(SceneEffect):
-    """Pixels whose light-sensitive square is smaller than the pitch; without this effect, it fills the pitch.
+    """Pixels whose light-sensitive square is smaller than the pitch; without this effect, the square fills the pitch.
 
     Light outside the square is lost, and each pixel averages over a smaller area.
 
@@ -57,7 +57,7 @@ class PixelFill(SceneEffect):
         return share
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sensitive fraction, and the larger of the relative loss of light and the change by less blur."""
+        """Return the sensitive fraction, and the relative loss of light or the change of blur, whichever is larger."""
         share = self.share(outlook.camera)
         sharper = outlook.blurred(math.sqrt((1.0 - share) / 12.0))
         error = min(2.0, max((1.0 - share) / share, sharper))
@@ -70,13 +70,13 @@ class PixelFill(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class Crosstalk(PsfEffect):
-    """Light that is collected by a neighbouring pixel.
+    """Light of one pixel that a neighbouring pixel collects.
 
     Attributes
     ----------
     share
-        Fraction x of a pixel's light that each neighbour receives, along the rows and along the columns: each of the
-        four nearest pixels receives x (1 - 2 x), each diagonal one x².
+        Fraction x of a pixel's light that each neighbour receives along one axis. In two dimensions, each of the four
+        nearest pixels receives x (1 - 2 x), and each diagonal one x².
 
     Examples
     --------
@@ -99,9 +99,10 @@ class Crosstalk(PsfEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share and the effect of its blur: a variance of 2 x along each axis, on spots of at least 0.4 px.
+        """Return the fraction x, and the error from its blur, a variance of 2 x along each axis.
 
-        Light in a single pixel changes by 8 x, like a Gaussian of 0.43 px.
+        Spots count as at least 0.4 px wide: if all light is in a single pixel, the error is 8 x, as for a Gaussian of
+        0.43 px.
         """
         error = outlook.blurred(math.sqrt(2.0 * self.share), floor_px=0.41)
         return Estimate(self.share, "per neighbour", error, "0.74 * 2 x/(w² + 0.17)")
@@ -116,12 +117,12 @@ class Crosstalk(PsfEffect):
 
 @dataclass(frozen=True, slots=True)
 class AngularResponse(SceneEffect):
-    """Pixels that collect less oblique light: cos^n of its angle to the sensor's normal.
+    """Pixels that collect less oblique light: a factor cos^n of the angle to the sensor's normal.
 
     Attributes
     ----------
     half_angle_rad
-        Angle at which the response is half (rad).
+        Angle at which the response is half of that at normal incidence (rad).
 
     Examples
     --------
@@ -146,13 +147,13 @@ class AngularResponse(SceneEffect):
         return math.log(0.5) / math.log(math.cos(self.half_angle_rad))
 
     def slope(self, outlook: Outlook) -> tuple[float, float]:
-        """Return the sines (y, x) of the region's chief ray."""
+        """Return the direction sines (y, x) of the region's chief ray."""
         y, x = outlook.field_um
         away = math.hypot(outlook.camera.optics.image_distance_um, y, x)
         return y / away, x / away
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return lost over remaining light at the rms angle of chief ray, cone, and position within a lenslet."""
+        """Return the half angle (°), and the light lost at the rms angle of chief ray, cone and lenslet position."""
         focal = outlook.camera.lattice.types[0].focal_length_um
         bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
         near = min(1.0, abs(outlook.virtual_depth))  # near the native plane, a lenslet receives the whole cone
@@ -163,11 +164,11 @@ class AngularResponse(SceneEffect):
         return Estimate(math.degrees(self.half_angle_rad), "° to half", error, "1 - cos^n of the rms angle")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with this response."""
+        """Return the scene with this angular response."""
         return replace(scene, accept=(self.power, *self.slope(outlook)))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the cost of a weight for every ray relative to a wave engine: 1 (measured)."""
+        """Return the time for a weight per ray (s), equal to that of a wave engine (measured)."""
         del outlook
         return engine.waves
 

@@ -18,7 +18,7 @@ GROUP = "lfcal.effects"
 
 
 def check_effect(kind: type[Effect]) -> None:
-    """Raise `TypeError`, or an error of the effect, unless ``kind`` can be listed, planned and stored in a file."""
+    """Raise `TypeError`, or an error of the effect, if ``kind`` cannot be listed, planned or stored in a file."""
     if not (isinstance(kind, type) and issubclass(kind, Effect)):
         raise TypeError("it is not a class derived from Effect")
     if inspect.isabstract(kind):
@@ -38,7 +38,7 @@ def check_effect(kind: type[Effect]) -> None:
 
 
 def find_effects() -> Registry[type[Effect]]:
-    """Return every kind of effect by name, in the order of the light path, including those of other distributions.
+    """Return every kind of effect by name in the order of the light path, including those of other distributions.
 
     Examples
     --------
@@ -64,7 +64,7 @@ CATALOGUE = find_effects()
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """Return one of every effect: known effects as the camera describes them, deviations at a typical size.
+    """Return one instance of every effect: known effects with the camera's values, deviations with a typical size.
 
     Examples
     --------

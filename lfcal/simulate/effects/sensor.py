@@ -98,9 +98,9 @@ class ColourFilter(FrameEffect):
     Attributes
     ----------
     cfa
-        Filter letters by rows, e.g. ``"GRBG"``; None: the camera's.
+        Filter letters row by row, for example ``"GRBG"``; None: the camera's.
     leak
-        Transmission outside the band of a filter.
+        Transmission of a filter outside its band.
 
     Examples
     --------
@@ -136,7 +136,7 @@ class ColourFilter(FrameEffect):
         return np.array(passed, np.float32).reshape(side, side)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the fraction of light that is kept, and the lost share relative to it."""
+        """Return the fraction of light that passes, and the lost light relative to the remaining light."""
         kept = float(self.transmission(outlook.camera).mean())
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 
@@ -189,7 +189,7 @@ class FixedPattern(FrameEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms of the gains and the mean deviation 0.8 rms; offsets count in every pixel of the cutout."""
+        """Return the rms of the gains, and the mean deviation; offsets count in every pixel of the cutout."""
         rms = self.gain_rms(outlook.camera)
         # the effect of gains is proportional to light; offsets count in dark pixels too
         offsets = self.offset_e * outlook.pixels / outlook.signal_e
@@ -270,7 +270,7 @@ class ShotNoise(FrameEffect):
     pixel_ns: ClassVar[float] = 25.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return 1/sqrt(peak), and 0.8 sum(sqrt(N))/sum(N) over Gaussian spots of equal light."""
+        """Return 1/sqrt(N) in the brightest pixel, and 0.8 sum(sqrt(N))/sum(N) over Gaussian spots of equal light."""
         sharp, root = min(outlook.widths_px), math.sqrt(outlook.peak_e)
         error = outlook.over_types(lambda w: 2.0 * MEAN * (w / sharp) / root)
         return Estimate(1.0 / root, "relative", min(1.0, error), "1/sqrt(peak); 1.6 (w/w_min)/sqrt(peak) per type")
@@ -300,7 +300,7 @@ class Saturation(FrameEffect):
     rank: ClassVar[int] = 65
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return peak over full well k, and the light above it in Gaussian spots: 1 - (1 + ln k)/k."""
+        """Return the ratio k of peak to full well, and the light above it in Gaussian spots: 1 - (1 + ln k)/k."""
         full = outlook.camera.sensor.full_well_e
         sharp = min(outlook.widths_px)
 
@@ -318,12 +318,12 @@ class Saturation(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class ReadNoise(FrameEffect):
-    """Normal noise of the read-out.
+    """Normally distributed noise of the read-out.
 
     Attributes
     ----------
     rms_e
-        Rms (electrons); None: the camera's value.
+        Rms noise (electrons); None: the camera's value.
 
     Examples
     --------
@@ -347,12 +347,12 @@ class ReadNoise(FrameEffect):
     pixel_ns: ClassVar[float] = 9.0
 
     def rms(self, camera: Camera) -> float:
-        """Return the rms (electrons)."""
+        """Return the rms noise (electrons)."""
         rms: float = self.magnitude("rms_e", camera)
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms, and its mean size over the cutout's pixels relative to the signal."""
+        """Return the rms noise, and its mean absolute value summed over the cutout relative to the signal."""
         rms = self.rms(outlook.camera)
         error = min(2.0, MEAN * rms * outlook.pixels / outlook.signal_e)
         return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
@@ -365,7 +365,7 @@ class ReadNoise(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class Quantisation(FrameEffect):
-    """Samples are whole numbers from 0 to the highest value.
+    """Samples are rounded to whole numbers from 0 to the highest value of the converter.
 
     Examples
     --------
@@ -383,9 +383,9 @@ class Quantisation(FrameEffect):
     whole_numbers: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms LSB/sqrt(12), and a quarter of an LSB over the pixels of the pattern.
+        """Return the rms LSB/sqrt(12), and the error from a mean deviation of a quarter of an LSB over the pattern.
 
-        Diffracted light of less than one LSB between the spots is lost; this counts as an error too.
+        The error includes diffracted light of less than one LSB between the spots, which is lost.
         """
         sensor = outlook.camera.sensor
         lsb = sensor.electrons_per_count

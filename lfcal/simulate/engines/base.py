@@ -69,7 +69,7 @@ class Certificate:
     responses
         Number of responses computed and checked.
     energy_in, energy_out
-        Sums over the responses: light through the lenslets, and light received in their windows.
+        Sums over the responses: light through the lenslets, and light in their windows on the sensor.
     worst
         Largest ratio of energy out to energy in among responses with any energy; at most 1 up to rounding.
     """
@@ -81,7 +81,7 @@ class Certificate:
 
 
 class Ledger:
-    """Sum of certificates that several threads add."""
+    """Running sum of certificates, to which several threads may add."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -128,15 +128,19 @@ class PlaneEngine(Protocol):
     def rows(
         self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
     ) -> NDArray[np.float32]:
-        """Return ``(len(ys), len(xs), nt, ns)``: the cutouts of positions ys x xs (any whole numbers).
+        """Return the cutouts ``(len(ys), len(xs), nt, ns)`` of the positions ys x xs (any integers).
 
-        ``workers`` threads share the rows; None: all processors; 1: the caller's thread. Raises `EnergyError` if the
-        sampling is too coarse.
+        ``workers`` threads share the rows; None: all processors; 1: the caller's thread.
+
+        Raises
+        ------
+        EnergyError
+            If the sampling is too coarse.
         """
         ...
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout ``(nt, ns)`` about `Scene.nearest_pixel` of a chief ray anywhere on the sensor (µm)."""
+        """Return the cutout ``(nt, ns)`` about `Scene.nearest_pixel` of a chief ray at any sensor point (µm)."""
         ...
 
     def predicted_seconds(self, n_positions: int) -> float:
@@ -149,12 +153,15 @@ class Displaceable(Protocol):
     """An engine whose tables can also be used for displaced sources."""
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> PlaneEngine:
-        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)`` as (dy, dx) (µm)."""
+        """Return the engine of the same plane for sources displaced by ``offsets_um``.
+
+        ``offsets_um`` is ``(ny, nx, 2)``: the displacement (dy, dx) of each source position (µm).
+        """
         ...
 
 
 class Pilot:
-    """Prediction of an engine's time from a short run, which is made once, at the first use.
+    """Prediction of an engine's computing time from a short run, which takes place only once, at the first use.
 
     Positions spread over the period are computed twice in the caller's thread; the second run is timed.
     """
@@ -165,7 +172,7 @@ class Pilot:
         self._each: float | None = None
 
     def seconds(self, engine: PlaneEngine, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions`` by its engine."""
+        """Return the CPU-seconds that ``engine`` needs for ``n_positions`` positions."""
         if self._each is None:
             ny, nx = engine.scene.period
             xs = np.unique(np.linspace(0, nx - 1, min(nx, self._columns)).astype(int))

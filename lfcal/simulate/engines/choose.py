@@ -12,12 +12,12 @@ __all__ = ["engine_for"]
 
 
 def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None = None) -> PlaneEngine:
-    """Return the engine of ``level`` for ``scene``; tables of the plane are built here, once.
+    """Return the engine of ``level`` for ``scene`` and build its tables for the plane.
 
     Raises
     ------
     InputError
-        If the level is unknown, or the scene does not allow it.
+        If the level is unknown or not possible for the scene.
     """
     check_choice("level", level, LEVELS)
     chosen = sampling or Sampling()

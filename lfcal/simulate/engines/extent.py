@@ -27,16 +27,16 @@ TAILS = 3
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """Radii about a source's image (pixels).
+    """Radii (pixels) of the light of one position, about the source's image.
 
     Attributes
     ----------
     shadow
-        Light on the array by rays, including aberrations and a displaced source.
+        Radius of the light on the array, traced with rays, including aberrations and a displaced source.
     outward
-        Outward displacement of rays at its rim between array and sensor; 0 if it is inward.
+        Outward displacement, between array and sensor, of the rays at the rim of this light; 0 if they move inwards.
     half_cutout
-        Half the cutout.
+        Half the larger side of the cutout.
     pitch
         Lenslet pitch.
     """
@@ -47,9 +47,10 @@ class Extent:
     pitch: float
 
     def side(self, per_px: int, margin: float) -> int:
-        """Return the side of a grid with ``margin`` pixels around the light: an even number that transforms quickly.
+        """Return the side of a grid with ``margin`` pixels around the light, an even number suited to fast transforms.
 
-        Light that leaves the grid enters on the opposite side, so there must be enough space until the cutout begins.
+        Light that leaves the grid re-enters on the opposite side. The margin must therefore be wide enough to keep this
+        light out of the cutout.
         """
         import scipy.fft as sf
 

@@ -66,14 +66,14 @@ class FieldTable:
     Attributes
     ----------
     mode
-        ``"E"``, without the converging sphere; ``"U"``; ``"D"`` for the Debye field of a microscope; or one of
-        `DIPOLE_MODES` for one of the fields of a vectorial scene.
+        ``"E"``: the field without the converging spherical wave; ``"U"``: the full field; ``"D"``: the Debye field of a
+        microscope; one of `DIPOLE_MODES`: one of the fields of a vectorial scene.
     dx_um
-        Sample distance.
+        Sample spacing (µm).
     values
         ``(n, n)`` complex, rows along y; the chief ray meets sample (n // 2, n // 2).
     half_um
-        Distance up to which the values are valid.
+        Distance from the source's image up to which the values are valid (µm).
     """
 
     mode: str
@@ -85,7 +85,7 @@ class FieldTable:
 def choose_mode(scene: Scene) -> str:
     """Return the mode of propagation: ``"D"`` for a microscope, else ``"E"`` or ``"U"``.
 
-    ``"E"`` is for large Fresnel numbers |a'| / (4 Nw^2 lambda) of the plane, ``"U"`` for small ones.
+    ``"E"`` is used for planes with large Fresnel numbers |a'| / (4 Nw^2 lambda), ``"U"`` for small ones.
     """
     if scene.objective is not None:
         return "D"
@@ -93,7 +93,7 @@ def choose_mode(scene: Scene) -> str:
 
 
 def field_modes(scene: Scene) -> tuple[str, ...]:
-    """Return the modes of the fields whose intensities make up a point's light; one, except for a vectorial scene."""
+    """Return the modes of the fields whose intensities add up to the light of a point: one, or several if vectorial."""
     if scene.objective is None or not scene.vectorial:
         return (choose_mode(scene),)
     carrying = debye_fields(scene)
@@ -117,9 +117,12 @@ def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float6
 
 
 def pupil_amplitude(scene: Scene, rho2: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the amplitude, 1 in mean square over the unit disc, where sines are rho times the rim's; ``rho2`` is rho².
+    """Return the amplitude, 1 in mean square over the unit disc, at squared relative sines ``rho2``.
 
-    By the lens law of `Scene`, an area of the uniformly lit pupil is (1 - q sin² theta)^-2 times that of its sines.
+    The relative sine rho is the sine of a ray's angle divided by that of the rim ray.
+
+    By the lens law of `Scene`, an area of the uniformly lit pupil is (1 - q sin² theta)^-2 times the area that its rays
+    cover in sines.
     """
     q, rim2 = scene.lens_law, 1 / (2 * scene.rim_f_number) ** 2
     # far outside of the pupil, such a ray may not exist
@@ -140,13 +143,13 @@ def _by_sine(scene: Scene, outline: Points) -> Points:
 
 
 def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -> FieldTable:
-    """Return the field at sample distance ``dx`` out to ``half`` (µm) from the source's image.
+    """Return the field at a sample spacing of ``dx`` (µm), up to the distance ``half`` (µm) from the source's image.
 
     Raises
     ------
     InputError
-        If the table would need more than `MAX_SAMPLES` along a side, or the iris's diffraction is off within its own
-        depth of focus.
+        If the table would need more than `MAX_SAMPLES` along a side, or if the iris's diffraction is off within the
+        iris's depth of focus.
     """
     chosen = mode or choose_mode(scene)
     made, transformed = _made(scene, dx, half, chosen)

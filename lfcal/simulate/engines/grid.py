@@ -84,7 +84,7 @@ class GridPlane:
     scene
         The scene to compute.
     sampling
-        ``samples_per_px`` (whole, default 4) for both array and sensor, and the ``margin_px`` around the shadow.
+        ``samples_per_px`` (an integer, default 4) for both array and sensor, and the ``margin_px`` around the shadow.
     mode
         ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
 
@@ -209,7 +209,7 @@ class GridPlane:
         return FusedResponse(step) if plain and FusedResponse.transforms(self._n) else step
 
     def in_mode(self, mode: str) -> GridPlane:
-        """Return the engine of another field of the scene; it shares the array's table."""
+        """Return an engine for another field of the scene, given by its ``mode``, that shares the array's table."""
         other = copy(self)
         other.mode, other._lit, other._wider = mode, None, None
         other._table, other._size = other._main_field()
@@ -217,7 +217,10 @@ class GridPlane:
         return other
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> GridPlane:
-        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``; it shares the tables."""
+        """Return an engine of the same plane that shares the tables, for displaced sources.
+
+        ``offsets_um`` is as in `Displaceable.displaced`.
+        """
         scene = replace(self.scene, offsets_um=offsets_um)
         if scene.farthest_um > self.scene.farthest_um:
             # the light extends beyond this grid; twice as far, because the next source may be farther away

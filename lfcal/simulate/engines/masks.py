@@ -53,27 +53,27 @@ MAX_CACHED = 2400
 
 
 class Bend(NamedTuple):
-    """The phase of a lenslet, square * r^2 + quartic * r^4."""
+    """The phase of a lenslet at the distance r from its centre, square * r^2 + quartic * r^4 (rad)."""
 
     square: float
     quartic: float = 0.0
 
     def turned(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return exp(i phase) on the grid y x x about the lenslet's centre."""
+        """Return exp(i phase) on the grid of ``y`` by ``x``, which are relative to the lenslet's centre."""
         r2 = y[:, None] ** 2 + x[None, :] ** 2
         turn: NDArray[np.complex128] = np.exp(1j * r2 * (self.square + self.quartic * r2))
         return turn
 
 
 def taper(f: NDArray[np.float64], flat: float, stop: float) -> NDArray[np.float64]:
-    """Return 1 up to ``|f| = flat``, 0 from ``stop`` on, and a raised cosine in between."""
+    """Return 1 for ``|f|`` up to ``flat``, 0 from ``stop``, and a raised cosine in between."""
     t = np.clip((np.abs(f) - flat) / (stop - flat), 0.0, 1.0)
     value: NDArray[np.float64] = np.cos(np.pi / 2 * t) ** 2
     return value
 
 
 def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = FLAT) -> NDArray[np.float64]:
-    """Return the low-passed indicator of a disc at distances ``r``: its Hankel integral by Gauss-Legendre."""
+    """Return the low-pass-filtered indicator of a disc at distances ``r``, its Hankel integral by Gauss-Legendre."""
     top = (1 - flat) / dx
     phase = 2 * math.pi * top * (radius + float(r.max(initial=0.0)))
     f, w = gauss_legendre(int(phase / 2) + 60, 0.0, top)
@@ -87,9 +87,9 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
 def disc_table(
     radius: float, dx: float, reach: float, flat: float = FLAT, fine: int = 128
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the low-passed disc as a table over r^2 from 0 past ``reach``^2, and the table's step in r^2.
+    """Return the low-pass-filtered disc as a table over r^2 from 0 to beyond ``reach``^2, and the table's step in r^2.
 
-    The table has ``fine`` entries per sample near the edge; with 128, linear interpolation is within 2e-4.
+    The table has ``fine`` entries per sample near the edge; with 128, the error of linear interpolation is within 2e-4.
     """
     from scipy.interpolate import make_interp_spline  # slow to import
 
@@ -107,9 +107,9 @@ def disc_table(
 def polygon_mask(
     outline: Points, dx: float, centre: tuple[float, float], n: int, flat: float = FLAT, fine: int = 1
 ) -> NDArray[np.float64]:
-    """Return the low-passed indicator of a polygon on ``n`` x ``n`` samples ``dx / fine`` apart.
+    """Return the low-pass-filtered indicator of a polygon on ``n`` x ``n`` samples, spaced by ``dx / fine``.
 
-    ``centre`` is the polygon's origin (x, y), relative to the sample (n // 2, n // 2).
+    ``centre`` is the position (x, y) of the polygon's origin relative to sample (n // 2, n // 2).
     """
     h = dx / max(2, fine)  # the spectrum extends to 1/dx - W, past the Nyquist frequency of dx
     skip = max(2, fine) // fine
@@ -137,7 +137,7 @@ def _below(f: NDArray[np.float64], top: float) -> NDArray[np.intp]:
 def polygon_table(
     outline: Points, dx: float, reach: float, fine: int | None = None
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the low-passed polygon finely sampled from ``-reach`` to ``reach``, origin in the middle, and its step.
+    """Return a fine table of the low-pass-filtered polygon from ``-reach`` to ``reach`` about its origin, and its step.
 
     ``fine`` is the oversampling relative to ``dx``; None: `fineness`.
 
@@ -163,11 +163,14 @@ def bent_polygon(
     *,
     every: int = 1,
 ) -> NDArray[np.complex128]:
-    """Return a polygon times exp(i phase), low-passed as a whole, on ``n`` x ``n`` samples ``every dx / fine`` apart.
+    """Return a polygon times exp(i phase), low-pass-filtered as a product, on ``n`` x ``n`` samples.
 
-    If lenslets touch, such pieces add up to the low-passed array. Masks that are low-passed before they are bent do
-    not: beyond its edge, each continues with its lenslet's phase, and focused light there was up to 36 % too bright.
-    ``centre`` is the polygon's origin (x, y), relative to the sample (n // 2, n // 2).
+    The samples are spaced by ``every dx / fine``.
+
+    If lenslets touch, the filtered products add up to the filtered array. Masks that are filtered before they are
+    multiplied by the phase do not. Beyond its edge, each continues with its lenslet's phase, which makes focused light
+    there up to 36 % too bright. ``centre`` is the position (x, y) of the polygon's origin relative to sample (n // 2, n
+    // 2).
     """
     step = dx / fine
     size = int(sf.next_fast_len(n * every + math.ceil(4 * RING * fine)))
@@ -199,7 +202,7 @@ def bent_polygon_table(
 
 
 def bent_fineness(samples: float) -> int:
-    """Return `fineness` for an aperture that is bent before it is low-passed."""
+    """Return `fineness` for an aperture that is multiplied by its phase before it is low-pass-filtered."""
     return max(fineness(samples), min(BENT_FINE, int((MAX_TABLE - 4) / (2 * max(samples, 1.0)))))
 
 
@@ -243,9 +246,9 @@ def _cached_table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fin
 
 
 def fineness(samples: float) -> int:
-    """Return the fine samples for each sample of the array, for an aperture that extends ``samples`` from its middle.
+    """Return the number of fine samples per sample of the array, for an aperture of half width ``samples``.
 
-    A table is interpolated between fine samples. The error is only at the edge, and proportional to the square of
-    their distance; for a larger aperture, the edge is a smaller part.
+    A table is interpolated between fine samples. Only the edge has an error, which is proportional to the square of
+    their spacing. The larger the aperture, the less its edge contributes.
     """
     return max(2, min(FINE, math.ceil(FINE * math.sqrt(FINE_UP_TO / max(samples, 1.0)))))

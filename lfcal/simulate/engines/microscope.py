@@ -65,7 +65,7 @@ Pair = tuple[Phase, Phase]
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """How a response follows from one that was already computed."""
+    """The symmetry that derives a response from one that was already computed."""
 
     flip_y: bool
     flip_x: bool
@@ -87,7 +87,7 @@ def is_separable(scene: Scene) -> bool:
 
 
 def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
-    """Return the engine of level ``"debye"``: `DebyePlane`, or for other arrays the wave engine with this field."""
+    """Return the ``"debye"`` engine: `DebyePlane`, or for other arrays a wave engine with the Debye field."""
     chosen = sampling or Sampling()
     if is_separable(scene):
         return DebyePlane(scene, chosen)
@@ -103,7 +103,10 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
 
 
 def reach_um(scene: Scene, sampling: Sampling) -> tuple[float, float]:
-    """Return the distance from the source up to which light on the array is computed, and its fade-out (µm)."""
+    """Return the distance from the source up to which light on the array is computed, and the width of the fade-out.
+
+    Both are in µm.
+    """
     pitch = max(scene.lattice.pitch_um, scene.lattice.row_step_um)
     # how far light of cone and lenslets travels sideways over the gap: lenslets outside the cutout may contribute
     spill = 1.1 * (1 / (2 * scene.f_number) * scene.gap_um + scene.lattice.pitch_um / 2)
@@ -123,7 +126,10 @@ def _parts(value: NDArray[np.complexfloating]) -> Matrix:
 
 
 def highest_order(turns: float) -> int:
-    """Return the highest order for lenslets with ``turns`` = p^2/(lambda f), half of which are in their cone."""
+    """Return the highest diffraction order that is computed for lenslets with p^2/(lambda f) = ``turns``.
+
+    Orders up to half of ``turns`` are within the lenslet's cone.
+    """
     cone = math.ceil(turns / 2)
     return cone + max(SPARE_ORDERS, SPARE_SHARE * cone)
 

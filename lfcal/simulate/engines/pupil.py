@@ -121,7 +121,7 @@ def _sizes(scene: PupilScene, sampling: Sampling, focal: float, *, whole: bool) 
 
 
 def pupil_cost(scene: PupilScene, level: str, sampling: Sampling) -> float:
-    """Return the complex multiply-adds of one response, with those that filling its matrices takes as long as."""
+    """Return the number of complex multiply-adds of one response; filling the matrices is included as an equivalent."""
     total = 0.0
     for focal in scene.lenslets.focal_um:
         n, rows, columns = _sizes(scene, sampling, float(focal), whole=level == "reference")
@@ -130,7 +130,7 @@ def pupil_cost(scene: PupilScene, level: str, sampling: Sampling) -> float:
 
 
 def pupil_bytes(scene: PupilScene, level: str, sampling: Sampling) -> int:
-    """Return the peak memory of one response."""
+    """Return the peak memory of one response (bytes)."""
     sizes = [_sizes(scene, sampling, float(focal), whole=level == "reference") for focal in scene.lenslets.focal_um]
     held = sum(8 * n * (rows + columns) for n, rows, columns in sizes)
     made = max(64 * n * n + 24 * n * (rows + columns) for n, rows, columns in sizes)
@@ -150,7 +150,7 @@ def pupil_passed(scene: PupilScene) -> float:
 
 
 def pupil_error(scene: PupilScene, level: str, sampling: Sampling) -> float:
-    """Return the relative L1 error of a response: light outside the windows, and nodes on the pixels."""
+    """Return the expected relative L1 error of a response due to light outside the windows and to the pixels' nodes."""
     airy = scene.wavelength_um * scene.lenslets.gap_um / scene.lenslets.clear_um / scene.pixel_um
     outside = 0.0 if level == "reference" else OUTSIDE * airy / sampling.margin_px
     # error of n nodes for a fringe of half the highest frequency: a^2n (n!)^4 / ((2n + 1) ((2n)!)^3)
@@ -174,7 +174,7 @@ class PupilPlane:
         return self._ledger.certificate
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the predicted CPU seconds of ``n_positions`` positions, each like the first."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions, extrapolated from the first one."""
         start = time.thread_time()
         self.rows([0], [0])
         return n_positions * (time.thread_time() - start)
@@ -182,7 +182,7 @@ class PupilPlane:
     def rows(
         self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
     ) -> NDArray[np.float32]:
-        """Return the responses ``(len(ys), len(xs), nt, ns)`` of positions ys x xs (whole numbers)."""
+        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions ys x xs (any integers)."""
         del workers  # a response is a few large matrix products, which use all processors
         y, x = np.asarray(ys, np.intp), np.asarray(xs, np.intp)
         if out is None:
@@ -193,14 +193,14 @@ class PupilPlane:
         return out
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout ``(nt, ns)`` about `PupilScene.nearest_pixel` of a chief ray anywhere on the sensor."""
+        """Return the cutout ``(nt, ns)`` about `PupilScene.nearest_pixel` of a chief ray at any sensor point (µm)."""
         return self._response(self.scene.nearest_pixel(y_um, x_um), (y_um, x_um))
 
     def light_in(self, box: Box, chief_um: tuple[float, float]) -> NDArray[np.float32]:
-        """Return the light of a chief ray (y, x) in the pixels of a box of the cutout of position (0, 0).
+        """Return the light of a chief ray (y, x) (µm) in the pixels of ``box``, part of the cutout of position (0, 0).
 
-        The fields of all lenslets are computed in the whole box, at places that do not depend on the lenslets. The
-        light is therefore smooth in every parameter of the camera, as a fit needs.
+        The fields of all lenslets are computed in the whole box, at nodes that do not depend on the lenslets. The light
+        is therefore a smooth function of every parameter of the camera, as a fit requires.
         """
         rows, columns = self._axes((0, 0))
         tilt = self._tilt(chief_um)

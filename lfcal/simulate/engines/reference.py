@@ -37,11 +37,11 @@ Complex = NDArray[np.complex128]
 
 
 def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0) -> NDArray[np.float64]:
-    """Return ``(pixels, n)``: weights that integrate a band-limited light, sampled ``per_px`` to a pixel, over pixels.
+    """Return weights ``(pixels, n)`` that integrate band-limited light, with ``per_px`` samples per pixel, over pixels.
 
     Pixel 0 is centred on sample ``first``, which may be a fraction; pixels extend half their width times ``fill`` to
     either side. The weights are the pixel's transfer function, fill sinc(f fill), evaluated on the samples. With the
-    trapezoid rule, a small spot would be 1-2 % wrong at 8 samples per pixel.
+    trapezoidal rule, a small spot would have an error of 1 % to 2 % at 8 samples per pixel.
     """
     f = np.fft.rfftfreq(n, 1 / per_px)  # cycles per pixel
     centres = first / per_px + np.arange(pixels)
@@ -51,9 +51,9 @@ def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0
 
 
 class ReferencePlane:
-    """Engine of level ``"reference"`` for one depth plane; complex128 throughout.
+    """Engine of level ``"reference"`` for one depth plane, which computes in complex128 throughout.
 
-    ``sampling.samples_per_px`` (whole, default 8) sets the grid for both array and sensor.
+    ``sampling.samples_per_px`` (an integer, default 8) sets the grid for both array and sensor.
     """
 
     level = "reference"
@@ -158,7 +158,10 @@ class ReferencePlane:
         return self._pilot.seconds(self, n_positions)
 
     def lenslet_field(self, y_um: float, x_um: float) -> Complex:
-        """Return the field just behind the array, ``(n, n)``, centred on a chief ray at (y, x) on the sensor."""
+        """Return the field just behind the array, ``(n, n)``, centred on the chief ray at the sensor point (y, x).
+
+        ``y_um`` and ``x_um`` are relative to the optical axis of the scene (µm).
+        """
         scene, axis, dx = self.scene, self._axis, self._dx
         source = np.array([x_um, y_um]) / scene.scale
         reach = self._reach + aperture_radius(scene)

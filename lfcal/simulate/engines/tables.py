@@ -60,9 +60,9 @@ class LensTable:
     width
         Window on the sensor (pixels).
     pull
-        The window's middle is at c + pull (X0 - c).
+        The middle of the window is at c + pull (X0 - c), for a lenslet at c and a chief ray at X0.
     half
-        Samples from the middle to the edge of the aperture.
+        Number of samples from the middle to the edge of the aperture.
     aperture, zoom, field
         Inputs of the kernels; see `lfcal.simulate.engines._kernels`.
     energy
@@ -83,7 +83,7 @@ class LensTable:
 
 @dataclass(frozen=True, slots=True)
 class PlaneTables:
-    """Tables of all lens types of a plane, and shared values.
+    """Tables of all lens types of a plane, and values shared by the types.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class PlaneTables:
     spread_um2
         L = lambda B' (µm²).
     ratio
-        B'/a' of the converging sphere; 0 in U-mode.
+        B'/a' of the converging spherical wave; 0 in mode ``"U"``.
     floor
         Energy below which a lenslet is left out.
     reach_um
@@ -116,7 +116,7 @@ def aperture_outline(scene: Scene) -> NDArray[np.float64]:
 
 
 def aperture_radius(scene: Scene) -> float:
-    """Return the radius of the circle around a lenslet's aperture."""
+    """Return the radius of the circle around a lenslet's aperture (µm)."""
     if scene.round_lenslets:
         return scene.clear_radius_um
     return float(np.hypot(*aperture_outline(scene).T).max())
@@ -131,14 +131,14 @@ def steepest_sine(scene: Scene) -> float:
 
 
 def aperture_width(scene: Scene) -> float:
-    """Return the larger side of the box around a lenslet's aperture."""
+    """Return the larger side of the box around a lenslet's aperture (µm)."""
     if scene.round_lenslets:
         return 2 * scene.clear_radius_um
     return float(np.ptp(aperture_outline(scene), axis=0).max())
 
 
 def tail_px(sampling: Sampling) -> int:
-    """Return how far beyond its window a lenslet's light is followed (pixels); 0 if fields of lenslets are added."""
+    """Return how far beyond its window a lenslet's light is computed (pixels); 0 if fields of lenslets are added."""
     return 0 if sampling.coherent else min(FARTHEST, max(NEAREST, TAIL * sampling.margin_px))
 
 
@@ -178,7 +178,9 @@ def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
 
 
 def ray_aberration(scene: Scene) -> float:
-    """Return an upper bound of the displacement of rays on the array by the wavefront, 2 Nw lambda dW/du (µm).
+    """Return an upper bound of the displacement of rays on the array by the wavefront (µm).
+
+    The displacement is 2 Nw lambda dW/du.
 
     A Zernike polynomial of order n that is 1 at the rim has slopes up to n^2.
     """
@@ -242,7 +244,7 @@ def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[i
 
 
 def zoom_of(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
-    """Return the transform from samples of phase ``rates`` (rad per µm on the sensor) to a window's nodes."""
+    """Return the transform from samples with phases ``rates`` (rad per µm on the sensor) to the nodes of a window."""
     nodes = rule.positions(width) * px
     angle = np.outer(nodes[nodes.size // 2 :], rates)
     # in float64 up to here, because large phases would lose digits; sines and cosines do not
@@ -264,7 +266,7 @@ def aperture_tables(
     kind: int = 0,
     fine: int | None = None,
 ) -> LensAperture:
-    """Return a lens type's tables, scaled by ``level`` so that the squared transform is energy per pixel area.
+    """Return the tables of a lens type, scaled by ``level`` to make the squared transform energy per pixel area.
 
     ``fine`` is the oversampling of a cell's table relative to ``dx``; None: enough for exact interpolation.
     """
@@ -281,7 +283,7 @@ def aperture_tables(
 
 
 def bent(aperture: LensAperture, by: float, gain: float = 1.0) -> LensAperture:
-    """Return the aperture with an additional quadratic phase of ``by`` (rad/µm^2) and ``gain`` times the amplitude."""
+    """Return the aperture with an additional quadratic phase (``by``, rad/µm^2) and ``gain`` times the amplitude."""
     dtype = aperture.disc_re.dtype
     if aperture.cell.size:
         return aperture._replace(bend=aperture.bend + by, cell=(gain * aperture.cell).astype(dtype))
@@ -324,10 +326,10 @@ def _field(
 
 
 def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
-    """Return the largest distance from the source's image at which a lenslet matters (µm).
+    """Return the largest distance from the source's image at which lenslets contribute (µm).
 
-    The light farther than r outside the shadow is 2 lambda Nw / (pi^2 r), so its density near r is known. The sampled
-    spectrum limits its range. A lenslet whose spot misses the cutout does not matter either.
+    The fraction of light at distances above r from the shadow's edge is 2 lambda Nw / (pi^2 r), which gives the density
+    near r. The sampled spectrum limits this range. Lenslets whose spots miss the cutout do not contribute either.
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
     shadow = scene.shadow_radius_um

@@ -38,7 +38,7 @@ def _farthest(scene: Scene, reach_um: float) -> float:
 
 
 def orders_of(scene: Scene, reach_um: float) -> int:
-    """Return the number K of orders needed for the steepest light and lenslets up to ``reach_um`` from a position."""
+    """Return the number K of orders for the steepest light and for lenslets within ``reach_um`` of a position."""
     slower = 1 - math.sqrt(1 - steepest_sine(scene) ** 2)
     phase = 2 * math.pi / scene.wavelength_um * _farthest(scene, reach_um) * slower
     error, orders = 2.0, 0
@@ -90,15 +90,19 @@ class TiltedArray:
                 self._orders[m] += (to_powers[m, k] * turn).astype(dtype)
 
     def heights(self, farther_um: NDArray[np.float64]) -> Complex:
-        """Return distances (µm) in units of the farthest lenslet's, as every method takes them ``(n, n)``.
+        """Return the distances ``farther_um`` (µm) relative to that of the farthest lenslet, ``(n, n)``.
 
-        Beyond the lit area, they stay constant, because a polynomial would diverge there.
+        The other methods use distances in this form. Beyond the lit area, they stay constant, because a polynomial
+        would diverge there.
         """
         found: Complex = np.clip(farther_um / self._farthest, -1.0, 1.0).astype(self._real)
         return found
 
     def parts(self, field: Complex) -> Complex:
-        """Return the field ``(n, n)`` into which `met` turns the field on a plane, for an array at any height."""
+        """Return the parts from which `met` computes the field on an array at any height.
+
+        ``field`` is the field on the plane, ``(n, n)``.
+        """
         spectrum = sf.fft2(field, workers=1)
         # towards the image: an array that is farther from the sensor is reached earlier
         signs = (-1.0) ** np.arange(len(self._orders))

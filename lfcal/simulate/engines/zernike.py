@@ -24,7 +24,9 @@ def zernike_radial(n: int, m: int, rho: NDArray[np.float64]) -> NDArray[np.float
 def zernike_wavefront(
     terms: Iterable[tuple[int, int, float]], ux: NDArray[np.float64], uy: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the sum of terms ``(n, m, waves)`` at pupil points (ux, uy): R_n^|m| cos(m theta), sin for m < 0.
+    """Return the sum of Zernike terms ``(n, m, waves)`` at pupil points (ux, uy) in pupil radii.
+
+    A term is ``waves`` times R_n^|m|(rho) cos(m theta), or sin(|m| theta) for m < 0.
 
     R_n^m(rho) exp(i m theta) is (ux + i uy)^m times a polynomial in rho², so no angle or root is needed.
     """

@@ -34,19 +34,19 @@ Lit = tuple[int, int, NDArray[np.float32]]
 
 
 class SimulatedCamera(Frames):
-    """A `FrameSource` with simulated frames: full sensor frames, one per position of a plan, in scan order.
+    """A `FrameSource` of simulated full sensor frames, one per position of a plan, in scan order.
 
-    Every frame depends only on its index and the seed: frames may be read in any order, from several threads. The
-    source's windows are placed where its chief ray meets the sensor; the lenslets are fixed to the sensor. Motion
-    effects displace the source; the frames' metadata do not show this.
+    Every frame depends only on its index and the seed, so frames may be read in any order and from several threads. The
+    lenslets are fixed relative to the sensor, and the pattern appears where the source's chief ray meets the sensor.
+    Motion effects displace the source; the frames' metadata do not include these displacements.
 
     Parameters
     ----------
     plan
         The scan plan; `read` follows its order.
     effects
-        As in `simulate_psf`, frame and motion effects included; ``"auto"`` chooses them for frames. Frames are uint16
-        if `Quantisation` is among them, else float32 sample values.
+        As in `simulate_psf`, but including effects on frames and motion; ``"auto"`` also selects those. Frames are
+        uint16 if `Quantisation` is among the effects, otherwise float32 sample values.
     level, tolerance, sampling
         As in `simulate_psf`.
     peak
@@ -114,7 +114,7 @@ class SimulatedCamera(Frames):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """uint16 sample values, or float32 if nothing rounds them."""
+        """Type of the sample values: uint16, or float32 if no effect rounds them."""
         return sample_type(self.effects)
 
     @cached_property
@@ -146,13 +146,13 @@ class SimulatedCamera(Frames):
         return self.plan.exposures[self.position(index).z]
 
     def info(self, index: int) -> FrameInfo:
-        """Return facts about frame ``index``, without motion effects, which a real stage would not report."""
+        """Return the metadata of frame ``index``, without motion effects, which a real stage would not report."""
         z, y, x = self.position(index)
         label = f"simulated frame {index} (z {z}, y {y}, x {x})"
         return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it, in sample values; the complete frame is computed either way."""
+        """Return frame ``index``, or a region of it, in sample values; the complete frame is always computed."""
         frame = self.expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
@@ -162,7 +162,7 @@ class SimulatedCamera(Frames):
         return self.expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
 
     def white_frame(self, index: int = 0, level: float = 0.6) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return white frame number ``index``; its brightest pixels reach the share ``level`` of the full well."""
+        """Return white frame number ``index``; its brightest pixels reach the fraction ``level`` of the full well."""
         with self._lock:
             if self._white is None:
                 if self.camera.has_lattice:
@@ -179,10 +179,10 @@ class SimulatedCamera(Frames):
         return self._on_sensor(self.patch(index))
 
     def patch(self, index: int) -> Lit:
-        """Return the lit part of `light`: its first row and column (may be off the sensor) and its electrons.
+        """Return the first row and column of the lit part of `light`, and the electrons in that part.
 
-        A large sensor is dark almost everywhere, so work that does not need whole frames is many times faster with
-        patches.
+        The first row and column may be outside the sensor. Most of a large sensor is dark, so processing patches is
+        many times faster than processing complete frames.
         """
         z, y, x = self.position(index)
         moved = self.displacement_um(index)
@@ -192,16 +192,16 @@ class SimulatedCamera(Frames):
         return row, column, values * np.float32(self.electrons_per_unit(z))
 
     def light_of(self, source_um: tuple[float, float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons ``(rows, columns)`` of a source at any position; see `patch_of`."""
+        """Return the photoelectrons ``(rows, columns)`` of a source at any point in object space; see `patch_of`."""
         return self._on_sensor(self.patch_of(source_um))
 
     def patch_of(self, source_um: tuple[float, float, float]) -> Lit:
-        """Return the patch of a source at any position, as `patch` does, with the exposure of the nearest plane.
+        """Return the patch, as in `patch`, of a source at any point, with the exposure of the nearest plane.
 
         Parameters
         ----------
         source_um
-            Position in object space: right, down and away from the camera (µm).
+            Point (x, y, z) in object space: to the right, down and away from the camera (µm).
         """
         right, down, away = source_um
         z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))
@@ -223,12 +223,12 @@ class SimulatedCamera(Frames):
         return out
 
     def displacement_um(self, index: int) -> tuple[float, float, float]:
-        """Return the actual minus the planned position of the source, (z, y, x) in object space (µm)."""
+        """Return the actual minus the planned source position of frame ``index``, (z, y, x) in object space (µm)."""
         dz, dy, dx = self._displacements[self._checked(index)].tolist()
         return dz, dy, dx
 
     def image_px(self, index: int) -> tuple[float, float]:
-        """Return the actual point (row, column) (pixels) at which the source's chief ray meets the sensor."""
+        """Return the sensor pixel (row, column) that the source's chief ray actually meets in frame ``index``."""
         position, (dz, dy, dx) = self.position(index), self.displacement_um(index)
         right, down, away = self.plan.object_um(position).tolist()
         step = self.camera.step_um(away + dz)
@@ -240,7 +240,7 @@ class SimulatedCamera(Frames):
         return self._rate * self.plan.exposures[z]
 
     def counts_per_unit(self, z: int) -> float:
-        """Return sample values above black per unit of H in plane ``z``; frames divided by this assemble to H."""
+        """Return sample values above black per unit of H in plane ``z``; frames divided by this factor give H."""
         return self.electrons_per_unit(z) / self.camera.sensor.electrons_per_count
 
     # -- workings ----------------------------------------------------------------------------------------

@@ -41,12 +41,12 @@ class FrameKind(IntEnum):
 
 
 def random_numbers(seed: int, kind: FrameKind, *key: int) -> np.random.Generator:
-    """Return the random generator determined by ``seed``, ``kind`` and ``key``."""
+    """Return the random number generator determined by ``seed``, ``kind`` and ``key``."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(kind), *key))))
 
 
 def stream_of(effect: FrameEffect) -> int:
-    """Return the effect's part of the key of its random numbers."""
+    """Return the number that identifies an effect in the keys of its random numbers."""
     return zlib.crc32(effect.name.encode()) if effect.stream is None else effect.stream
 
 
@@ -57,7 +57,7 @@ def sample_type(effects: Sequence[Effect]) -> np.dtype[np.uint16] | np.dtype[np.
 
 
 def temporal_noise(effects: Sequence[Effect], camera: Camera) -> Noise:
-    """Return the variance that ``effects`` cause in raw samples of ``camera``, without fixed patterns."""
+    """Return the variance of raw samples of ``camera`` due to ``effects``, without fixed patterns."""
     gain = camera.sensor.electrons_per_count
     read = [effect.rms(camera) for effect in effects if isinstance(effect, ReadNoise)]
     rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)
@@ -83,9 +83,9 @@ def expose(
     light_e
         Photoelectrons ``(rows, columns)`` of the whole sensor before any effect.
     camera
-        Camera with the sensor that records them.
+        Camera whose sensor records the light.
     effects
-        Frame effects; they act in the order of their rank. Empty: sample values without noise.
+        Frame effects, which act in the order of their ranks. Empty: sample values without noise.
     exposure_s
         Exposure time (s).
     seed, kind, index

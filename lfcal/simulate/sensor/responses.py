@@ -32,7 +32,7 @@ Window = tuple[int, int, NDArray[np.float32]]
 
 
 class Responses:
-    """Light that sources in a plan's planes, and at depths near them, send to the sensor.
+    """Light on the sensor from sources in the planes of a plan and at depths near them.
 
     Parameters
     ----------
@@ -43,7 +43,8 @@ class Responses:
     level, sampling
         As in `simulate_psf`.
     like
-        Responses of another region of the field, whose sampling is used, so that no probe is needed.
+        Responses of another region of the field, whose sampling is reused without a probe; None: determine the
+        sampling.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class Responses:
         self._lock = threading.RLock()
 
     def at(self, z: int, depth_error_um: float = 0.0) -> PlaneResponse:
-        """Return the response at a depth farther away than plane ``z``; its window contains the whole pattern."""
+        """Return the response ``depth_error_um`` beyond plane ``z``, in a window that contains the whole pattern."""
         with self._lock:
             key = (z, depth_error_um)
             if key not in self.cached:
@@ -94,18 +95,21 @@ class Responses:
             return self.cached[key]
 
     def windows(self, z: int, depth_error_um: float, image_px: tuple[float, float]) -> list[Window]:
-        """Return the light of a source whose paraxial chief ray meets the sensor at ``image_px`` (row, column)."""
+        """Return windows with the light of a source whose paraxial chief ray meets the sensor at ``image_px``.
+
+        ``image_px`` is (row, column) in sensor pixels.
+        """
         top, left = self.origin
         found = self.at(z, depth_error_um).point(image_px[0] - top, image_px[1] - left)
         return [(row + top, column + left, values) for row, column, values in found]
 
     def of_position(self, z: int, y: int, x: int) -> Window:
-        """Return the light of a position without any displacement; the last few rows of positions are kept."""
+        """Return the light of a position without any displacement; the last few rows of positions are cached."""
         return y + self.origin[0], x + self.origin[1], self._row(z, y)[x]
 
     @cached_property
     def origin(self) -> tuple[int, int]:
-        """The pixel (row, column) on which position (0, 0) is imaged."""
+        """The pixel (row, column) onto which position (0, 0) is imaged."""
         row, column, _, _ = origin_of(self.plan)
         return row, column
 
@@ -144,7 +148,7 @@ class Responses:
 
 
 def joined(windows: list[Window]) -> Window:
-    """Return the sum of windows at their positions, on an image that contains all, and its first row and column."""
+    """Return the sum of windows as one window: its first row and column, and an image that contains them all."""
     rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
     nt, ns = windows[0][2].shape
     out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
@@ -154,12 +158,12 @@ def joined(windows: list[Window]) -> Window:
 
 
 def sum_of(windows: list[Window]) -> NDArray[np.float32]:
-    """Return the sum of windows at their positions, on an image that contains them all."""
+    """Return the sum of windows at their positions, as an image that contains them all."""
     return joined(windows)[2]
 
 
 def place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:
-    """Add a window centred on ``(row, column)``; parts beyond the sensor are lost."""
+    """Add a window centred on ``(row, column)`` to ``out``; parts outside the sensor are ignored."""
     top, left = row - centre(values.shape[0]), column - centre(values.shape[1])
     r0, c0 = max(0, top), max(0, left)
     r1, c1 = min(out.shape[0], top + values.shape[0]), min(out.shape[1], left + values.shape[1])

@@ -40,7 +40,7 @@ __all__ = [
 
 
 def frame_name(source: SimulatedCamera, index: int) -> str:
-    """Return the file name of a frame, ``z0_y03_x17.png``."""
+    """Return the file name of a frame, such as ``z0_y03_x17.png``."""
     z, y, x = source.position(index)
     return f"z{z}_y{y:02d}_x{x:02d}.png"
 
@@ -72,8 +72,8 @@ def iter_write_session(
 ) -> Work[int]:
     """Write a simulated session and return the number of frames.
 
-    It contains 16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``, and
-    ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file is written atomically.
+    The session contains 16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``,
+    and ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file is written atomically.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
 
 
 def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
-    """Return the numbers of written and of all frames of a session that was stopped; None if there is none."""
+    """Return the numbers of written and of all frames of a stopped session; None if the folder contains none."""
     out = Path(folder)
     if not (out / UNFINISHED).is_file():
         return None
@@ -190,7 +190,7 @@ def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
 
 
 def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False) -> None:
-    """Raise `InputError` unless a folder is new or empty; with ``resume``, it may contain a session that was stopped.
+    """Raise `InputError` if a folder is neither new nor empty; with ``resume``, it may contain a stopped session.
 
     Frames of two sessions in one folder would be read as one session.
     """

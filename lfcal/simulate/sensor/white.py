@@ -21,7 +21,7 @@ few lenslets; at 1, its images would be a whole pixel apart."""
 
 
 def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int, int]) -> NDArray[np.float64]:
-    """Return ``pattern`` summed modulo ``period``; its pixel (0, 0) goes to ``shift`` modulo the period."""
+    """Return ``pattern`` summed modulo ``period``; its pixel (0, 0) is added at ``shift`` modulo the period."""
     ny, nx = period
     rows, columns = -(-pattern.shape[0] // ny), -(-pattern.shape[1] // nx)
     padded = np.zeros((rows * ny, columns * nx))
@@ -31,11 +31,11 @@ def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int
 
 
 def white_tile(plan: ScanPlan, effects: Sequence[Effect]) -> NDArray[np.float64]:
-    """Return one period ``(ny, nx)`` of the image of a uniformly glowing plane, by rays; about 1 without blocked light.
+    """Return one period ``(ny, nx)`` of the image of a uniform plane, by rays; about 1 without blocked light.
 
-    Pixel (0, 0) belongs to source position (0, 0). The radiance of a uniform scene is the same in every plane.
-    Sources one pixel apart represent it in a plane where no lens type is in focus (`_blurred`). Rays are sufficient,
-    because diffraction hardly changes a smooth image. Distortion does not change a uniform scene.
+    Pixel (0, 0) belongs to source position (0, 0). The radiance of a uniform scene is the same in every plane. The
+    scene is represented by sources one pixel apart in a plane where no lens type is in focus (`_blurred`). Rays are
+    sufficient, because diffraction hardly changes a smooth image. Distortion does not change a uniform scene.
     """
     ny, nx = plan.period  # in resampled pixels if the plan resamples: then it is the array's period, a whole number
     neglected = Bandwidth | Distortion | FiniteSource | MissingLenslets
@@ -64,9 +64,9 @@ def _blurred(plan: ScanPlan) -> ScanPlan:
 
 
 def elemental_white(camera: Camera) -> NDArray[np.float32]:
-    """Return the light ``(rows, columns)`` of an even scene behind single lenslets: a disc behind each, evenly lit.
+    """Return the light ``(rows, columns)`` of a uniform scene behind single lenslets: a uniform disc behind each.
 
-    The field stop is taken to be the largest with which elemental images do not overlap, as in published designs.
+    The field stop is assumed to be the largest for which elemental images do not overlap, as in published designs.
     """
     lenslets = camera.lattice
     assert isinstance(lenslets, PupilLenslets)
@@ -80,10 +80,10 @@ def elemental_white(camera: Camera) -> NDArray[np.float32]:
 
 
 def white_light(plan: ScanPlan, tile: NDArray[np.float64], effects: Sequence[Effect] = ()) -> NDArray[np.float32]:
-    """Return the pattern over the whole sensor ``(rows, columns)``: the tile, repeated with the lattice's exact period.
+    """Return the pattern over the whole sensor ``(rows, columns)``: the tile, repeated with the exact lattice period.
 
-    It is interpolated linearly between the tile's pixels, and follows the rotation of the array. Defective lenslets
-    among the ``effects`` are darker.
+    The pattern is interpolated linearly between the tile's pixels and follows the rotation of the array. Defective
+    lenslets among the ``effects`` are darker.
     """
     camera = plan.camera
     period = np.array(camera.period_px) * np.array(plan.cells)
