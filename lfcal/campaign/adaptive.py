@@ -120,7 +120,7 @@ class Goal:
     candidates: int = 300
 
     def __post_init__(self) -> None:
-        """Check every value."""
+        """Check all values."""
         least = ERRORS[Fineness.finest]
         remedy = f"give a value such as 0.005; the simulation of patterns itself has an error of {format_share(least)}"
         check_number("target error of H", self.error, at_least=least, below=1, remedy=remedy)

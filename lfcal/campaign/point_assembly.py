@@ -28,10 +28,10 @@ def shown_positions(
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the plan position ``(n, 3)`` that each point shows (-1: none) and the deviation ``(n, 2)`` in pixels.
 
-    A point shows a position if its phase in the array's period matches and its chief ray has the same distance from a
-    pixel centre as that of the position. Both conditions are needed because the period is not a whole number of pixels,
-    and the same light displaced by half a pixel has a different pattern. Resampling cannot restore an undersampled
-    pattern; points with such patterns can only be used in a fit.
+    A point shows a position if its phase in the array's period matches and its chief ray has the same offset from the
+    nearest pixel centre as that of the position. Both conditions are needed because the period is not a whole number of
+    pixels, and the same light displaced by half a pixel has a different pattern. Resampling cannot restore an
+    undersampled pattern; points with such patterns can only be used in a fit.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class PointFrames(SourceView):
         return Samples(values, None if valid.all() else valid, noise, found.saturated)
 
     def _alone(self, index: int, shape: tuple[int, ...], region: Region | None) -> NDArray[np.bool_]:
-        """Return which pixels are this point's alone: those of its cutout that no neighbour reaches."""
+        """Return a mask of the pixels in the cutout of a point that no neighbour's pattern reaches."""
         out = np.zeros(shape, np.bool_)
         first = (0, 0) if region is None else (region[0].start, region[1].start)
         own = tuple(slice(p.start - f, p.stop - f) for p, f in zip(self.points.region(index), first, strict=True))
@@ -201,7 +201,7 @@ def target_facts(points: Points) -> dict[str, Any]:
 
 
 def _brighter(points: Points) -> float:
-    """Return how much brighter than its own hole a neighbour is at most."""
+    """Return the largest ratio of a neighbour's brightness to that of a point's own hole."""
     most = 1.0
     for one in points.found.values():
         at = {tuple(hole): light for hole, light in zip(one.holes.tolist(), one.light.tolist(), strict=True)}
@@ -212,7 +212,7 @@ def _brighter(points: Points) -> float:
 
 
 def _stage_error_px(points: Points) -> float:
-    """Return the position error of frames against their plan (rms, pixels), without what all of a plane share."""
+    """Return the rms deviation of frames from their planned positions (pixels), without the mean of each plane."""
     scan = points.plan.scan
     away: dict[int, list[tuple[float, float]]] = {}
     for k, one in points.found.items():

@@ -1,9 +1,9 @@
 """Fit one camera to the points of a target, each at its actual position on the sensor and in the field.
 
-A part of the field is computed with the optics of its middle, so that derivatives by all unknowns need only one set of
-tables per part. The remaining difference of a point's pattern hardly changes while the unknowns move. It is therefore
-computed from time to time and kept constant in between (`Measured.extra_light`); at the end it is that of the fitted
-camera.
+A part of the field is computed with the optics of its middle, so that derivatives with respect to all unknowns need
+only one set of tables per part. The remaining difference of a point's pattern hardly changes with the unknowns. It is
+therefore computed occasionally and constant in between (`Measured.extra_light`); its last values are those of the
+fitted camera.
 
 The diameter of the holes is an unknown shared by all points. The fit is written as a camera with its effects, H of
 regions of the field, and the numbers.
@@ -136,7 +136,7 @@ def _middles(measured: Regional) -> F8:
 
 
 def _plane(pixels: F8, values: F8, at: F8) -> F8:
-    """Return the values ``(m,)`` at pixels ``at`` ``(m, 2)`` of the plane that lies best through others."""
+    """Return the values ``(m,)`` at pixels ``at`` ``(m, 2)`` of the plane fitted to ``values`` at ``pixels``."""
     found = np.linalg.lstsq(np.c_[pixels, np.ones(len(pixels))], values, rcond=None)[0]
     there: F8 = np.c_[at, np.ones(len(at))] @ found
     return there
@@ -194,15 +194,15 @@ def iter_with_point_light(
 
 
 def _at_depth(setup: Setup, farther_um: float) -> Setup:
-    """Return the setup of a part as it is for a hole so much farther away."""
+    """Return the setup of a part of the field for a hole that is farther away by ``farther_um``."""
     return replace(setup, depth_errors_um=tuple(error + farther_um for error in setup.depth_errors_um))
 
 
 @dataclass(frozen=True, slots=True)
 class _Holes:
-    """Diameter of the holes, another one that gives its rate, and whether it is an unknown.
+    """Diameter of the holes, a second diameter that provides the derivative, and whether the diameter is an unknown.
 
-    Light changes with the square of the diameter, and little beyond that: one other size gives the rate.
+    To good approximation, light is linear in the square of the diameter, so one further diameter is sufficient.
     """
 
     um: float
@@ -432,10 +432,10 @@ def _with_hole(points: Points, effects: tuple[Effect, ...]) -> tuple[Points, tup
 def _placed(
     problem: Problem, optics: PointOptics, core: Sequence[str], workers: int | None
 ) -> Work[tuple[Problem, NDArray[np.float64]]]:
-    """Return the problem with points at the places of a first fit, and the vector at its end.
+    """Return the problem with points at the positions of a first fit, and the final vector of that fit.
 
-    A cat's eye displaces the centroid of the light from the chief ray by most of a pixel. A fit with fixed places
-    would attribute this to focal lengths, so each point has a displacement from the start.
+    Mechanical vignetting displaces the centroid of the light from the chief ray by most of a pixel. A fit with fixed
+    positions would attribute this to focal lengths, so each point has a free displacement from the start.
     """
     count = len(problem.measured)
     still = np.zeros((count, 2))
@@ -461,7 +461,7 @@ def _placed(
 
 
 def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finished]:
-    """Return the best point at which the light of single patterns is that of the fitted camera.
+    """Return the fit for which the light of each pattern is that of the fitted camera.
 
     ``asked`` says whether the size of the holes was requested; otherwise it is fitted if the points require it.
     """
@@ -482,7 +482,7 @@ def _settled(finished: Finished, points: Points, *, asked: bool) -> Work[Finishe
 
 
 def _with_light_as_found(finished: Finished, optics: PointOptics) -> Work[Finished]:
-    """Return the best point near another, with the light of each point's own optics computed there."""
+    """Return a fit that starts at another one, with the light of each point's own optics computed there."""
     problem, point, groups, columns, outliers = finished
     local, lamps = point.local, point.levels.lamps
     problem = yield from iter_with_point_light(

@@ -296,7 +296,7 @@ class _Cut:
 
 
 def _repeats(points: Points) -> NDArray[np.intp]:
-    """Return the number of the hole and place ``(n,)`` that each point is of."""
+    """Return, for each point ``(n,)``, the index of its combination of hole and position."""
     _, hole = np.unique(np.c_[points.z, points.holes, points.middles], axis=0, return_inverse=True)
     group, count = np.full(len(points), -1, np.intp), 0
     for own in np.split(np.argsort(hole.ravel(), kind="stable"), np.cumsum(np.bincount(hole.ravel()))[:-1]):
@@ -310,7 +310,7 @@ def _repeats(points: Points) -> NDArray[np.intp]:
 
 
 def _firsts(points: Points) -> NDArray[np.intp]:
-    """Return the first point of each hole and place."""
+    """Return the first point of each combination of hole and position."""
     return np.sort(np.unique(_repeats(points), return_index=True)[1]).astype(np.intp)
 
 
@@ -355,7 +355,7 @@ def _region(tile: Tile, parts: tuple[int, int], k: int) -> FieldRegion:
 
 
 def _spread(part: NDArray[np.intp], most: int | None) -> NDArray[np.intp]:
-    """Return which points are taken: as many of each part, in an order that is the same every time."""
+    """Return the indices of the selected points: equally many of each part, in a reproducible order."""
     order = np.random.default_rng(0).permutation(len(part))
     if most is None or len(part) <= most:
         return order

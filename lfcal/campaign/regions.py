@@ -151,7 +151,7 @@ def iter_record_regions(
 
 
 def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:
-    """Make the session's folder with its plan, or hold the plan against the one that is there."""
+    """Create the session's folder with its plan, or compare the plan with the existing one."""
     if resume:
         if not is_regions(folder):
             raise InputError.expected(str(folder), f"a session of regions ({REGIONS_FILE})", "none", "check the path")
@@ -172,7 +172,7 @@ def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:
 
 
 def _shown(work: Work[Outcome], name: str, before: int, total: int) -> Work[Outcome]:
-    """Yield the progress of one region as that of all of them."""
+    """Yield the progress of one region as a part of the progress of all regions."""
     while True:
         try:
             record = next(work)

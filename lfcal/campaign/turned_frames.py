@@ -131,7 +131,7 @@ def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFra
 
 
 def _alike(one: SeenPattern, turn: Orientation, plan: ScanPlan, setup: Setup) -> float:
-    """Return the largest correlation of a pattern with the camera's whose image is about where its light is."""
+    """Return the largest correlation of a pattern with those of the camera near the centre of its light."""
     frame = turn.apply(one.frame)
     corner = np.rint(turn.places(one.place, one.frame.shape)).astype(int) - REACH
     own = replace(plan, anchor=(float(corner[0]), float(corner[1])))

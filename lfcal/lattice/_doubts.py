@@ -109,7 +109,7 @@ def _smooth(light: Array, alive: NDArray[np.bool_], places: Array) -> Array:
 
 
 def check_white(even: Evenness, residual_px: float, noise: float, pitch: float) -> tuple[str, ...]:
-    """Refuse frames that cannot be white images; return other doubts, one line each.
+    """Raise an error for frames that cannot be white images; return other doubts, one line each.
 
     Parameters
     ----------

@@ -35,14 +35,14 @@ HUBER = 1.5
 
 @dataclass(frozen=True, slots=True)
 class LatticeForm:
-    """A model of a lattice: which of its parameters are free.
+    """A form of the lattice model, which determines the free parameters.
 
     Attributes
     ----------
     name
-        Name in words.
+        Name for display.
     sheared
-        Whether the angle from a row to the next is free.
+        Whether the shear is a free parameter.
     degree
         Degree of the polynomial distortion; 0: none.
     radial
@@ -222,8 +222,8 @@ def fit_form(
 ) -> FittedForm | None:
     """Fit a form of the lattice to measured ``places`` (x, y) with Huber weights (Gauss-Newton).
 
-    ``weight`` ``(n,)`` replaces the weights from the form's residuals. Returns None if the places do not determine the
-    form over the whole frame.
+    ``weight`` ``(n,)`` replaces the weights from the form's residuals. Returns None if the positions do not determine
+    the form over the whole frame.
     """
     try:
         model = _start(model, form, frame)
@@ -359,9 +359,9 @@ def select_form(
     Parameters
     ----------
     model
-        A lattice near the places.
+        A lattice near the measured positions.
     index, places
-        ``(n, 2)``: lattice indices (q, r) and measured places (x, y) of the lenslets (pixels).
+        ``(n, 2)``: lattice indices (q, r) and measured positions (x, y) of the lenslets (pixels).
     frame
         Reference of distortions.
     straight

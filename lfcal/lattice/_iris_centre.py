@@ -1,9 +1,9 @@
 """Position of micro-images relative to the lattice for an iris without a centre of symmetry.
 
-Micro-images of an iris with an odd number of blades touch at places that are not opposite. The light of neighbours
-then moves the point of best symmetry away from the middle of the iris, by a tenth of a pitch or more. The Fourier
-coefficients of the lattice equal those of a single micro-image, even if neighbours overlap, and for a polygon they are
-known in closed form. A polygon fitted to them separates the centre from the effect of the corners.
+Micro-images of an iris with an odd number of blades touch at points that are not opposite each other. The light of
+neighbours then moves the point of best symmetry away from the middle of the iris, by a tenth of a pitch or more. The
+Fourier coefficients of the lattice equal those of a single micro-image, even if neighbours overlap, and for a polygon
+they are known in closed form. A polygon fitted to them separates the centre from the effect of the corners.
 """
 
 from __future__ import annotations
@@ -80,12 +80,12 @@ class IrisCentre:
 def iris_centre(
     image: NDArray[np.float32], model: LatticeModel, centres: Array, light: Array, workers: int | None = None
 ) -> IrisCentre | None:
-    """Return the middle of an iris with odd corners relative to the lattice's points; None if it has none.
+    """Return the middle of an iris with an odd number of corners relative to the lattice points; None for others.
 
     Parameters
     ----------
     image
-        White frame minus its dark, with the fall-off of light removed.
+        White frame minus its dark level, with the fall-off of light removed.
     model
         The lattice.
     centres, light

@@ -88,7 +88,8 @@ class LitPart:
     def without_holes(self) -> LitPart:
         """Return the part with rings filled if its micro-images are rings, as behind a main lens with an obstruction.
 
-        The dark middle of a ring resembles a gap, so the lattice of the gaps could be taken for that of the lenslets.
+        The dark middle of a ring resembles a gap, so the lattice of the gaps could be mistaken for that of the
+        lenslets.
         """
         flat = self.flattened().image
         holes = _holes(flat)
@@ -187,7 +188,7 @@ def large_lattices(part: LitPart) -> list[Array]:
     """Return bases ``(2, 2)`` (rows, x and y) of lattices that explain the autocorrelation; the finest one is first.
 
     A few micro-images have broad spectral peaks, which overlap with those of the shape of a micro-image. Their
-    autocorrelation has its maxima at the differences of their places instead, whichever places have no lenslet.
+    autocorrelation has maxima at the differences of their positions, even if lenslets are missing.
     """
     lags, heights = _lags(part.image)
     found = [np.stack(pair) for pair in combinations(lags[:MAX_LAGS], 2)]

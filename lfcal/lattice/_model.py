@@ -77,12 +77,12 @@ class LatticeModel:
 
     @property
     def pitch(self) -> float:
-        """Distance of neighbours along a row (pixels)."""
+        """Distance between neighbours along a row (pixels)."""
         return float(np.linalg.norm(self.along))
 
     @property
     def row_pitch(self) -> float:
-        """Distance of neighbouring rows (pixels)."""
+        """Distance between neighbouring rows (pixels)."""
         return self.ratio * self.pitch
 
     @property
@@ -101,17 +101,17 @@ class LatticeModel:
         return np.stack([self.along, (self.lean + self.ratio * self.shear) * self.along + self.ratio * normal])
 
     def straight(self, index: NDArray[np.intp]) -> Array:
-        """Return places ``(n, 2)`` as (x, y) of lattice indices (q, r), without distortion."""
+        """Return the positions ``(n, 2)`` as (x, y) of lattice indices (q, r) without distortion (pixels)."""
         result: Array = index @ self.basis() + self.origin
         return result
 
     def places(self, index: NDArray[np.intp]) -> Array:
-        """Return places ``(n, 2)`` as (x, y) of lattice indices (q, r)."""
+        """Return the positions ``(n, 2)`` as (x, y) of lattice indices (q, r) (pixels)."""
         straight = self.straight(index)
         return straight if self.distortion is None else self.distortion.apply(straight)
 
     def indices(self, places: Array) -> Array:
-        """Return fractional lattice indices ``(..., 2)`` of places (x, y): inverse of `places`."""
+        """Return the fractional lattice indices ``(..., 2)`` of positions (x, y), the inverse of `places`."""
         straight = places if self.distortion is None else self.distortion.invert(places)
         result: Array = (straight - self.origin) @ np.linalg.inv(self.basis())
         return result
@@ -121,12 +121,12 @@ class LatticeModel:
         return replace(self, origin=self.origin + by)
 
     def centred_on(self, point: Array) -> LatticeModel:
-        """Return the same lattice with indices counted from the lenslet nearest to ``point``."""
+        """Return the same lattice with index (0, 0) at the lenslet nearest to ``point``."""
         index = np.rint(self.indices(point)).astype(np.intp)
         return replace(self, origin=self.straight(index))
 
     def whole(self, shape: tuple[int, int]) -> NDArray[np.intp]:
-        """Return the indices (q, r) of all lenslets that lie wholly in a frame of ``shape``."""
+        """Return the indices (q, r) of all lenslets that are completely in a frame of ``shape``."""
         return self.within(shape, 0.5 * max(self.pitch, self.row_pitch))
 
     def within(self, shape: tuple[int, int], margin: float) -> NDArray[np.intp]:

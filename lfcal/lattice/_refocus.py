@@ -20,11 +20,10 @@ MIN_WEIGHT = 0.05
 
 
 def sensor_slope(camera: Camera, z_um: float) -> float:
-    """Return the slope of depth ``z_um``: shift in micro-image distances per distance within a micro-image.
+    """Return the slope w of depth ``z_um``: shift in micro-image spacings per distance within a micro-image.
 
-    A point whose chief ray meets the sensor at S is seen at c + (S - c)/w below the lenslet whose micro-image is
-    centred at c, where w = (a/B) (b + B)/(b + a). This is the virtual depth, corrected for the perspective of a main
-    lens.
+    A point whose chief ray meets the sensor at S is imaged at c + (S - c)/w by the lenslet whose micro-image is centred
+    at c, where w = (a/B) (b + B)/(b + a). This is the virtual depth, corrected for the perspective of a main lens.
 
     Examples
     --------
@@ -38,7 +37,7 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
 
 
 def slope_of_virtual_depth(camera: Camera, virtual_depth: float) -> float:
-    """Return the slope of the plane with a virtual depth: inverse of `virtual_depth_of_slope`."""
+    """Return the slope of the plane with a virtual depth, the inverse of `virtual_depth_of_slope`."""
     b, gap = camera.optics.image_distance_um, camera.periodic.gap_um
     if camera.optics.telecentric:
         return virtual_depth
@@ -46,7 +45,7 @@ def slope_of_virtual_depth(camera: Camera, virtual_depth: float) -> float:
 
 
 def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
-    """Return the virtual depth of the plane with a slope: inverse of `sensor_slope`.
+    """Return the virtual depth of the plane with a slope (see `sensor_slope`).
 
     Raises
     ------
@@ -64,18 +63,19 @@ def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
 def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image:
     """Return the images focused at ``slopes``, ``(n, rows * samples, columns * samples)`` float32.
 
-    Views are shifted against each other and added. At S, this gives the light at offset u below the micro-image at S -
-    w u, divided by the sum of the weights (Ng et al. 2005; valid for points behind and in front of the lenslets).
+    Views are shifted relative to each other and added (Ng et al. 2005). A sample at S is the sum over offsets u of the
+    light at u in the micro-image at S - w u, divided by the sum of the weights. This is valid for points behind and in
+    front of the lenslets.
 
     Parameters
     ----------
     views
         Views from `extract_views`.
     slopes
-        Slope w of each plane, 0 in the plane of the lenslets: `sensor_slope`.
+        Slope w of each plane (see `sensor_slope`), 0 in the plane of the lenslets.
     samples
-        Samples per view sample along each side; more than one is useful for planes away from the lenslets, where the
-        views interleave.
+        Number of image samples per view sample along each axis; more than one is useful for planes away from the
+        lenslets, where the samples of the views interleave.
 
     Raises
     ------

@@ -98,12 +98,12 @@ class Region:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlacedLenslets:
-    """Lenslets of one iteration.
+    """The lenslets located in one iteration of the fit.
 
     Attributes
     ----------
     index, places
-        ``(n, 2)``: lattice indices (q, r), and measured places (x, y) (pixels).
+        ``(n, 2)``: lattice indices (q, r), and measured positions (x, y) (pixels).
     dead
         ``(n,)``: too little light or contrast, or cannot be located.
     noise
@@ -137,7 +137,7 @@ class PlacedLenslets:
 
 
 def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
-    """Return the white image minus its dark as float32, or raise if it cannot be used."""
+    """Return the white image minus its dark level as float32, or raise an error if it cannot be used."""
     image = as_sensor_frame("white image", white)
     level = np.asarray(dark, np.float32)
     if level.ndim:

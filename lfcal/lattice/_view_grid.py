@@ -1,4 +1,4 @@
-"""Places of the samples of a view on the frame, and the lenslets that contribute to them."""
+"""Positions of the samples of a view on the frame, and the lenslets that contribute to them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Cells:
     lenslets
         ``(n, 2)``: indices (q, r), in the order in which rows of samples first need them.
     near, share
-        ``(rows, columns, k)``: numbers of the lenslets of each sample, and their shares (sum 1).
+        ``(rows, columns, k)``: indices into `lenslets` of the lenslets of each sample, and their weights (sum 1).
     """
 
     lenslets: NDArray[np.intp] = field(repr=False)
@@ -132,17 +132,17 @@ class ViewGrid:
     centres_px
         ``(n, 2)``: centres (row, column) of the lenslets used, approximately in the order of the rows (pixels).
     near
-        ``(rows, columns, k)``: numbers of the lenslets of each sample.
+        ``(rows, columns, k)``: indices into `centres_px` of the lenslets of each sample.
     share
-        ``(rows, columns, k)``: their shares, with sum 1, or 0 if nothing is seen.
+        ``(rows, columns, k)``: weights of these lenslets, with sum 1, or 0 if no lenslet sees the sample.
     corner_px
-        Place (row, column) of sample (0, 0) on the frame, which need not be a lenslet (pixels).
+        Position (row, column) of sample (0, 0) on the frame, which may be between lenslets (pixels).
     step_px
-        Distance of samples down and to the right in the view (pixels).
+        Spacing of the samples, down and to the right in the view (pixels).
     rotation_rad
         Angle from the frame's +x axis to the rows of a view, positive downwards: 0 for axes of the frame (rad).
     field_shape
-        Rows and columns of the whole field: the smallest box about all lenslets whose micro-image is inside.
+        Rows and columns of the whole field: the smallest box about all lenslets whose micro-image is inside the frame.
     kept
         Fraction of the field's samples that this grid contains.
     """
@@ -163,11 +163,11 @@ class ViewGrid:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Samples that a lenslet sees, ``(rows, columns)``."""
+        """Mask of the samples that at least one lenslet sees, ``(rows, columns)``."""
         return np.asarray((self.share > 0).any(-1), np.bool_)
 
     def described(self) -> str:
-        """Return the size in words, and which part of the field is left out."""
+        """Return a text with the size of the view and the part of the field that is left out."""
         (rows, columns), (high, wide) = self.shape, self.field_shape
         return f"{rows} x {columns} of {high} x {wide} samples, {100 * self.kept:.1f} % of the field"
 
@@ -184,7 +184,7 @@ def view_grid(
 ) -> ViewGrid:
     """Return the grid of samples seen by lenslets that have ``margin`` pixels of frame about their centres.
 
-    A sample is seen if such lenslets have at least half of the shares; they take over the fractions of the others.
+    A sample is seen if such lenslets have at least half of the weights; their weights are then scaled to a sum of 1.
 
     Parameters
     ----------
@@ -195,20 +195,20 @@ def view_grid(
     margin
         Smallest distance of a lenslet's centre from the frame's outermost pixel centres (pixels).
     axes
-        ``"frame"``: rows and columns are parallel to those of the frame, so that views look like the picture at any
-        angle of the lattice. A sample between lenslets is interpolated from the four (hexagonal: three) around it in
-        lattice indices, also for a distorted lattice. ``"lattice"``: rows are lattice rows, rotated with the lattice.
-        The samples of a square lattice are its lenslets; those of a hexagonal one lie between two lenslets of their
-        row.
+        ``"frame"``: rows and columns are parallel to those of the frame, so that views have the orientation of the
+        frame at any angle of the lattice. A sample between lenslets is interpolated from the four (hexagonal: three)
+        around it in lattice indices, also for a distorted lattice. ``"lattice"``: rows are lattice rows, rotated with
+        the lattice. The samples of a square lattice are its lenslets; those of a hexagonal one lie between two lenslets
+        of their row.
     full
-        False: the largest box of seen samples. True: the whole field with all lenslets, and a mask of what is seen
-        (`ViewGrid.mask`).
+        False: the largest box that contains only seen samples. True: the whole field with all lenslets, with a mask of
+        the seen samples (`ViewGrid.mask`).
     missing
-        Lenslets (q, r) that show nothing. They do not reduce the box; their samples are masked.
+        Lenslets (q, r) without light. They do not reduce the box; their samples are masked.
     raster
-        Lattice that defines the samples along the frame's axes, by default ``lattice`` itself. With it, views of
-        single lens types have the same sample places. Samples along the lattice's axes are always those of
-        ``lattice``.
+        Lattice that defines the samples along the frame's axes, by default ``lattice`` itself. With a common raster,
+        views of different lens types have the same sample positions. Samples along the lattice's axes are always those
+        of ``lattice``.
 
     Returns
     -------

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class LatticeErrors:
-    """Standard errors of the parameters of a fitted lattice, computed from the weights of the fit.
+    """Standard errors of the parameters of a fitted lattice, estimated with the weights of the fit.
 
     Attributes
     ----------

@@ -16,14 +16,14 @@ Index = tuple[int | slice, ...]
 
 
 class Lazy:
-    """An array that stays in its file: shape, type and slicing.
+    """An array that stays in its file, with shape, type and slicing.
 
     Parameters
     ----------
     shape, dtype
         Shape and type of the array.
     read
-        Function that returns the values at an index with an integer or a slice for every axis, as numpy does.
+        Function that returns the values at an index with an integer or a slice for every axis, as in numpy.
     holder
         Object that must be kept alive, so that its file stays open.
     """
@@ -70,5 +70,5 @@ class Lazy:
         return np.asarray(self._read(tuple(index)))
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        """Return all of it in memory."""
+        """Return the complete array in memory."""
         return np.asarray(self[...], dtype)

@@ -246,7 +246,7 @@ def _along_z(depths: NDArray[np.float64] | None) -> _AlongZ:
 
 
 def _limits(values: NDArray[Any]) -> tuple[float, float]:
-    """Return the display range that shows the contents of a picture."""
+    """Return the display range that shows the contents of an image."""
     finite = values[np.isfinite(values)]
     low, high = (0.0, 0.0) if not finite.size else (min(0.0, float(finite.min())), float(finite.max()))
     return low, high if high > low else low + 1.0

@@ -43,15 +43,15 @@ class PupilScene:
     Attributes
     ----------
     wavelength_um, pixel_um
-        Wavelength in air; pixel pitch.
+        Wavelength in air, and pixel pitch.
     lenslets, objective
         The lenslets, and the microscope in front of them.
     z_um
-        Depth of the source, away from the objective.
+        Depth of the source, positive away from the objective.
     cutout, period
-        Pixels (nt, ns) around each source position; source positions (ny, nx) of a full plane.
+        Pixels (nt, ns) around each source position; number of source positions (ny, nx) of a full plane.
     axis_um
-        Where the optical axis meets the sensor, ``(y, x)`` from the chief ray of position (0, 0).
+        Point where the optical axis meets the sensor, ``(y, x)`` relative to the chief ray of position (0, 0).
     pixel_fill
         Light-sensitive fraction of a pixel's side, in (0, 1].
     offsets_um
@@ -79,7 +79,7 @@ class PupilScene:
     # -- light on the lenslets ---------------------------------------------------------------------------
     @property
     def pupil_radius_um(self) -> float:
-        """Radius of the pupil on the lenslets."""
+        """Radius of the pupil on the lenslets (µm)."""
         return self.lenslets.pupil_um(self.objective) / 2
 
     def cosine(self, square_um2: F8) -> F8:
@@ -120,16 +120,16 @@ class PupilScene:
 
     # -- places ------------------------------------------------------------------------------------------
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
-        """Return the pixel (row, column), from source position (0, 0), in which a chief ray ends."""
+        """Return the pixel (row, column), relative to source position (0, 0), that a chief ray meets."""
         return math.floor(y_um / self.pixel_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
-        """Return the point at which the chief ray of position (y, x) meets the sensor, including its offset."""
+        """Return the sensor point (y, x) that the chief ray of position (y, x) meets, including its offset (µm)."""
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
         return y * self.pixel_um + float(dy), x * self.pixel_um + float(dx)
 
     def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
-        """Return the point at which the chief ray meets the sensor: the paraxial one."""
+        """Return the sensor point (y, x) that a chief ray meets, which is the paraxial point (µm)."""
         return y_um, x_um
 
 

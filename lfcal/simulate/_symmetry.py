@@ -17,17 +17,18 @@ EXACT = 1e-6
 
 
 def folded(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the different distances from 0 along an axis, and for each place the index of its distance.
+    """Return the distinct distances from 0 along an axis, and for each position the index of its distance.
 
-    A quantity that is even along both axes equals ``values[np.ix_(places, places)]``, with ``values`` computed at the
-    distances only. This is about a quarter of the work, with identical results.
+    A quantity that is even along both axes equals ``values[np.ix_(places, places)]``, where ``places`` are these
+    indices and ``values`` are computed only at the distances. This is about a quarter of the work, with identical
+    results.
     """
     distances, places = np.unique(np.abs(axis), return_inverse=True)
     return distances, places
 
 
 def is_mirror_symmetric(scene: Scene) -> bool:
-    """Return whether array, pupil and sources are mirror symmetric about a row, apart from the places of the rows.
+    """Return whether array, pupil and sources are mirror symmetric about a row, apart from the positions of the rows.
 
     A square or hexagonal array along the pixel rows is symmetric, including its lens types, about every row of
     lenslets.

@@ -411,7 +411,7 @@ class Scene:
 
     @property
     def reduced_pixel_um(self) -> float:
-        """Pixel pitch in the reduced frame, divided by s (µm)."""
+        """Pixel pitch in the reduced frame: the pitch divided by s (µm)."""
         return self.pixel_um / self.scale
 
     @property

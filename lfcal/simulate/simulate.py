@@ -27,7 +27,7 @@ MEMORY_LIMIT = 6 << 30
 
 
 class Simulation(PlaneSource):
-    """Source of the planes of an H, which it simulates.
+    """Source that simulates the planes of one H.
 
     Parameters
     ----------

@@ -259,7 +259,7 @@ def scene_for(
 
 
 def lattice_scene_for(plan: ScanPlan, z: int, effects: Iterable[Effect], *, depth_error_um: float = 0.0) -> Scene:
-    """Return the `scene_for` of a camera with a lenslet lattice.
+    """Return the scene, as `scene_for` does, for a camera with a lenslet lattice.
 
     Raises
     ------

@@ -72,7 +72,7 @@ def estimates_of(
 
 
 def _is_run_without(effect: Effect, planes: Sequence[Outlook]) -> bool:
-    """Return whether others are run without it: it takes them off a microscope's quick path, and changes little."""
+    """Return whether others are run without it: it prevents the fast path of a microscope, and changes little."""
     return isinstance(effect, ExactAngles) and not planes[0].has_lens and all(map(effect.holds, planes))
 
 
@@ -113,7 +113,7 @@ def measured(plan: ScanPlan, z: int, counting: tuple[Effect, ...], effect: Effec
 
 @lru_cache(maxsize=2)
 def influence(plan: ScanPlan, z: int, counting: tuple[Effect, ...]) -> Influence:
-    """Return the object that measures effects at a plane; its undisturbed responses serve all effects."""
+    """Return the object that measures effects at a plane; the responses with all effects are shared by all of them."""
     return Influence(plan, z, counting)
 
 
@@ -143,10 +143,10 @@ class Influence:
     Parameters
     ----------
     plan, z
-        The plan and the number of the plane.
+        The plan and the index of the plane.
     effects
-        All effects on the plane, because the influence of an effect depends on the others. Sources and spectra are
-        added to the others one at a time, because each multiplies the work.
+        All effects on the plane, because the influence of an effect depends on the others. Finite sources and spectra
+        are added to the others one at a time, because each multiplies the computing time.
     """
 
     def __init__(self, plan: ScanPlan, z: int, effects: Sequence[Effect]) -> None:
@@ -189,7 +189,7 @@ class Influence:
         return few_seconds(self._outlook, level, FINENESS, runs * len(self._ys) * len(self._xs))
 
     def _same_scene(self, one: tuple[Effect, ...], other: tuple[Effect, ...]) -> bool:
-        """Return whether two sets describe the same scene and filter: nothing needs to run then."""
+        """Return whether two sets of effects describe the same scene and filter, so that no run is needed."""
         kernels = [filter_kernel(some, self._plan.camera) for some in (one, other)]
         scenes = [resolve_level(self._scene(some))[0] for some in (one, other)]
         offsets = [scene.offsets_um for scene in scenes]

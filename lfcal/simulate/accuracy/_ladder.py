@@ -50,7 +50,7 @@ class LadderRung:
     label
         Display name.
     error
-        Relative L1 error against the reference, mean over the positions measured.
+        Relative L1 error compared with the reference, averaged over the measured positions.
     setup_seconds
         CPU-seconds for the tables of a plane.
     position_seconds
@@ -73,20 +73,20 @@ class LadderRung:
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """All measured samplings, their reference, and the one that a tolerance selects.
+    """All measured samplings of a scene, their reference, and the one that a tolerance selects.
 
     Attributes
     ----------
     rungs
         Samplings whose energy balanced, fastest first.
     refused
-        Labels of samplings whose energy did not balance, because they are too coarse for this scene.
+        Labels of samplings that are too coarse for this scene, so that their energy did not balance.
     tolerance
         Requested relative L1 error.
     reference
         Label of the reference.
     reference_seconds
-        Predicted CPU-seconds of the whole H by the reference itself.
+        Predicted CPU-seconds of the whole H with the reference itself.
     virtual_depth
         Virtual depth of the measured plane.
     positions
@@ -103,7 +103,7 @@ class Ladder:
 
     @property
     def chosen(self) -> LadderRung | None:
-        """The fastest sampling within the tolerance; the most accurate one if none is; None without samplings."""
+        """The fastest sampling within the tolerance, or the most accurate one if none is; None without samplings."""
         good = [rung for rung in self.rungs if rung.error <= self.tolerance]
         if good:
             return min(good, key=lambda rung: rung.whole_seconds)
@@ -127,7 +127,7 @@ def iter_ladder(
     samplings: Iterable[Sampling | LevelSampling] | None = None,
     reference: Sampling | None = None,
 ) -> Work[Ladder]:
-    """Return the time and error of every level and sampling for one plane of a plan, compared with the reference.
+    """Measure and return the time and error of every level and sampling for one plane, compared with the reference.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def iter_ladder(
     effects
         As in `simulate_psf`; every sampling is applied to the same scene.
     z
-        Number of the plane; by default the middle one.
+        Index of the plane; by default the middle one.
     positions
         Number of positions to compare, spread over the period.
     samplings
@@ -249,7 +249,7 @@ def quick_steps(scene: Scene, level: str) -> list[LevelSampling]:
 
 
 def rung_label(level: str, sampling: Sampling | None) -> str:
-    """Return a level and its sampling in words."""
+    """Return a label for a level and its sampling."""
     if sampling is None:
         return level
     if level == "debye":
@@ -313,7 +313,7 @@ def _marked(rungs: Sequence[LadderRung]) -> tuple[LadderRung, ...]:
 
 
 def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") -> None:
-    """Write the curve of error against CPU-seconds for the whole H as a PNG.
+    """Write a plot of error against CPU-seconds for the whole H as a PNG file.
 
     Raises
     ------

@@ -136,7 +136,7 @@ def plane_seconds(engine: PlaneEngine) -> float:
     """Return the CPU-seconds that a new engine needs for a whole plane, extrapolated from a short run.
 
     The Debye path uses the same matrices and responses for many positions, so a few positions are not representative.
-    There, whole rows are computed for up to half a second.
+    For this path, whole rows are computed for up to half a second.
     """
     ny, nx = engine.scene.period
     if engine.level != "debye":

@@ -157,9 +157,9 @@ def _plane_bytes(
 
 
 def _captured_share(scene: Scene) -> float:
-    """Return about the fraction of the light that cutouts see: of their area in the iris's shadow.
+    """Return the approximate fraction of the light that cutouts receive: their area relative to the iris's shadow.
 
-    None where the shadows of all positions probed are so small that they fall between lenslets.
+    It is 0 if the shadows of all probed positions are so small that they fall between lenslets.
     """
     if not scene.gapless and all(_between_lenslets(scene, y, x) for y, x in product(*places(scene))):
         return 0.0

@@ -52,7 +52,7 @@ class Sampling:
     double: bool = False
 
     def __post_init__(self) -> None:
-        """Check every value."""
+        """Check all values."""
         if self.samples_per_px is not None:
             check_number("samples per pixel", self.samples_per_px, above=0, at_most=64)
         check_number("nodes per pixel", self.nodes_per_px, at_least=1, at_most=32, integer=True)

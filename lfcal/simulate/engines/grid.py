@@ -132,7 +132,7 @@ class GridPlane:
 
     # -- set-up ------------------------------------------------------------------------------------------
     def _lenslets(self) -> tuple[tuple[LensAperture, ...], ...]:
-        """Return aperture and phase of each lens type on the grid's samples; of a polygon real and imaginary part."""
+        """Return aperture and phase of each lens type on the grid's samples; for a polygon, real and imaginary part."""
         scene, dx = self.scene, self._dx
         reach = (self._half_lenslet + 1) * dx * math.sqrt(2)
         bends = (-math.pi / (scene.wavelength_um * kind.focal_length_um) for kind in scene.lattice.types)
@@ -201,7 +201,7 @@ class GridPlane:
         return step.astype(self._dtype)
 
     def _in_passes(self) -> FusedResponse | Complex:
-        """Return what takes fields to pixels in passes; where FFTs come one after the other, the transfer function."""
+        """Return the object that takes fields to pixels in passes, or for separate FFTs the transfer function."""
         from lfcal.simulate.engines._fused import FusedResponse  # compiled code: loaded only when it is needed
 
         plain = self._tilted is None and not self.sampling.double
@@ -273,7 +273,7 @@ class GridPlane:
         return self._pilot.seconds(self, n_positions)
 
     def _workspace(self) -> Any:
-        """Return what one thread works on."""
+        """Return the work arrays of one thread."""
         if isinstance(self._gap, np.ndarray):
             return np.empty((self._n, self._n), self._dtype)
         return self._gap.workspace(self.scene.cutout[0])

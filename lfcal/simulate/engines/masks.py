@@ -165,7 +165,7 @@ def bent_polygon(
 ) -> NDArray[np.complex128]:
     """Return a polygon times exp(i phase), low-pass-filtered as a product, on ``n`` x ``n`` samples.
 
-    The samples are spaced by ``every dx / fine``.
+    The samples are spaced by ``every * dx / fine``.
 
     If lenslets touch, the filtered products add up to the filtered array. Masks that are filtered before they are
     multiplied by the phase do not. Beyond its edge, each continues with its lenslet's phase, which makes focused light

@@ -230,7 +230,7 @@ class PupilPlane:
         return rows, columns
 
     def _tilt(self, chief: tuple[float, float]) -> tuple[float, float]:
-        """Return the slope of a chief ray that meets the sensor at a place (µm)."""
+        """Return the slope of a chief ray that meets the sensor at the point ``chief`` (y, x) (µm)."""
         (y, x), (ay, ax), gap = chief, self.scene.axis_um, self.scene.lenslets.gap_um
         return (y - ay) / gap, (x - ax) / gap
 

@@ -100,7 +100,7 @@ class ReferencePlane:
         return 1.15 * scene.shadow_radius_um + max(blur, near) + aperture_radius(scene) + ray_aberration(scene)
 
     def _spill(self) -> float:
-        """Return how far light goes sideways behind the array."""
+        """Return how far light travels sideways behind the array (µm)."""
         scene = self.scene
         return 1.5 * scene.lattice.pitch_um + scene.reduced_gap_um / (2 * scene.f_number) + lenslet_aberration(scene)
 
@@ -160,7 +160,7 @@ class ReferencePlane:
     def lenslet_field(self, y_um: float, x_um: float) -> Complex:
         """Return the field just behind the array, ``(n, n)``, centred on the chief ray at the sensor point (y, x).
 
-        ``y_um`` and ``x_um`` are relative to the optical axis of the scene (µm).
+        ``y_um`` and ``x_um`` are relative to source position (0, 0) (µm).
         """
         scene, axis, dx = self.scene, self._axis, self._dx
         source = np.array([x_um, y_um]) / scene.scale
@@ -183,7 +183,7 @@ class ReferencePlane:
         return behind if tilted is None else sf.ifft2(tilted.left(behind, heights), overwrite_x=True)
 
     def _lens(self, x: NDArray[np.float64], y: NDArray[np.float64], kind: int) -> Complex:
-        """Return a lenslet's transmission at (x, y) from its centre, kept for lenslets at equal grid places."""
+        """Return a lenslet's transmission at (x, y) from its centre, cached for equal positions in the grid."""
         where = kind, round(float(x[0]) / self._dx, 9), round(float(y[0]) / self._dx, 9)
         lens = self._cached.get(where)
         if lens is None:

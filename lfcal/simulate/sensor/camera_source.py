@@ -228,7 +228,7 @@ class SimulatedCamera(Frames):
         return dz, dy, dx
 
     def image_px(self, index: int) -> tuple[float, float]:
-        """Return the sensor pixel (row, column) that the source's chief ray actually meets in frame ``index``."""
+        """Return the sensor position (row, column) of the source's actual chief ray in frame ``index`` (pixels)."""
         position, (dz, dy, dx) = self.position(index), self.displacement_um(index)
         right, down, away = self.plan.object_um(position).tolist()
         step = self.camera.step_um(away + dz)
