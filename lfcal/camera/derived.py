@@ -43,18 +43,18 @@ NOISE = ("sensor.full_well_e", "sensor.read_noise_e", "sensor.bit_depth")
 
 @dataclass(frozen=True, slots=True)
 class Derived:
-    """A quantity derived from a camera.
+    """Quantity derived from the values of a camera.
 
     Attributes
     ----------
     label, text
-        Name, and value with its unit.
+        Name of the quantity, and its value with its unit.
     value
-        The value in the unit of ``unit``; a tuple is (y, x) or (near, far).
+        Value in ``unit``; a tuple is (y, x) or (near, far).
     unit
-        Unit of ``value``, as in the description.
+        Unit of ``value``, as in the camera description.
     assumed
-        Paths of the assumed values that it depends on.
+        Paths of the assumed values on which the quantity depends.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class Derived:
 
 
 def assumed_of(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the assumed values among ``paths`` (`STEP` or `DEPTH`) that matter for this ``camera``."""
+    """Return those of ``paths`` (such as `STEP` or `DEPTH`) whose values are assumed and matter for ``camera``."""
     return _assumed(camera, _that_matter(camera, paths))
 
 
@@ -88,7 +88,7 @@ def _that_matter(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
-    """Return the names of assumed values on which the noise of H depends; empty: all are stated or measured.
+    """Return the names of assumed values on which the noise of H depends; empty if all are stated or measured.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
 
 
 def derived_of(camera: Camera) -> tuple[Derived, ...]:
-    """Return the derived quantities of ``camera``: on the sensor, in the optics, in object space.
+    """Return the quantities derived from ``camera``: on the sensor, in the optics and in object space.
 
     Raises
     ------

@@ -41,9 +41,9 @@ MARKS = ("stated", "measured", "derived", "assumed")
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Marks of camera values, each one of `MARKS`, by path such as ``"sensor.pixel_um"``.
+    """Origin of camera values: one of `MARKS` for each path, such as ``"sensor.pixel_um"``.
 
-    Values without a mark were stated by the author of the description.
+    Values without a mark count as stated by the author of the description.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Marks:
 
     @classmethod
     def of(cls, entries: Mapping[str, str]) -> Marks:
-        """Return the marks in a mapping from path to mark."""
+        """Return the marks from a mapping of paths to marks."""
         return cls(tuple(entries.items()))
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
@@ -83,11 +83,11 @@ class Marks:
         return dict(self.entries).get(path, "stated")
 
     def paths(self, mark: str) -> tuple[str, ...]:
-        """Return the paths of the values with ``mark``."""
+        """Return the paths of the values that have ``mark``."""
         return tuple(path for path, own in self.entries if own == mark)
 
     def marked(self, paths: Iterable[str], mark: str) -> Marks:
-        """Return these marks with ``mark`` set at ``paths``."""
+        """Return a copy of these marks in which the values at ``paths`` have ``mark``."""
         return Marks.of(dict(self.entries) | dict.fromkeys(paths, mark))
 
 
@@ -100,9 +100,9 @@ class Camera:
     name
         Display name.
     optics
-        `MainLens` or `Microscope`.
+        Main optics: a `MainLens` or a `Microscope`.
     lattice
-        Lenslet array: a periodic `LensletLattice`, or the `PupilLenslets` of a Fourier light-field microscope. For the
+        Lenslet array: a periodic `LensletLattice`, or the `PupilLenslets` of a Fourier light-field microscope. With the
         latter, properties that only a periodic array has raise `NoLatticeError`; see `has_lattice`.
     sensor
         Image sensor.
@@ -111,7 +111,7 @@ class Camera:
     bandwidth_um
         Full width of the light's spectrum (µm).
     distortion
-        The manufacturer's lens distortion, if known; stored with the camera, not applied.
+        The manufacturer's lens distortion, which is stored but not applied; None if unknown.
     marks
         Which values are stated, measured, derived or assumed; ignored when cameras are compared.
 
@@ -157,7 +157,7 @@ class Camera:
 
     @property
     def periodic(self) -> LensletLattice:
-        """The lattice; raises `NoLatticeError` if the camera has none."""
+        """Periodic lattice of the lenslets; raises `NoLatticeError` if the camera has none."""
         if not isinstance(self.lattice, LensletLattice):
             raise NoLatticeError.of("lenslet lattice")
         return self.lattice
@@ -169,7 +169,7 @@ class Camera:
 
     @property
     def period_px(self) -> tuple[float, float]:
-        """Period ``(y, x)`` of the patterns on the sensor, unrounded (pixels): 1 without a lattice."""
+        """Period ``(y, x)`` of the patterns on the sensor (pixels, not rounded); (1, 1) without a lattice."""
         if not self.has_lattice:
             return 1.0, 1.0
         y, x = self.lattice.period_um
@@ -177,32 +177,35 @@ class Camera:
 
     @property
     def lattice_scale(self) -> float:
-        """Ratio of the micro-image lattice to the lenslet lattice: 1 + B/b for a lens, 1 for a telecentric system."""
+        """Ratio of micro-image pitch to lenslet pitch: 1 + B/b for a main lens, 1 for a telecentric microscope."""
         # the chief ray leaves the exit pupil's centre and passes the lenslet at distance b, the sensor at b + B
         return 1.0 + self.periodic.gap_um / self.optics.image_distance_um
 
     @property
     def magnification(self) -> float:
-        """|M| from the working plane to the sensor, by the chief ray."""
+        """Magnification |M| from the working plane to the sensor, along the chief ray."""
         if isinstance(self.lattice, PupilLenslets):
             return self.optics.magnification * self.lattice.relay
         return self.optics.magnification * self.lattice_scale
 
     def pixels(self, xy_um: ArrayLike) -> NDArray[np.float64]:
-        """Return pixel coordinates ``(..., 2)`` as (row, column) of points (x, y) from the sensor's centre (µm)."""
+        """Return pixels (row, column), ``(..., 2)``, for points (x, y) relative to the sensor's centre (µm)."""
         # Camera.pixels counts (row, column), points count (x, y): the order is swapped, without mirroring
         flipped = np.asarray(xy_um, float)[..., ::-1]
         pixels: NDArray[np.float64] = flipped / self.sensor.pixel_um + np.array(self.sensor.centre_px)
         return pixels
 
     def sensor_um(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Return points (x, y) from the sensor's centre (µm) of pixels (row, column): inverse of `pixels`."""
+        """Return points (x, y), ``(..., 2)``, relative to the sensor's centre (µm) for pixels (row, column).
+
+        This is the inverse of `pixels`.
+        """
         offset = np.asarray(pixels, float) - np.array(self.sensor.centre_px)
         flipped: NDArray[np.float64] = offset[..., ::-1]
         return flipped * self.sensor.pixel_um
 
     def local(self, place: ArrayLike) -> Camera:
-        """Return the camera with its lattice linearized about pixel (row, column), without distortion."""
+        """Return the camera with its lattice linearized about the pixel ``place`` (row, column), without distortion."""
         x, y = self.sensor_um(place)
         return replace(self, lattice=self.lattice.local((float(x), float(y))))
 
@@ -220,11 +223,11 @@ class Camera:
         return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
 
     def image_shift_um(self, z_um: float) -> float:
-        """Return the distance ``a`` of the image of depth ``z_um`` behind the lenslet array (µm).
+        """Return the distance ``a`` from the lenslet array to the image of depth ``z_um``, towards the sensor (µm).
 
-        z > 0 is away from the camera: there the image lies in front of the array and ``a`` is negative. A microscope
-        has ``a = -M² z / n`` (paraxial); a main lens follows the thin-lens equation. Lenslets in a pupil plane see no
-        such image: `NoLatticeError`.
+        z > 0 is away from the camera; the image is then in front of the array and ``a`` is negative. For a microscope,
+        ``a = -M² z / n`` (paraxial); for a main lens, it follows from the thin-lens equation. For lenslets in a pupil
+        plane, it is not defined and `NoLatticeError` is raised.
         """
         self._check_lattice("virtual depth")
         if isinstance(self.optics, Microscope):
@@ -232,11 +235,11 @@ class Camera:
         return self.optics.image_of(self._object_distance(z_um)) - self.optics.image_distance_um
 
     def virtual_depth(self, z_um: float) -> float:
-        """Return the virtual depth v = a/B of object depth ``z_um``."""
+        """Return the virtual depth v = a/B of the object depth ``z_um`` (µm)."""
         return self.image_shift_um(z_um) / self.lattice.gap_um
 
     def depth_of(self, virtual_depth: float) -> float:
-        """Return the object depth z (µm) whose image lies at ``virtual_depth``: inverse of `virtual_depth`."""
+        """Return the object depth z (µm) that corresponds to ``virtual_depth``; inverse of `virtual_depth`."""
         self._check_lattice("virtual depth")
         a = virtual_depth * self.lattice.gap_um
         if isinstance(self.optics, Microscope):
@@ -344,10 +347,10 @@ def _marks(entries: Any) -> Marks:
 
 
 def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
-    """Return dataclass ``kind`` from JSON ``data``, with nested dataclasses and tuples; names and types are checked.
+    """Return an instance of the dataclass ``kind`` from JSON ``data``, including nested dataclasses and tuples.
 
-    Every entry is required, because a missing one would silently take a default. With ``partial``, entries of ``kind``
-    itself may be missing.
+    Names and types of the entries are checked. Every entry is required, because a missing entry would silently have its
+    default value. With ``partial``, entries of ``kind`` itself may be missing. ``what`` names the data in messages.
 
     Raises
     ------
@@ -412,9 +415,9 @@ def _value(hint: Any, value: Any, what: str) -> Any:
 
 
 def nearest_lens(camera: Camera, pixel: tuple[float, float]) -> tuple[float, float]:
-    """Return the sensor position ``(row, column)`` of the type-0 micro-image centre nearest to ``pixel`` (pixels).
+    """Return the position ``(row, column)`` of the type-0 micro-image centre nearest to ``pixel`` (sensor pixels).
 
-    Without a lattice, it is the point where the optical axis meets the sensor.
+    For a camera without a lattice, it is the point where the optical axis meets the sensor.
     """
     lattice = camera.lattice
     if isinstance(lattice, PupilLenslets):

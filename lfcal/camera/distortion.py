@@ -30,10 +30,10 @@ INVERSE_TOLERANCE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class BrownDistortion:
-    """Radial distortion after Brown, stored as the calibration file states it.
+    """Radial lens distortion by the model of Brown, as stated in a calibration file.
 
-    The file states neither the unit of the radius nor from which corner the centre is counted. The numbers are
-    therefore stored and not applied.
+    The file states neither the unit of the radius nor the corner from which the centre is measured. The numbers are
+    therefore stored but not applied.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def polynomial_powers(degree: int) -> list[tuple[int, int]]:
 
 
 def monomials(u: Array, degree: int) -> Array:
-    """Return u_x^i u_y^j at points ``(..., 2)`` in the order of `polynomial_powers`: ``(..., terms)``."""
+    """Return u_x^i u_y^j at points ``(..., 2)``, as ``(..., terms)`` in the order of `polynomial_powers`."""
     powers = polynomial_powers(degree)
     x, y = _powers(u, degree)
     found = np.empty((len(powers), *u.shape[:-1]))
@@ -135,11 +135,11 @@ class LatticeDistortion:
     model
         ``"polynomial"`` or ``"radial"``.
     centre
-        Point (x, y) of the ideal lattice from which u is measured.
+        Point (x, y) of the ideal lattice at which u = 0.
     scale
-        Distance from the centre at which a term displaces by its coefficient.
+        Length scale: the distance from the centre at which |u| = 1.
     terms
-        Coefficients (displacements at one scale): two tuples (along x and y), or one (radial).
+        Coefficients in the unit of length: two tuples for a polynomial (along x and y), one for the radial model.
 
     Examples
     --------
@@ -193,7 +193,7 @@ class LatticeDistortion:
 
     @property
     def degree(self) -> int:
-        """Highest order of the displacement."""
+        """Highest order of the displacement in u."""
         if self.model == "radial":
             return 2 * len(self.terms[0]) + 1
         # orders 2 … n hold (n + 1)(n + 2)/2 - 3 terms
@@ -217,7 +217,7 @@ class LatticeDistortion:
         return found
 
     def displacement(self, points: ArrayLike) -> Array:
-        """Return the displacements of points ``(..., 2)`` (x, y) of the ideal lattice."""
+        """Return the displacements (x, y), ``(..., 2)``, of points (x, y) of the ideal lattice."""
         u = (np.asarray(points, float) - np.array(self.centre)) / self.scale
         radius = np.hypot(u[..., 0], u[..., 1])
         far = radius > REACH
@@ -230,17 +230,17 @@ class LatticeDistortion:
         return result
 
     def apply(self, points: ArrayLike) -> Array:
-        """Return the distorted positions of points ``(..., 2)`` (x, y) of the ideal lattice."""
+        """Return the distorted positions (x, y), ``(..., 2)``, of points (x, y) of the ideal lattice."""
         seen: Array = np.asarray(points, float) + self.displacement(points)
         return seen
 
     def invert(self, seen: ArrayLike) -> Array:
-        """Return the points ``(..., 2)`` of the ideal lattice displaced to ``seen``: the inverse of `apply` (Newton).
+        """Return the points ``(..., 2)`` of the ideal lattice that are displaced to ``seen``; inverse of `apply`.
 
         Raises
         ------
         InputError
-            If a point is not finite, or is too far from the centre for the distortion to be inverted.
+            If a point is not finite, or is so far from the centre that the distortion cannot be inverted.
         """
         target = np.asarray(seen, float)
         points = target.copy()
@@ -258,7 +258,7 @@ class LatticeDistortion:
         )
 
     def jacobian(self, points: ArrayLike) -> Array:
-        """Return the derivative of `apply` ``(..., 2, 2)``: rows are displaced coordinates, columns are x and y."""
+        """Return the derivative of `apply` ``(..., 2, 2)``: rows are the distorted, columns the ideal x and y."""
         at, step = np.asarray(points, float), STEP * self.scale
         u = (at - np.array(self.centre)) / self.scale
         far = np.hypot(u[..., 0], u[..., 1]) > REACH
@@ -280,7 +280,7 @@ class LatticeDistortion:
         return max(hypot(x, y) for x, y in self.displacement(points))
 
     def scaled(self, factor: float, shift: tuple[float, float] = (0.0, 0.0)) -> LatticeDistortion:
-        """Return the same distortion in another unit and origin, for points ``factor * (x, y) + shift``."""
+        """Return the distortion for points transformed to ``factor * (x, y) + shift``, for another unit or origin."""
         check_number("factor of the distortion", factor, above=0)
         x, y = (factor * c + s for c, s in zip(self.centre, shift, strict=True))
         terms = tuple(tuple(factor * t for t in line) for line in self.terms)

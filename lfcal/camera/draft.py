@@ -36,18 +36,20 @@ SEEN_IN_PIXELS = tuple(f"lattice.{n}" for n in ("pitch_um", "row_pitch_um", "off
 
 
 class Draft:
-    """Values of a camera by path. The first value set for a path is kept; missing ones are assumed and marked.
+    """Values of a camera by path, to be completed by assumed values.
 
-    In addition to the paths of `QUANTITIES` there are ``lattice.focus`` (virtual depths at which the types are in
-    focus) and ``lattice.depth_ranges`` (pairs of virtual depths, one per type). ``lattice.types`` holds focal lengths
-    (µm).
+    The first value set for a path is kept. Values that are not set are assumed and marked as such.
+
+    In addition to the paths of `QUANTITIES`, there are ``lattice.focus`` (virtual depth at which each lens type is in
+    focus) and ``lattice.depth_ranges`` (a pair of virtual depths for each type). ``lattice.types`` contains focal
+    lengths (µm).
 
     Parameters
     ----------
     kind
         ``"MainLens"``, ``"Microscope"`` or ``"FourierMicroscope"``.
     given
-        Values stated by the user, by path; later values do not replace them.
+        Values stated by the user, by path; values set later do not replace them.
 
     Raises
     ------
@@ -75,10 +77,10 @@ class Draft:
 
     @classmethod
     def of(cls, camera: Camera, given: Mapping[str, Any]) -> Draft:
-        """Return a draft of an existing camera with ``given`` replacing its values.
+        """Return a draft of an existing camera, with its values replaced by those in ``given``.
 
-        Lattices are measured in pixels, so their derived or measured lengths are scaled if the pixel pitch changes.
-        Gaps and focal lengths that were assumed are assumed again.
+        Lattices are measured in pixels. Their derived or measured lengths are therefore scaled if the pixel pitch
+        changes. Gaps and focal lengths that were assumed are assumed again.
         """
         draft = cls(type(camera.optics).__name__ if camera.has_lattice else "FourierMicroscope", given)
         draft.distortion = camera.distortion
@@ -112,7 +114,13 @@ class Draft:
             self.put("lattice.types", tuple(kind.focal_length_um for kind in lattice.types), mark)
 
     def put(self, path: str, value: Any, mark: str = "stated") -> None:
-        """Set ``value`` unless one is set already; None sets nothing."""
+        """Set the value at ``path`` and its mark, unless a value is set already; None as value sets nothing.
+
+        Raises
+        ------
+        InputError
+            If such a camera has no value at ``path``.
+        """
         if path not in PATHS or not self._has(path):
             raise InputError.expected(
                 "entry of a camera", f"an entry of {self._title}", path, "lfcal camera show lists the entries"
@@ -129,7 +137,7 @@ class Draft:
         return part != "optics" or name in {f.name for f in fields(self._kind)}
 
     def state(self, path: str, value: Any) -> None:
-        """Set ``value`` as stated, replacing the current value."""
+        """Set the value at ``path`` as stated by the user, replacing the current value."""
         self.withdraw(path)
         self.put(path, value)
         if path == FOCUS:
@@ -140,7 +148,7 @@ class Draft:
         self._values.pop(path, None)
 
     def get(self, path: str) -> Any:
-        """Return the value at ``path``, or the value that is assumed."""
+        """Return the value that is set at ``path``, or the assumed value."""
         if path in self._values:
             return self._values[path][0]
         part, _, name = path.rpartition(".")
@@ -149,14 +157,15 @@ class Draft:
         return getattr(self._build(part), name)
 
     def mark(self, path: str) -> str:
-        """Return the mark of the value at ``path``: ``"assumed"`` if none was set."""
+        """Return the mark of the value at ``path``; ``"assumed"`` if no value is set."""
         return self._values.get(path, (None, "assumed"))[1]
 
     def camera(self, name: str) -> Camera:
         """Return the camera, with a mark for every value.
 
-        An unknown gap is assumed to be the pitch times the working f-number, at which micro-images just touch. Lens
-        types are assumed to be in focus at the depth from their depth ranges, or at infinity.
+        An unknown gap is assumed to be the pitch times the working f-number, at which adjacent micro-images just touch.
+        Each lens type is assumed to be in focus at the virtual depth that follows from its depth range, or at infinity
+        if no depth range is known.
 
         Raises
         ------

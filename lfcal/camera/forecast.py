@@ -21,8 +21,8 @@ MIN_RATE = 1e-6
 def readout_hours(frames: int, frames_per_s: float | None) -> float | None:
     """Return the time to read out and transfer ``frames`` frames (h); None if the camera's rate is unknown.
 
-    The stage moves, and the next exposure begins, only after a frame has arrived. Readout therefore adds to the
-    exposure, even for cameras that can do both simultaneously.
+    The stage moves, and the next exposure begins, only after a frame has arrived. The readout time is therefore added
+    to the exposure time, even for cameras that can expose and read out simultaneously.
     """
     if frames_per_s is None:
         return None
@@ -39,15 +39,16 @@ class Forecast:
     positions, frames
         Number of source positions, and of recorded frames (more if frames are averaged).
     exposure_hours, settle_hours, move_hours
-        Time in hours spent exposing, settling and moving.
+        Total time for exposures, for settling and for moves (h).
     readout_hours
-        Time in hours spent reading frames out; None, and not counted, if the camera's rate is unknown.
+        Total readout time (h), included in `hours`; None if the camera's rate is unknown.
     frame_bytes, cutout_bytes
-        Size of all frames as delivered by the camera, and of only their cutouts as uint16.
+        Size of all frames as delivered by the camera, and of their cutouts only, as uint16 (bytes).
     h_float32_bytes, h_rounded_bytes
-        Size of H uncompressed, and largest size of an H file rounded to 16 bits. HT is stored only when exported.
+        Size of H without compression, and largest size of an H file rounded to 16 bits (bytes). HT is stored only when
+        it is exported.
     assembly_bytes
-        Peak memory of assembly: two float32 planes.
+        Peak memory of the assembly of H: two float32 planes (bytes).
 
     Examples
     --------
@@ -77,12 +78,12 @@ class Forecast:
 
     @property
     def bytes_per_s(self) -> float:
-        """Bytes per second that the camera delivers, for whole frames in this time."""
+        """Average data rate of the camera for complete frames over the total time (bytes/s)."""
         return self.frame_bytes / (3600 * self.hours) if self.hours else math.inf
 
     @property
     def ht_float32_bytes(self) -> int:
-        """Size of HT uncompressed (float32), if it is exported."""
+        """Size of HT as float32 without compression (bytes), if it is exported."""
         return self.h_float32_bytes
 
     def to_dict(self) -> dict[str, Any]:
@@ -101,9 +102,9 @@ class Forecast:
     ) -> Forecast:
         """Return the forecast of ``plan``; the stage moves all axes simultaneously at ``stage_um_per_s`` (µm/s).
 
-        ``frames_per_s`` is the largest rate of the camera for the region that it reads; see `readout_hours`.
-        ``positions`` ``(n, 3)`` as (z, y, x) are the only ones recorded, in that order; the size of H does not depend
-        on them.
+        ``frames_per_s`` is the largest frame rate of the camera for the region that it reads out; see `readout_hours`.
+        ``positions`` ``(n, 3)`` are the positions (z, y, x) to record, in this order; by default, all positions of the
+        plan. The size of H does not depend on them.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, at_least=MIN_RATE)
         _, ny, nx, nt, ns = plan.shape

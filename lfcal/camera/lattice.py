@@ -30,7 +30,7 @@ class LensType:
     focal_length_um
         Focal length (µm).
     depth_range
-        Virtual depths (near, far) for which this type is used, if the manufacturer states them.
+        Virtual depths (near, far) for which this type is used, as stated by the manufacturer; None if unknown.
 
     Examples
     --------
@@ -59,9 +59,9 @@ class LensType:
     def focused_at(
         cls, virtual_depth: float, gap_um: float, depth_range: tuple[float, float] | None = None
     ) -> LensType:
-        """Return the lenslet that is in focus at ``virtual_depth``: 1/f = (1 - 1/v) / gap.
+        """Return the lens type that is in focus at ``virtual_depth``: 1/f = (1 - 1/v) / gap.
 
-        ``math.inf`` is a lenslet focused at infinity (f = gap), as in a light-field microscope.
+        With ``math.inf``, lenslets are focused at infinity (f = gap), as in a light-field microscope.
         """
         # lenslet equation 1/f = 1/B - 1/a with a = v B: between 0 and 1 the focal length would be negative
         if virtual_depth in (0, 1) or 0 < virtual_depth < 1:
@@ -71,14 +71,14 @@ class LensType:
         return cls(gap_um / (1.0 - 1.0 / virtual_depth), depth_range)
 
     def focus_depth(self, gap_um: float) -> float:
-        """Return the virtual depth that this type has in focus with the sensor ``gap_um`` behind it."""
+        """Return the virtual depth at which this type is in focus, with the sensor ``gap_um`` behind the lenslets."""
         inverse = 1.0 - gap_um / self.focal_length_um
         return math.inf if inverse == 0 else 1.0 / inverse
 
 
 @dataclass(frozen=True, slots=True)
 class LensletLattice:
-    """A square or hexagonal lenslet array of one or three types.
+    """Square or hexagonal lenslet array with one or three lens types.
 
     Distances are those of the micro-image lattice on the sensor, as shown by a white image and stated in the
     manufacturer's calibration. The lenslets themselves are closer together by `Camera.lattice_scale`.
@@ -88,34 +88,34 @@ class LensletLattice:
     kind
         ``"square"`` or ``"hexagonal"`` (rows along x, odd rows shifted by half a pitch).
     pitch_um
-        Distance of neighbouring micro-image centres along a row (µm).
+        Distance between neighbouring micro-image centres in a row (µm).
     gap_um
-        Distance from lenslets to sensor, B (µm).
+        Distance B from the lenslets to the sensor (µm).
     types
-        One or three lens types. On a hexagonal array with three types, neighbours differ; a lenslet of type 0 is at
-        the offset.
+        One or three lens types. In a hexagonal array with three types, neighbours have different types, and a lenslet
+        of type 0 is at the offset.
     rotation_rad
         Angle from the sensor's +x axis to a row, positive from +x towards +y (downwards) (rad).
     offset_um
-        Centre (x, y) of a type-0 micro-image from the sensor's centre, x to the right, y downwards (µm).
+        Centre (x, y) of a type-0 micro-image relative to the sensor's centre, x to the right, y downwards (µm).
     clear_um
-        Clear diameter of a lenslet on the sensor's scale, like the pitch (µm); a manufacturer's value must be
-        multiplied by `Camera.lattice_scale`. Lenslets with a stated diameter are round, and end at their cells. At the
-        cell's diameter (square: sqrt(2) pitch; hexagonal: 2/sqrt(3) pitch) the array has no gaps. None: squares
-        without gaps, or, if hexagonal, discs with the pitch as diameter.
+        Clear diameter of a lenslet (µm). Like the pitch, it refers to the micro-image lattice, so multiply a
+        manufacturer's value by `Camera.lattice_scale`. Lenslets with a stated diameter are round and cut off at the
+        edges of their cells. If the diameter is that of the cell (square: sqrt(2) pitch; hexagonal: 2/sqrt(3) pitch),
+        the array has no gaps. None: squares without gaps or, in a hexagonal array, discs whose diameter is the pitch.
     row_pitch_um
-        Distance of neighbouring rows if it differs from the ideal one (square: pitch; hexagonal: pitch * sqrt(3)/2),
-        as measured from a white image (µm).
+        Distance between neighbouring rows (µm), for example as measured in a white image. None: the ideal distance
+        (square: pitch; hexagonal: sqrt(3)/2 pitch).
     type_step
         Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 if the types run in the other
-        direction. Manufacturers number types differently; this keeps the rotation small.
+        direction. Manufacturers number types differently; with this value, the rotation can remain small.
     shear_rad
-        Deviation of the angle from a row to the next from the ideal one (rad): rows are shifted along themselves by an
-        additional ``tan(shear)`` times their distance.
+        Shear of the lattice (rad): each row is shifted along its direction, relative to the previous row, by an
+        additional ``tan(shear)`` times the row distance.
     distortion
         Distortion of the lattice as seen on the sensor (µm from the sensor's centre); None: straight rows.
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
-        undistorted lattice; `local` returns those at a point.
+        undistorted lattice. `local` returns the lattice at a point.
 
     Examples
     --------
@@ -171,39 +171,42 @@ class LensletLattice:
 
     @property
     def row_step_um(self) -> float:
-        """Distance of neighbouring rows (µm)."""
+        """Distance between neighbouring rows (µm)."""
         if self.row_pitch_um is not None:
             return self.row_pitch_um
         return self.pitch_um * (math.sqrt(3) / 2 if self.kind == "hexagonal" else 1.0)
 
     @property
     def clear_diameter_um(self) -> float:
-        """Clear diameter of a lenslet within its cell; for touching squares, their side (µm)."""
+        """Clear diameter of a lenslet, at most that of its cell; for touching squares, their side (µm)."""
         if self.clear_um is None or self.edge_to_edge:
             return self.pitch_um
         return min(self.clear_um, self.cell_um[1])
 
     @property
     def cell_um(self) -> tuple[float, float]:
-        """Diameters of the inscribed and circumscribed circles of a lenslet's cell, the points nearest to it (µm)."""
+        """Diameters of the inscribed and of the circumscribed circle of a lenslet's cell (µm).
+
+        The cell consists of the points that are closer to this lenslet than to any other.
+        """
         sides, across = cell_size(*self._upright_um)
         return min(sides), across
 
     @property
     def edge_to_edge(self) -> bool:
-        """Whether the lenslets are touching squares."""
+        """Whether the lenslets are squares without gaps."""
         return self.kind == "square" and self.gapless
 
     @property
     def gapless(self) -> bool:
-        """Whether the lenslets fill their cells: squares without a clear diameter, or discs of the cell's diameter."""
+        """Whether the lenslets fill their cells: squares without a clear diameter, or discs as large as the cells."""
         if self.clear_um is None and self.kind == "square":
             return True
         return (self.pitch_um if self.clear_um is None else self.clear_um) >= GAPLESS_SHARE * self.cell_um[1]
 
     @property
     def fill_factor(self) -> float:
-        """Fraction of the array covered by the lenslets: discs of the clear diameter, within their cells."""
+        """Fraction of the array's area that the lenslets cover, within their clear diameters and cells."""
         if self.gapless:
             return 1.0
         radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um
@@ -214,9 +217,9 @@ class LensletLattice:
 
     @property
     def period_um(self) -> tuple[float, float]:
-        """Rectangular period ``(y, x)`` of the array, including lens types (µm).
+        """Rectangular period ``(y, x)`` of the array, after which the lens types also repeat (µm).
 
-        If the rows are closer to the direction of the sensor's columns, y and x are exchanged.
+        If the rows of lenslets are closer to the sensor's columns than to its rows, y and x are exchanged.
         """
         across, along = self.row_step_um, self.pitch_um
         # odd rows are shifted by half a pitch, so a rectangular cell takes two rows; three types repeat every third
@@ -232,7 +235,7 @@ class LensletLattice:
 
     @property
     def tilt_rad(self) -> float:
-        """Angle from the nearest sensor axis to the rows, which keeps the period off the pixel grid."""
+        """Angle from the nearest sensor axis to the rows of lenslets (rad)."""
         return self.rotation_rad - self.quarter_turns * math.pi / 2
 
     def basis_um(self) -> NDArray[np.float64]:
@@ -251,30 +254,30 @@ class LensletLattice:
         return (self.pitch_um, 0.0), (lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um)
 
     def centres_um(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.float64]:
-        """Return centres ``(..., 2)`` as (x, y) from the sensor's centre for lattice indices q (in row), r (row)."""
+        """Return the centre (x, y), ``(..., 2)``, of lenslet q in row r, relative to the sensor's centre (µm)."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         centres: NDArray[np.float64] = index @ self.basis_um() + np.array(self.offset_um)
         return centres if self.distortion is None else self.distortion.apply(centres)
 
     def lenslet_at(self, xy_um: ArrayLike) -> NDArray[np.float64]:
-        """Return fractional lattice indices ``(..., 2)`` as (q, r) of points (x, y) (µm): inverse of `centres_um`."""
+        """Return fractional lattice indices (q, r), ``(..., 2)``, of points (x, y) (µm); inverse of `centres_um`."""
         points = np.asarray(xy_um, float)
         straight = points if self.distortion is None else self.distortion.invert(points)
         index: NDArray[np.float64] = (straight - np.array(self.offset_um)) @ np.linalg.inv(self.basis_um())
         return index
 
     def in_cell(self, x_um: ArrayLike, y_um: ArrayLike) -> NDArray[np.bool_]:
-        """Return a mask of the points, relative to a lenslet's centre (µm), to which this lenslet is the nearest."""
+        """Return whether points are in the cell of a lenslet, from their coordinates relative to its centre (µm)."""
         points = np.stack(np.broadcast_arrays(np.asarray(x_um, float), np.asarray(y_um, float)), -1)
         others = cell_neighbours(self.basis_um())
         inside: NDArray[np.bool_] = (np.abs(points @ others.T) <= (others**2).sum(-1) / 2).all(-1)
         return inside
 
     def local(self, about_um: tuple[float, float]) -> LensletLattice:
-        """Return the undistorted lattice that approximates this one about a point (x, y) of the sensor (µm).
+        """Return the undistorted lattice that approximates this one near a point (x, y) of the sensor (µm).
 
-        Its pitch, row pitch, rotation and shear are those at the lenslet of type 0 nearest to the point; this lenslet
-        is at its offset. Periods, wave vectors and rotations need it if the lattice is distorted.
+        Its pitch, row pitch, rotation and shear are those at the lenslet of type 0 nearest to the point, whose centre
+        becomes the offset. Use it to compute periods, wave vectors and rotations of a distorted lattice.
         """
         if self.distortion is None:
             return self
@@ -304,13 +307,17 @@ class LensletLattice:
         )
 
     def clear_of(self, pitch_um: float) -> float | None:
-        """Return the clear diameter for another pitch (µm); an array without gaps keeps none."""
+        """Return the clear diameter for a lattice with another pitch (µm).
+
+        An array without gaps remains without gaps; other lenslets keep their diameter, at most 1.5 times the pitch.
+        None if no diameter is stated.
+        """
         if self.clear_um is None or not self.gapless:
             return None if self.clear_um is None else min(self.clear_um, 1.5 * pitch_um)
         return self.clear_um * pitch_um / self.pitch_um
 
     def scaled(self, factor: float) -> LensletLattice:
-        """Return the lattice scaled by ``factor`` about the sensor's centre, with the same gap and types."""
+        """Return the lattice scaled by ``factor`` about the sensor's centre, with the same gap and lens types."""
         x, y = self.offset_um
         return replace(
             self,
@@ -322,12 +329,12 @@ class LensletLattice:
         )
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
-        """Return the type of the lenslets q, r: ``type_step (q - r) mod 3`` for three types, so neighbours differ."""
+        """Return the lens type of lenslets q, r; with three types, it is ``type_step (q - r) mod 3``."""
         # moving one lenslet along b changes the type by -1, so all six neighbours differ
         return np.mod(self.type_step * (np.asarray(q, np.intp) - np.asarray(r, np.intp)), len(self.types))
 
     def type_at(self, xy_um: ArrayLike) -> NDArray[np.intp]:
-        """Return the type of the lenslet nearest to points ``(..., 2)`` as (x, y) (µm)."""
+        """Return the lens type ``(...)`` of the lenslet nearest to each point (x, y), ``(..., 2)`` (µm)."""
         points = np.asarray(xy_um, float)
         near = np.rint(self.lenslet_at(points)).astype(np.intp)
         steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
@@ -341,7 +348,7 @@ class LensletLattice:
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return centres ``(n, 2)`` as (x, y) and types ``(n,)`` inside a box about ``about_um`` (µm)."""
+        """Return centres (x, y), ``(n, 2)`` (µm), and types ``(n,)`` of the lenslets in a box about ``about_um``."""
         # the box's outline in lattice indices, with a margin of one cell: a rotated lattice's index range is larger
         # than the box, and that of a distorted one is not largest at the corners
         side = np.linspace(-1, 1, 9)
@@ -361,12 +368,14 @@ RIGHT_ANGLE = 1e-9
 
 
 def cell_neighbours(basis: ArrayLike) -> Array:
-    """Return the neighbours that bound the cell, one of each opposite pair: two for a rectangle, three for a hexagon.
+    """Return the lattice vectors to the neighbours that bound a cell, one of each pair of opposite neighbours.
+
+    There are two for a rectangular cell and three for a hexagonal one.
 
     Parameters
     ----------
     basis
-        Two vectors of the lattice as rows, ``(2, 2)``.
+        Two basis vectors of the lattice as rows, ``(2, 2)``.
 
     Returns
     -------
@@ -396,8 +405,8 @@ def cell_neighbours(basis: ArrayLike) -> Array:
 def cell_corners(basis: ArrayLike) -> Array:
     """Return the corners ``(4 or 6, 2)`` of the cell about a lattice point, ordered from +x towards +y.
 
-    Each is the intersection of the perpendicular bisectors of two consecutive neighbours. All corners are equally far
-    from the lattice point.
+    ``basis`` contains two basis vectors of the lattice as rows. All corners have the same distance from the lattice
+    point.
     """
     unit = float(np.abs(np.array(basis, float)).max())
     half = cell_neighbours(basis) / unit
@@ -410,9 +419,9 @@ def cell_corners(basis: ArrayLike) -> Array:
 
 @lru_cache(maxsize=256)
 def cell_size(a: Vector, b: Vector) -> tuple[tuple[float, ...], float]:
-    """Return the distances of opposite sides of the cell of two vectors, and its diameter from corner to corner.
+    """Return the distances between opposite sides of the cell of a lattice, and the cell's corner-to-corner diameter.
 
-    The result is cached, because simulations need it at every lenslet.
+    ``a`` and ``b`` are two basis vectors of the lattice.
     """
     sides = np.hypot(*cell_neighbours((a, b)).T)
     return tuple(sides.tolist()), 2 * float(np.hypot(*cell_corners((a, b))[0]))

@@ -12,20 +12,20 @@ __all__ = ["MainLens", "Microscope", "Optics"]
 
 @dataclass(frozen=True, slots=True)
 class MainLens:
-    """A photographic main lens, focused on the lenslet array.
+    """Photographic main lens, focused on the lenslet array.
 
     Attributes
     ----------
     focal_length_um
         Focal length (µm).
     f_number
-        f-number set on the lens (focal length over entrance pupil diameter).
+        f-number set on the lens: focal length divided by the diameter of the entrance pupil.
     working_distance_um
         Distance from the lens to the plane that is imaged onto the lenslet array (µm).
     blades
-        Iris blades; 0 is a circular iris.
+        Number of iris blades; 0 is a circular iris.
     blade_rotation_rad
-        Angle of the first vertex from the +x (column) axis (rad).
+        Angle from the +x axis (along a row) to the first vertex of the iris (rad).
     blade_curvature
         Ratio of apothem to blade radius: 0 for straight edges, 1 for a circle.
 
@@ -64,40 +64,40 @@ class MainLens:
 
     @property
     def telecentric(self) -> bool:
-        """Whether the period is the same over the whole field; for a main lens it is not."""
+        """Whether the period is the same over the entire field; always false for a main lens."""
         return False
 
     @property
     def image_distance_um(self) -> float:
-        """Distance from the lens to the lenslet array (µm): thin-lens equation."""
+        """Distance from the lens to the lenslet array (µm), from the thin-lens equation."""
         return self.image_of(self.working_distance_um)
 
     def image_of(self, object_distance_um: float) -> float:
-        """Return the image distance of a point ``object_distance_um`` in front of the lens (µm)."""
+        """Return the image distance of a point that is ``object_distance_um`` in front of the lens (µm)."""
         return 1.0 / (1.0 / self.focal_length_um - 1.0 / object_distance_um)
 
     @property
     def magnification(self) -> float:
-        """|M| from the working plane to the lenslet array."""
+        """Magnification |M| from the working plane to the lenslet array."""
         return self.image_distance_um / self.working_distance_um
 
     @property
     def working_f_number(self) -> float:
-        """Working f-number: image distance over pupil diameter, which sets the cone that reaches the lenslets."""
+        """Working f-number, which determines the light cone at the lenslets: image distance / pupil diameter."""
         # pupil diameter is f/N
         return self.image_distance_um * self.f_number / self.focal_length_um
 
 
 @dataclass(frozen=True, slots=True)
 class Microscope:
-    """An infinity-corrected, telecentric light-field microscope.
+    """Infinity-corrected, telecentric light-field microscope.
 
     Attributes
     ----------
     magnification
-        |M| of objective and tube lens together.
+        Magnification |M| of objective and tube lens together.
     numerical_aperture
-        Object-side NA of the objective.
+        Object-side numerical aperture (NA) of the objective.
     medium_index
         Refractive index of the immersion medium.
     tube_length_um
@@ -132,23 +132,23 @@ class Microscope:
 
     @property
     def telecentric(self) -> bool:
-        """Whether the period is the same over the whole field; for a telecentric microscope it is."""
+        """Whether the period is the same over the entire field; always true for a telecentric microscope."""
         return True
 
     @property
     def image_distance_um(self) -> float:
-        """Distance from the exit pupil to the lenslet array: infinite, because chief rays are parallel."""
+        """Distance from the exit pupil to the lenslet array: infinite, because the chief rays are parallel."""
         return math.inf
 
     @property
     def working_f_number(self) -> float:
-        """Working f-number M / (2 NA), which sets the cone that reaches the lenslets."""
+        """Working f-number, M / (2 NA), which determines the light cone at the lenslets."""
         # paraxial 1/(2 NA) on the object side, M times slower on the image side
         return self.magnification / (2 * self.numerical_aperture)
 
     @property
     def half_angle_rad(self) -> float:
-        """Half opening angle of the objective (rad)."""
+        """Half of the objective's opening angle (rad)."""
         return math.asin(self.numerical_aperture / self.medium_index)
 
 

@@ -47,7 +47,7 @@ MAX_WAIT_S = 86_400.0
 
 
 def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
-    """Return object-space depths (µm) from depths or from virtual depths."""
+    """Return object-space depths (µm) from either depths (µm) or virtual depths; exactly one of them must be given."""
     if (depths is None) == (virtual is None):
         raise InputError.expected(
             "depth planes", "depths in µm or virtual depths", "both or neither", "give one of the two"
@@ -59,7 +59,13 @@ def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[
 
 
 def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]:
-    """Return depths (µm) that the camera can see, strictly ordered; raises `InputError` for others."""
+    """Return the depths (µm) after checking them.
+
+    Raises
+    ------
+    InputError
+        If the camera does not image a depth, or the depths are neither strictly increasing nor strictly decreasing.
+    """
     checked = check_tuple("depths (µm)", depths)
     for z in checked:
         # raises if the main lens does not image the plane
@@ -87,7 +93,7 @@ def _check_near(optics: Microscope, z_um: float) -> None:
 
 
 def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[float, ...]:
-    """Return the exposure of each of ``planes`` planes (s); a single one applies to all."""
+    """Return the exposure of each of ``planes`` planes (s); a single value applies to all planes."""
     # JSON writes one exposure for all planes as a list of one
     given = given.tolist() if isinstance(given, np.ndarray) else given
     several = isinstance(given, list | tuple) and len(given) != 1
@@ -113,29 +119,29 @@ MAX_TILT_RAD = math.radians(2.0)
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """Positions of the source, and the part of each frame that is kept.
+    """Positions of the source, and the part of each frame to record.
 
-    Position ``(z, y, x)`` places the source's image (its chief ray) at ``anchor + (y, x)`` in every depth plane.
-    Lateral steps in object space are therefore `step_um` of the plane's depth.
+    At position ``(z, y, x)``, the image of the source along the chief ray is at ``anchor + (y, x)`` in every depth
+    plane. Lateral steps in object space are therefore `step_um` of the plane's depth.
 
     Attributes
     ----------
     camera
         The camera to calibrate.
     period
-        Number of positions ``(ny, nx)`` in a plane, which cover the representative cell of the lenslet array.
+        Number of positions ``(ny, nx)`` in a plane, which cover a representative cell of the lenslet array.
     cutout
-        Number of pixels ``(nt, ns)`` kept around the image, odd.
+        Number of pixels ``(nt, ns)`` recorded around the image; both are odd.
     depths_um
         Object-space depth of each plane (µm), z > 0 away from the camera, in ascending or descending order.
     anchor
-        Sensor position ``(row, column)`` of the image at y = x = 0; whole numbers are pixel centres.
+        Sensor position ``(row, column)`` of the image at y = x = 0; integers are pixel centres.
     stage
-        Relation between stage axes and image.
+        Relation between the stage axes and the motion of the image.
     order
         ``"serpentine"`` (without long return moves) or ``"raster"`` (every row from the same side).
     exposure_s
-        Exposure of each plane, or a single one for all planes (s).
+        Exposure of each plane, or one exposure for all planes (s).
     settle_s
         Waiting time after each move (s).
     frames_averaged
@@ -214,15 +220,16 @@ class ScanPlan:
         Parameters
         ----------
         camera
-            The camera under calibration.
+            Camera to calibrate.
         depths_um, virtual_depths
-            The planes, as object-space depths (µm) or as virtual depths; exactly one of the two must be given.
+            Depth planes, as object-space depths (µm) or as virtual depths; exactly one of the two must be given.
         cutout
-            Pixels kept, one number or ``(nt, ns)``; by default enough for the geometric pattern at every depth with a
-            margin for the lenslets' diffraction. Without a lattice, it is at most the size of the sensor.
+            Number of pixels recorded around the image, one number or ``(nt, ns)``. By default, it covers the geometric
+            pattern at every depth, with a margin for diffraction at the lenslets. Without a lattice, it is at most the
+            size of the sensor.
         anchor
-            As in `ScanPlan`; by default, the cell is at the sensor's centre, on whole pixels. Without a lattice, the
-            single position is at the optical axis.
+            As in `ScanPlan`. By default, the cell is at the sensor's centre, and the anchor is an integer pixel.
+            Without a lattice, the single position is on the optical axis.
         stage, order, exposure_s, settle_s, frames_averaged, resample
             As in `ScanPlan`.
 
@@ -261,7 +268,7 @@ class ScanPlan:
     # -- sizes -----------------------------------------------------------------------------------------
     @property
     def cell_camera(self) -> Camera:
-        """The camera with its lattice linearized about the scanned cell."""
+        """Camera with its lattice linearized about the scanned cell."""
         return self.camera.local(self.anchor)
 
     @property
@@ -271,7 +278,7 @@ class ScanPlan:
 
     @property
     def scan(self) -> ScanPlan:
-        """The plan itself. Plans of targets and of regions return the scan that they were made for."""
+        """Scan on which the plan is based: here the plan itself, unlike for plans of targets and of regions."""
         return self
 
     @property
@@ -287,39 +294,39 @@ class ScanPlan:
 
     @property
     def virtual_depths(self) -> tuple[float, ...]:
-        """Virtual depth v = a/B of each plane; empty for a camera that has none (`Camera.has_lattice`)."""
+        """Virtual depth v = a/B of each plane; empty for a camera without a lattice (`Camera.has_lattice`)."""
         if not self.camera.has_lattice:
             return ()
         return tuple(self.camera.virtual_depth(z) for z in self.depths_um)
 
     @property
     def cells(self) -> tuple[int, int]:
-        """Number of lattice cells ``(y, x)`` in the period: 1 unless a longer one was chosen."""
+        """Number of rectangular array periods ``(y, x)`` in the period of the plan, usually 1."""
         ny, nx = (max(1, round(n / p)) for n, p in zip(self.period, self.cell_camera.period_px, strict=True))
         return ny, nx
 
     @property
     def period_residual_px(self) -> tuple[float, float]:
-        """Period of the array minus that of the grid, ``(y, x)``: the rounding residual (pixels)."""
+        """Rounding residual of the period ``(y, x)``: period of the array minus period of the plan (pixels)."""
         y, x = (k * p - n for k, p, n in zip(self.cells, self.cell_camera.period_px, self.period, strict=True))
         return y, x
 
     @property
     def drift_px(self) -> float:
-        """Drift of the array relative to the period over the sensor, along the worse axis (pixels)."""
+        """Drift of the array relative to the plan's period over the entire sensor, along the worse axis (pixels)."""
         sides = zip(self.period_residual_px, self.camera.sensor.shape, self.period, strict=True)
         return max(abs(residual) * side / period for residual, side, period in sides)
 
     @property
     def tilt_residual_px(self) -> float:
-        """Lateral shift over the longer side of the period, because the rows are tilted (pixels)."""
+        """Lateral shift of a row over the longer side of the period, due to the tilt of the rows (pixels)."""
         return max(self.period) * math.tan(self.cell_camera.lattice.tilt_rad)
 
     @property
     def resample_factors(self) -> tuple[float, float]:
-        """Frame pixels per sensor pixel ``(fy, fx)``; (1, 1) unless `resample`.
+        """Number of resampled pixels per sensor pixel ``(fy, fx)``; (1, 1) unless `resample`.
 
-        Resampled pixel i shows the sensor at i / factor.
+        Resampled pixel i is at i / factor on the sensor.
         """
         if not self.resample:
             return 1.0, 1.0
@@ -329,28 +336,28 @@ class ScanPlan:
 
     @property
     def lattice_anchor(self) -> tuple[float, float]:
-        """Anchor minus the nearest centre of a type-0 micro-image, ``(row, column)`` (sensor pixels)."""
+        """Offset ``(row, column)`` of the anchor from the nearest centre of a type-0 micro-image (sensor pixels)."""
         row, column = nearest_lens(self.camera, self.anchor)
         return self.anchor[0] - row, self.anchor[1] - column
 
     # -- places ----------------------------------------------------------------------------------------
     def step_um(self, z: int) -> tuple[float, float]:
-        """Return the object-space steps ``(y, x)`` of plane ``z`` (µm): one (resampled) pixel in the image."""
+        """Return the object-space steps ``(y, x)`` in plane ``z`` that move the image by one (resampled) pixel (µm)."""
         step = self.camera.step_um(self.depths_um[z])
         fy, fx = self.resample_factors
         return step / fy, step / fx
 
     def image_px(self, positions: ArrayLike) -> NDArray[np.float64]:
-        """Return the sensor positions ``(..., 2)`` as (row, column) of the images of positions (z, y, x)."""
+        """Return the image positions (row, column), ``(..., 2)``, of source positions (z, y, x) (sensor pixels)."""
         index = np.asarray(positions, float)
         result: NDArray[np.float64] = np.array(self.anchor) + index[..., 1:] / np.array(self.resample_factors)
         return result
 
     def object_um(self, positions: ArrayLike) -> NDArray[np.float64]:
-        """Return object points ``(..., 3)`` as (right, down, away) of positions (z, y, x) (µm).
+        """Return the object points (right, down, away), ``(..., 3)``, of positions (z, y, x) (µm).
 
-        Lateral coordinates are relative to the optical axis (the sensor's centre), with the sign of the image motion;
-        depth is relative to the working plane.
+        Lateral coordinates are relative to the optical axis (the sensor's centre), and have the sign of the image
+        motion. Depth is relative to the working plane.
         """
         index = np.asarray(positions)
         planes = index[..., 0].astype(np.intp)
@@ -360,14 +367,15 @@ class ScanPlan:
         return np.stack([offset[..., 1] * steps, offset[..., 0] * steps, depth], axis=-1)
 
     def stage_um(self, positions: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return stage coordinates ``(..., 3)`` as (x, y, z) of positions (z, y, x); by default in scan order (µm)."""
+        """Return stage coordinates (x, y, z), ``(..., 3)``, of positions (z, y, x) (µm); None: all, in scan order."""
         return self.stage.to_stage(self.object_um(self.order_indices() if positions is None else positions))
 
     # -- order -----------------------------------------------------------------------------------------
     def order_indices(self) -> NDArray[np.intp]:
-        """Return all positions ``(N, 3)`` as (z, y, x) in scan order.
+        """Return all positions (z, y, x), ``(N, 3)``, in scan order.
 
-        Serpentine order reverses at the end of each row and of each plane, so that every move is one step.
+        In serpentine order, the direction reverses at the end of each row and of each plane, so that every move is one
+        step.
         """
         return self._ordered(self.period[1])
 
@@ -384,14 +392,14 @@ class ScanPlan:
         return index.reshape(3, -1).T
 
     def row_ends(self) -> NDArray[np.intp]:
-        """Return the first and the last position ``(n, 3)`` of every row as (z, y, x) in scan order."""
+        """Return the first and the last position (z, y, x) of every row, ``(n, 3)``, in scan order."""
         columns = self.period[1]
         ends = self._ordered(min(columns, 2))
         ends[:, 2] *= columns - 1
         return ends
 
     def in_scan_order(self, positions: ArrayLike) -> NDArray[np.intp]:
-        """Return selected positions ``(n, 3)`` as (z, y, x) in scan order, each once.
+        """Return the given positions (z, y, x), ``(n, 3)``, in scan order and without duplicates.
 
         Raises
         ------
@@ -412,7 +420,7 @@ class ScanPlan:
         return found
 
     def positions(self) -> Iterator[Position]:
-        """Iterate over all positions in scan order."""
+        """Return an iterator over all positions in scan order."""
         return map(Position._make, self.order_indices().tolist())
 
     # -- JSON ------------------------------------------------------------------------------------------
@@ -426,7 +434,7 @@ class ScanPlan:
 
     @classmethod
     def is_one(cls, data: Any) -> bool:
-        """Return whether JSON ``data`` claims to be such a plan."""
+        """Return whether JSON ``data`` has the format of a scan plan; its contents are not checked."""
         return isinstance(data, Mapping) and data.get("format") == FORMAT
 
     @classmethod
@@ -472,18 +480,18 @@ def _check_on_sensor(plan: ScanPlan) -> None:
 def moved_onto_sensor(
     plan: ScanPlan, *, cutout: tuple[int, int] | None = None, anchor: tuple[float, float] | None = None
 ) -> ScanPlan:
-    """Return the plan with another cutout or anchor, moved only as far as needed to keep every cutout on the sensor.
+    """Return the plan with another cutout or anchor, moved as little as possible to keep all cutouts on the sensor.
 
-    Along each axis, the scan moves by whole periods of the array if possible, so that every position keeps its
-    pattern. Otherwise it moves by whole pixels. For resampled frames, a period is not a whole number of sensor
-    pixels.
+    Along each axis, the scan moves by a multiple of the array's period if possible, so that the pattern of every
+    position does not change. Otherwise, it moves by a whole number of pixels. For resampled frames, the period is not a
+    whole number of sensor pixels.
 
     Parameters
     ----------
     plan
         The plan to move.
     cutout, anchor
-        Pixels ``(nt, ns)``, and sensor position ``(row, column)``; None: those of the plan.
+        Size ``(nt, ns)`` in pixels, and sensor position ``(row, column)``; None: those of the plan.
 
     Raises
     ------
@@ -550,7 +558,8 @@ class HalfCell:
     shift
         Half the period.
     residual_px
-        Half period of the array minus that of the grid ``(y, x)``, for the worse of the two diagonals (pixels).
+        Difference ``(y, x)`` between half the period of the array and that of the plan, for the worse of the two
+        diagonals (pixels).
     """
 
     period: tuple[int, int]
@@ -558,26 +567,27 @@ class HalfCell:
     residual_px: tuple[float, float]
 
     def partners(self, positions: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the positions ``(n, 3)`` whose patterns are the same as those of ``positions``."""
+        """Return the positions ``(n, 3)`` that have the same patterns as ``positions``, half a period away."""
         out = positions.copy()
         out[:, 1:] = (positions[:, 1:] + self.shift) % self.period
         return out
 
     def half(self, plan: ScanPlan) -> NDArray[np.intp]:
-        """Return the positions ``(n, 3)`` of one half, in scan order: the first rows of the period."""
+        """Return the positions (z, y, x), ``(n, 3)``, in the first half of the rows of the period, in scan order."""
         order = plan.order_indices()
         found: NDArray[np.intp] = order[order[:, 1] < self.shift[0]]
         return found
 
 
 def half_cell(plan: ScanPlan) -> HalfCell:
-    """Return the symmetry of a plan's half cell, if patterns half a period away are equal.
+    """Return the symmetry that lets a plan scan half a cell, if patterns half a period apart are equal.
 
     Raises
     ------
     InputError
-        If patterns half a period away differ: the period is odd, the array has no lenslet there or one of another
-        type, or it deviates from whole pixels by more than 0.05 px. The message states the reason.
+        If frames are resampled or patterns half a period apart differ: the period is odd, there is no lenslet of the
+        same type half a period away, or its position deviates from whole pixels by more than 0.05 px. The message
+        states the reason.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"

@@ -23,9 +23,10 @@ def _hexagonal(pitch_um: float, f_number: float, clear_um: float, depths: tuple[
 
 
 def r29() -> Camera:
-    """Return the Raytrix R29 of Eberhart's paper: 95 x 55 positions.
+    """Return the Raytrix R29 camera of Eberhart et al. 2020; its period is 95 x 55 positions (x × y).
 
-    The manufacturer does not publish the lenslets' focal lengths: types in focus at v = 2, 3 and 5 are assumed.
+    The manufacturer does not publish the focal lengths of the lenslets. The three types are assumed to be in focus at
+    virtual depths of 2, 3 and 5.
     """
     pixel = 5.5
     return Camera(
@@ -39,7 +40,7 @@ def r29() -> Camera:
 
 
 def bench() -> Camera:
-    """Return a small three-type camera, 33 x 19 positions, for tests and the demo."""
+    """Return a small camera with three lens types and a period of 33 x 19 positions (x × y), for tests and the demo."""
     pixel = 5.5
     # an odd, small cell whose period is nearly whole: 33 = 3 x 11, 19.05 = 2 x 11 sqrt(3)/2
     pitch = 11.0 * pixel
@@ -54,7 +55,7 @@ def bench() -> Camera:
 
 
 def lfm_20x05() -> Camera:
-    """Return the 20x/0.5 light-field microscope after Broxton et al. 2013: 125 µm lenslets of 15 px."""
+    """Return the 20x/0.5 light-field microscope of Broxton et al. 2013, with 125 µm lenslets of 15 px."""
     pixel = 125.0 / 15
     return Camera(
         "lfm_20x05",
@@ -67,7 +68,10 @@ def lfm_20x05() -> Camera:
 
 
 def lfm_60x12() -> Camera:
-    """Return a 60x/1.2 water light-field microscope: 100 µm lenslets of 15.385 px, f 2.5 mm, pixel 6.5 µm."""
+    """Return a 60x/1.2 water-immersion light-field microscope with 100 µm lenslets of 15.385 px.
+
+    The focal length of the lenslets is 2.5 mm, the pixel pitch 6.5 µm.
+    """
     return Camera(
         "lfm_60x12",
         Microscope(60.0, 1.2, 1.35),
@@ -79,9 +83,9 @@ def lfm_60x12() -> Camera:
 
 
 def flfm_20x05() -> Camera:
-    """Return a 20x/0.5 Fourier light-field microscope: 7 hexagonally placed lenslets across a pupil of 7.5 mm.
+    """Return a 20x/0.5 Fourier light-field microscope with 7 hexagonally arranged lenslets in a pupil of 7.5 mm.
 
-    It is designed by the rules of Guo et al. 2019: the lateral resolution λ/(2 NA) of a lenslet, 1.6 µm, is two pixels.
+    The design follows Guo et al. 2019: the lateral resolution λ/(2 NA) of a lenslet, 1.6 µm, corresponds to two pixels.
     """
     pitch = 2500.0
     ring = tuple((pitch * math.cos(k * math.pi / 3), pitch * math.sin(k * math.pi / 3)) for k in range(6))
@@ -107,7 +111,7 @@ PRESETS: dict[str, Callable[[], Camera]] = {
 
 
 def preset(name: str) -> Camera:
-    """Return a built-in camera: ``r29``, ``lfm_20x05``, ``lfm_60x12``, ``flfm_20x05`` or ``bench``.
+    """Return the built-in camera ``name``: ``r29``, ``lfm_20x05``, ``lfm_60x12``, ``flfm_20x05`` or ``bench``.
 
     Examples
     --------

@@ -19,11 +19,11 @@ MOST_LENSLETS = 1000
 
 
 class NoLatticeError(InputError, AttributeError):
-    """Error for a property that only a periodic lenslet array has, of a camera without one."""
+    """Error for a property that a camera without a periodic lenslet array does not have."""
 
     @classmethod
     def of(cls, name: str) -> NoLatticeError:
-        """Return the error for the property ``name`` of a lattice."""
+        """Return the error for the lattice property called ``name``."""
         got = "a Fourier light-field microscope, whose lenslets form no lattice"
         return cls.expected(
             name, "a camera with a periodic lenslet array", got, "this property does not exist for this camera"
@@ -34,8 +34,8 @@ class NoLatticeError(InputError, AttributeError):
 class PupilLenslets:
     """Single lenslets in a pupil plane, as in a Fourier light-field microscope (FLFM, XLFM, FiMic).
 
-    A Fourier lens behind the native image plane images the objective's pupil onto the lenslets. Each lenslet sees the
-    whole field from its part of the pupil and forms an elemental image. Points anywhere in the field have the same
+    A Fourier lens behind the native image plane images the objective's pupil onto the lenslets. Each lenslet images the
+    entire field through its part of the pupil and forms an elemental image. Points anywhere in the field have the same
     pattern, so the period is one pixel and each depth plane has a single pattern [1]_ [2]_ [3]_.
 
     A property that only a periodic array has (pitch, period, types, ...) raises `NoLatticeError`.
@@ -43,7 +43,7 @@ class PupilLenslets:
     Attributes
     ----------
     lens_centres_um
-        Centres (x, y) of the lenslets from the optical axis, x to the right, y downwards (µm).
+        Centres (x, y) of the lenslets relative to the optical axis, x to the right, y downwards (µm).
     fourier_um
         Focal length of the Fourier lens (µm).
     gap_um
@@ -51,11 +51,11 @@ class PupilLenslets:
     focal_lengths_um
         Focal length of the lenslets (µm): one for all, or one for each.
     clear_um
-        Diameter of round lenslets, side of square ones (µm).
+        Diameter of round lenslets, or side of square lenslets (µm).
     aperture
-        ``"round"`` or ``"square"``, the sides along the sensor's rows and columns.
+        ``"round"`` or ``"square"``; the sides of squares are parallel to the sensor's rows and columns.
     offset_um
-        Point (x, y) where the optical axis meets the sensor, from its centre (µm).
+        Point (x, y) where the optical axis meets the sensor, relative to the sensor's centre (µm).
 
     References
     ----------
@@ -127,22 +127,22 @@ class PupilLenslets:
 
     @property
     def relay(self) -> float:
-        """Magnification from the native image plane to the sensor, by the chief ray: gap over Fourier focal length."""
+        """Magnification from the native image plane to the sensor along the chief ray: gap / Fourier focal length."""
         return self.gap_um / self.fourier_um
 
     @property
     def clear_diameter_um(self) -> float:
-        """Clear diameter of a lenslet, or its side (µm)."""
+        """Clear diameter of a round lenslet, or side of a square one (µm)."""
         return self.clear_um
 
     @property
     def tilt_rad(self) -> float:
-        """Angle of rows to the sensor: 0, because there are no rows."""
+        """Tilt of the rows of lenslets (rad): 0, because there are no rows."""
         return 0.0
 
     @property
     def spacing_um(self) -> float:
-        """Smallest distance between two lenslets (µm); infinite for a single one."""
+        """Smallest distance between two lenslets (µm); infinite if there is only one."""
         if len(self.lens_centres_um) == 1:
             return math.inf
         centres = np.array(self.lens_centres_um)
@@ -150,26 +150,26 @@ class PupilLenslets:
         return float(apart[~np.eye(len(centres), dtype=bool)].min())
 
     def pupil_um(self, optics: Microscope) -> float:
-        """Return the diameter of the objective's pupil on the lenslets (µm): 2 NA f / M."""
+        """Return the diameter of the objective's pupil in the plane of the lenslets (µm): 2 NA f / M."""
         return 2 * optics.numerical_aperture * self.fourier_um / optics.magnification
 
     def spread(self, optics: Microscope, z_um: float) -> float:
-        """Return the distance of the elemental spots of a point at ``z_um`` relative to that of the lenslets, minus 1.
+        """Return the relative displacement of the elemental spots of a point at depth ``z_um`` (µm), 0 in focus.
 
-        The lenslet at c images the point at c (1 + spread) from the axis: a point beyond the focal plane sends a
-        converging wave through the pupil. Paraxial: -z gap M² / (n f²).
+        A lenslet at c forms the spot at c (1 + spread), both relative to the optical axis. The spread is ``-z gap M² /
+        (n f²)`` (paraxial). It is negative beyond the focal plane, because the wave in the pupil then converges.
         """
         return -z_um * self.gap_um * (optics.magnification / self.fourier_um) ** 2 / optics.medium_index
 
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return the centres of elemental images ``(n, 2)`` as (x, y) inside a box about ``about_um``, and type 0."""
+        """Return centres (x, y), ``(n, 2)`` (µm), and types (all 0) of elemental images in a box about ``about_um``."""
         centres = np.array(self.lens_centres_um) + np.array(self.offset_um)
         inside = (np.abs(centres - np.array(about_um)) <= (half_width_um, half_height_um)).all(-1)
         return centres[inside], np.zeros(int(inside.sum()), np.intp)
 
     def local(self, about_um: tuple[float, float]) -> PupilLenslets:
-        """Return these lenslets, which are the same for every point of the field."""
+        """Return these lenslets unchanged, because they are the same for every point of the field."""
         del about_um
         return self

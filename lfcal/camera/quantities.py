@@ -18,7 +18,7 @@ CENTRES = "lattice.lens_centres_um"
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One value of a camera.
+    """Definition of one value of a camera description.
 
     Attributes
     ----------
@@ -27,11 +27,11 @@ class Quantity:
     label, unit
         Displayed name and unit.
     scale
-        Displayed value = described value / scale: 1000 displays µm as mm.
+        Factor between units: displayed value = described value / scale. For example, 1000 displays µm as mm.
     usual
-        Limits, in the description's unit, outside which the unit was probably wrong; None: any value.
+        Usual limits in the unit of the description; a value outside probably has a wrong unit. None: no limits.
     option
-        Option on the command line, if there is one besides ``--set``.
+        Option on the command line; empty if there is only ``--set``.
     light
         Whether the value affects only light and noise, not the geometry of images.
     empty, meaning
@@ -56,7 +56,7 @@ class Quantity:
     meaning: str = ""
 
     def text(self, value: Any) -> str:
-        """Return ``value`` with its unit."""
+        """Return ``value`` as displayed, with its unit."""
         if value is None or value == "":
             return self.empty
         if self.path == "sensor.shape":
@@ -146,7 +146,7 @@ def _names(kind: Any) -> frozenset[str]:
 
 
 def has_value(camera: Camera, path: str) -> bool:
-    """Return whether ``path`` is that of a value that describes ``camera``.
+    """Return whether ``path`` is the path of a value that describes ``camera``.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def has_value(camera: Camera, path: str) -> bool:
 
 
 def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
-    """Return the values that describe ``camera``, those of a lens or of a microscope.
+    """Return the definitions of all values that describe ``camera``.
 
     Examples
     --------
@@ -196,7 +196,7 @@ def _fitting(quantity: Quantity, lattice: LensletLattice) -> Quantity:
 
 
 def value_at(camera: Camera, path: str) -> Any:
-    """Return the value of ``camera`` at ``path``; lens types as their focal lengths (µm).
+    """Return the value of ``camera`` at ``path``; for lens types, their focal lengths (µm).
 
     Examples
     --------

@@ -31,14 +31,15 @@ SEARCH_PERIODS = 6
 
 @dataclass(frozen=True, slots=True)
 class RegionPlan:
-    """Regions of the field with one cell each, recorded one after the other.
+    """Plan for several regions of the field, with one cell each, which are recorded one after another.
 
     Attributes
     ----------
     scan
-        The scan of the first region: camera, planes, cutout, exposures. Other regions differ only in their anchor.
+        Scan of the first region: camera, planes, cutout, exposures. The scans of other regions differ only in their
+        anchors.
     names
-        Names of the regions in H and as folders of a session: letters, digits, ``-`` and ``_``.
+        Names of the regions, used in H and for the folders of a session: letters, digits, ``-`` and ``_``.
     anchors
         Sensor position ``(row, column)`` of position (0, 0) in each region; the first is that of `scan`.
 
@@ -80,17 +81,17 @@ class RegionPlan:
         return replace(self.scan, anchor=self.anchors[k])
 
     def residual_px(self, k: int) -> tuple[float, float]:
-        """Return the phase difference between region ``k`` and the first one (rows, columns)."""
+        """Return the phase of region ``k`` minus that of the first region (row, column) (pixels)."""
         first, own = self.plan(0).lattice_anchor, self.plan(k).lattice_anchor
         return own[0] - first[0], own[1] - first[1]
 
     @classmethod
     def spread(cls, scan: ScanPlan, shape: tuple[int, int]) -> RegionPlan:
-        """Return regions that divide the field into ``shape`` rows and columns, the middle one first.
+        """Return regions that divide the field into ``shape`` rows and columns; the middle region is the first.
 
-        The outermost ones are as far out as their cutouts allow. Anchors are whole pixels, chosen within a few periods
-        of their ideal position so that a position of the scan has the same phase in every region; `residual_px` is the
-        remaining difference.
+        The outermost regions are as far out as their cutouts allow. Anchors are integer pixels within a few periods of
+        their ideal position. They are chosen so that a position of the scan has the same phase in every region;
+        `residual_px` returns the remaining difference.
 
         Raises
         ------
@@ -131,7 +132,7 @@ class RegionPlan:
 
     @classmethod
     def is_one(cls, data: Any) -> bool:
-        """Return whether JSON ``data`` claims to be such a plan."""
+        """Return whether JSON ``data`` has the format of a plan of regions; its contents are not checked."""
         return isinstance(data, Mapping) and data.get("format") == FORMAT
 
     @classmethod
@@ -167,7 +168,7 @@ class RegionPlan:
 
 
 def parse_regions(text: str) -> tuple[int, int]:
-    """Return rows and columns of regions written as ``3x3``."""
+    """Return the numbers of rows and columns of regions from a text such as ``3x3``."""
     match = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text)
     if match is None:
         raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "give a value such as 3x3")

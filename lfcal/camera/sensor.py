@@ -13,14 +13,14 @@ CFA_LETTERS = "RGBWCMYE"
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """A pixel sensor and its noise.
+    """Pixel sensor with its noise.
 
     Attributes
     ----------
     shape
-        Pixels ``(rows, columns)``.
+        Number of pixels ``(rows, columns)``.
     pixel_um
-        Pixel pitch (µm); for a microscope with relay optics, the pitch as projected to the lenslets.
+        Pixel pitch (µm); for a microscope with relay optics, the pitch of the pixels' image at the lenslets.
     bit_depth
         Bits per sample.
     full_well_e
@@ -38,13 +38,13 @@ class Sensor:
     fill_factor
         Light-sensitive fraction of a pixel's area.
     cfa
-        Colour filter pattern by rows, e.g. ``"GRBG"`` for 2 x 2; empty for a monochrome sensor.
+        Pattern of the colour filters by rows, such as ``"GRBG"`` for 2 x 2 pixels; empty for a monochrome sensor.
     saturation
-        Sample value at which samples are saturated; None: the highest sample value.
+        Sample value from which samples count as saturated; None: the highest sample value.
     dsnu_e
         Rms of the pixels' offsets in the dark (DSNU, electrons); None: unknown.
     linearity
-        Largest deviation of the signal from a straight line over exposure (relative); None: unknown.
+        Largest deviation of the signal from a linear response to exposure (relative); None: unknown.
 
     Examples
     --------
@@ -100,7 +100,7 @@ class Sensor:
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Centre ``(row, column)`` of the sensor; whole numbers are centres of pixels."""
+        """Centre ``(row, column)`` of the sensor (pixels); integers are pixel centres."""
         return (self.shape[0] - 1) / 2, (self.shape[1] - 1) / 2
 
     @property
@@ -110,11 +110,11 @@ class Sensor:
 
     @property
     def saturated_from(self) -> float:
-        """Sample value at which a sample is saturated."""
+        """Sample value from which samples count as saturated."""
         return float(self.max_value if self.saturation is None else self.saturation)
 
     @property
     def electrons_per_count(self) -> float:
-        """Electrons per sample value."""
+        """Number of electrons per count (step of the sample value)."""
         # full well is reached at the highest sample value, and the black level corresponds to no electrons
         return self.full_well_e / (self.max_value - self.black_level)

@@ -53,10 +53,11 @@ def _elemental(camera: Camera, lenslets: PupilLenslets, z_um: float) -> tuple[ND
 def half_extent_px(camera: Camera, z_um: float) -> float:
     """Return the half width of the pattern of a point at depth ``z_um`` about its chief ray (sensor pixels).
 
-    A ray through pupil point p meets the array p·a/(b+a) from the chief ray with slope -p/(b+a). Its lenslet deflects
-    it by -e/f, where e is the distance from the lenslet's centre. On the sensor, at distance B, this is ``p (a - B)/(b
-    + a) - (B/f) e``, whose bound is taken over the pupil's corners and the lenslet's edge. Without a lattice, the
-    pattern is the spots behind all lenslets.
+    A ray through pupil point p meets the lenslet array at a distance p·a/(b+a) from the chief ray, with slope -p/(b+a).
+    A lenslet changes the slope by -e/f, where e is the distance from the lenslet's centre. On the sensor, at distance
+    B, the ray is ``p (a - B)/(b + a) - (B/f) e`` from the chief ray. The half width is the bound of this expression
+    over the pupil's corners and the lenslet's edge. Without a lattice, the pattern consists of the spots behind all
+    lenslets.
     """
     if isinstance(camera.lattice, PupilLenslets):
         spots, blur = _elemental(camera, camera.lattice, z_um)
@@ -72,10 +73,11 @@ def half_extent_px(camera: Camera, z_um: float) -> float:
 
 
 def rms_radius_px(camera: Camera, z_um: float) -> float:
-    """Return the RMS distance of the light of a point at depth ``z_um`` from its chief ray (sensor pixels).
+    """Return the rms distance of the light of a point at depth ``z_um`` from its chief ray (sensor pixels).
 
-    It uses the rays of `half_extent_px` from an evenly lit pupil (for a microscope, by the sine condition), with the
-    deflection and diffraction by the lenslets. It is valid for a pattern of several lenslets.
+    The calculation uses the rays of `half_extent_px` from a uniformly illuminated pupil (for a microscope, according to
+    the sine condition). It includes deflection and diffraction by the lenslets. It is valid for patterns of several
+    lenslets.
     """
     if isinstance(camera.lattice, PupilLenslets):
         spots, blur = _elemental(camera, camera.lattice, z_um)
@@ -99,10 +101,10 @@ def rms_radius_px(camera: Camera, z_um: float) -> float:
 
 
 def cutout_for(camera: Camera, depths_um: tuple[float, ...]) -> int:
-    """Return the odd side of the smallest square cutout that contains the pattern at every depth (pixels).
+    """Return the odd side (pixels) of the smallest square cutout that contains the pattern at every depth.
 
-    Half a pixel is added for an anchor between two pixels. The pattern of a camera without a lattice may be as large as
-    the sensor: its cutout is at most the largest odd square about the optical axis.
+    Half a pixel is added, because the anchor may be between two pixels. Without a lattice, the pattern may be as large
+    as the sensor. The cutout is then at most the largest odd square about the optical axis.
     """
     half = max(half_extent_px(camera, z) for z in depths_um)
     side = 2 * math.ceil(half + 0.5) + 1

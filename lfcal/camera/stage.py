@@ -17,7 +17,7 @@ IMAGE_MOVES = ("image right", "image down", "away from the camera")
 
 @dataclass(frozen=True, slots=True)
 class StageAxes:
-    """Stage axes, with their signs, that move the source's image right and down, and the source away.
+    """Signed stage axes that move the source's image right and down, and the source away from the camera.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class StageAxes:
 
     @classmethod
     def parse(cls, text: str) -> StageAxes:
-        """Return the axes in ``"+x,-y,+z"``: those that move the image right and down, and the source away."""
+        """Return the axes in a text such as ``"+x,-y,+z"``, in the order right, down, away."""
         axes = [axis.strip() for axis in text.split(",")]
         if len(axes) != len(AXES):
             raise InputError.expected(
@@ -70,23 +70,23 @@ class StageAxes:
 
     @property
     def words(self) -> str:
-        """The axes in the form that `parse` reads."""
+        """Axes as a text that `parse` can read."""
         return f"{self.right},{self.down},{self.away}"
 
     def matrix(self) -> NDArray[np.float64]:
-        """Return the signed permutation ``(3, 3)`` from object (right, down, away) to stage (x, y, z)."""
+        """Return the signed permutation matrix ``(3, 3)`` from object (right, down, away) to stage (x, y, z)."""
         result = np.zeros((3, 3))
         for column, axis in enumerate((self.right, self.down, self.away)):
             result[AXES.index(axis[1]), column] = 1.0 if axis[0] == "+" else -1.0
         return result
 
     def to_stage(self, object_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return stage coordinates ``(..., 3)`` as (x, y, z) of object points (right, down, away) (µm)."""
+        """Return stage coordinates (x, y, z), ``(..., 3)``, of object points (right, down, away) (µm)."""
         stage: NDArray[np.float64] = object_um @ self.matrix().T + np.array(self.origin_um)
         return stage
 
     def to_object(self, stage_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return object points (right, down, away) of stage coordinates: inverse of `to_stage` (µm)."""
+        """Return object points (right, down, away), ``(..., 3)``, of stage coordinates (µm); inverse of `to_stage`."""
         # a signed permutation is orthogonal, so its transpose is its inverse
         points: NDArray[np.float64] = (stage_um - np.array(self.origin_um)) @ self.matrix()
         return points

@@ -20,7 +20,10 @@ NUMBER = re.compile(r"\s*([-+]?(?:inf|[0-9.]+(?:[eE][-+]?\d+)?))\s*([a-zµ°]*)\
 
 
 def read_camera_value(path: str, text: str) -> Any:
-    """Return the value that ``text`` means for ``path``: lengths in µm or with nm, mm, m; angles in rad or with deg."""
+    """Return the value at ``path`` that ``text`` states.
+
+    Lengths are in µm unless they have a unit (nm, mm, m), angles in rad unless they end in deg.
+    """
     known = [quantity.path for quantity in QUANTITIES] + ["lattice.focus"]
     if path not in known:
         raise InputError.expected(
@@ -79,7 +82,7 @@ def _number(text: str, what: str) -> tuple[float, str]:
 
 
 def read_length(text: str, usual: str, what: str) -> float:
-    """Return a length in µm; a number without a unit is in the unit ``usual``."""
+    """Return a length in µm from a text; a number without a unit is in the unit ``usual``."""
     value, unit = _number(text, what)
     if (unit or usual) not in LENGTHS:
         raise InputError.expected(
@@ -90,7 +93,7 @@ def read_length(text: str, usual: str, what: str) -> float:
 
 
 def read_sensor(text: str) -> dict[str, Any]:
-    """Return the values in ``ROWSxCOLUMNS,PIXEL`` by path; the pixel may be omitted."""
+    """Return the sensor values in a text ``ROWSxCOLUMNS,PIXEL`` by path; the pixel pitch may be omitted."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*[x×*]\s*(\d{1,6})\s*(?:,(.+))?", text)
     if match is None:
         raise InputError.expected("--sensor", "ROWSxCOLUMNS,PIXEL", repr(text), "give a value such as 4384x6576,5.5")
@@ -101,7 +104,7 @@ def read_sensor(text: str) -> dict[str, Any]:
 
 
 def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape: str, example: str) -> dict[str, Any]:
-    """Return the values of a list by path; the last ones may be omitted."""
+    """Return the values in a comma-separated list, by the path of each; the last values may be omitted."""
     parts = text.split(",")
     if len(parts) > len(paths) or not all(part.strip() for part in parts):
         raise InputError.expected(shape.split()[0], shape, repr(text), f"give a value such as {example}")
@@ -110,7 +113,7 @@ def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape
 
 
 def read_pitch(text: str, pixel_um: float | None) -> float:
-    """Return a pitch in µm from a text with a unit of length, without a unit (µm), or in pixels as ``31.7px``."""
+    """Return a pitch in µm from a text such as ``125um``, ``125`` (µm) or ``31.7px``."""
     if not text.strip().endswith("px"):
         return read_length(text, "µm", "--pitch")
     if pixel_um is None:

@@ -24,15 +24,15 @@ class Acquisition:
     Attributes
     ----------
     modulator
-        The modulator.
+        Modulator used for the recording.
     frame
         Recorded frame ``(rows, columns)`` with noise, in units of the unmodulated light.
     views
-        Demultiplexed samples ``(N, rows, columns)``, one per super-pixel.
+        Demultiplexed samples ``(N, rows, columns)``, one per super-pixel, from the noisy frame.
     clean
         The same views without noise.
     truth
-        Samples of the scene at the middle of each super-pixel.
+        Samples ``(N, rows, columns)`` of the scene at the middle of each super-pixel.
     noise
         Rms of ``views - clean``.
     error
@@ -59,7 +59,7 @@ class Acquisition:
 
     @property
     def snr_db(self) -> float:
-        """Ratio of the mean sample to the rms of its noise, 10 log10 as in equation 13 (dB)."""
+        """Signal-to-noise ratio (dB): 10 log10 of the mean sample divided by the rms noise (equation 13)."""
         return 10 * math.log10(float(self.truth.mean()) / self.noise) if self.noise > 0 else math.inf
 
 

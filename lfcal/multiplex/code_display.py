@@ -39,8 +39,8 @@ class DisplayFit:
     pixel_um
         Pitch of the display's pixels (µm).
     step_um
-        Step in the object plane that moves the image by one sensor pixel (µm). With larger display pixels, some source
-        positions share a pixel.
+        Step in the object plane that moves the image by one sensor pixel (µm). If display pixels are larger, some
+        source positions share a display pixel.
     image_px
         Width of a display pixel's image (sensor pixels).
     placing_px
@@ -64,7 +64,7 @@ class DisplayFit:
 
     @property
     def words(self) -> str:
-        """One-line verdict that states the required pitch."""
+        """One-line verdict; states the required display pixels if the present ones are too coarse."""
         width = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"
@@ -84,7 +84,7 @@ class DisplayFit:
 
 
 def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
-    """Return whether a display's pixels are small enough for a camera.
+    """Return how well a display's pixel pitch suits a camera, and whether it is fine enough.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def display_frames(
     *,
     repeat: tuple[int, int] | None = None,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the display image ``(rows, columns)`` of each frame; a fully lit point is 255.
+    """Yield the display image of each frame, uint8 ``(rows, columns)``; a fully lit point is 255.
 
     Parameters
     ----------
@@ -138,8 +138,8 @@ def display_frames(
     shape
         Rows and columns of the display.
     repeat
-        Steps (down, across) after which the block is repeated, large enough that patterns of two blocks do not
-        overlap. The display shows as many blocks as fit, all with the same code. None: one block.
+        Distance (down, across), in the same steps, after which the block is repeated. It must be so large that patterns
+        of two blocks do not overlap. The display shows as many blocks as fit, all with the same code. None: one block.
 
     Raises
     ------
@@ -199,14 +199,14 @@ def _corners(length: int, size: int, step: int) -> range:
 
 
 def code_files(folder: Path, frames: int) -> list[Path]:
-    """Return the paths of the files that `save_code` writes into ``folder``."""
+    """Return the paths of the files that `save_code` writes into ``folder`` for a number of ``frames``."""
     return [*(folder / f"code_{k:03d}.png" for k in range(frames)), folder / "code.npy"]
 
 
 def save_code(folder: Path, code: NDArray[Any], places: ArrayLike, fit: DisplayFit, **how: Any) -> list[Path]:
-    """Write the display image of each frame and the code ``(frames, points)``; return the paths.
+    """Write the display image of each frame and the code to ``folder``; return the paths of the files.
 
-    ``how`` are the arguments ``shape`` and ``repeat`` of `display_frames`.
+    The code is ``(frames, points)``. Pass ``shape`` and ``repeat`` of `display_frames` as ``how``.
     """
     files = code_files(folder, len(code))
     folder.mkdir(parents=True, exist_ok=True)

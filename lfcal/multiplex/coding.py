@@ -127,8 +127,8 @@ def code_matrix(
     Parameters
     ----------
     kind
-        ``"S"``: columns of the smallest sufficient S-matrix. ``"random"``: a random code. ``"single"``: one point
-        at a time.
+        ``"S"``: columns of the smallest S-matrix with at least as many points. ``"random"``: a random code.
+        ``"single"``: one point at a time.
     points
         Number of points whose patterns overlap.
     frames, density, rng
@@ -174,13 +174,14 @@ class CodingNumbers:
     Attributes
     ----------
     rms_db
-        Gain in the rms error of all entries, which matters for a reconstruction with H.
+        Gain in the rms error of all entries, which determines the quality of a reconstruction with H.
     core_db, dark_db
-        Gain of bright entries (at least half of their pattern's peak) and of dark ones (at most a hundredth).
+        Gain of bright entries (at least half of their pattern's peak) and of dark ones (at most a hundredth of it).
     better
-        Fraction of the entries with a smaller error.
+        Fraction of the entries whose error is smaller with the code.
     exposure
-        Ratio of the exposure of coded frames to that of single points; below 1 if their sum would saturate.
+        Ratio of the exposure of coded frames to that of single points; below 1 if the coded frames would otherwise
+        saturate.
     peak_e
         Electrons of the brightest pixel of the coded frames.
     """
@@ -195,7 +196,7 @@ class CodingNumbers:
 
 @dataclass(frozen=True, eq=False)
 class CodingGain:
-    """Gain due to a code in each entry of the patterns.
+    """Gain in the precision of each entry of the patterns due to a code.
 
     Attributes
     ----------
@@ -204,7 +205,8 @@ class CodingGain:
     signal_e
         Electrons of the brightest entry in the frame of a single point, at equal exposure.
     time_db, full_well_db
-        Gain of each entry ``(points, rows, columns)`` at equal exposure and at equally full pixels.
+        Gain of each entry ``(points, rows, columns)`` at equal exposure, and with the brightest pixel full in both
+        cases (dB).
     time, full_well
         Summaries of these two gains.
     """
@@ -231,8 +233,8 @@ class CodingVerdict:
     gain
         Gains of the code.
     break_even_e
-        Electrons of a single point's brightest entry up to which coding is better at equal exposure; 0 if it never is,
-        infinity if it is even with a full pixel.
+        Signal of a single point's brightest entry up to which coding is better at equal exposure (electrons). It is 0
+        if coding is never better, and infinite if coding is better up to a full pixel.
     """
 
     pays: bool
@@ -242,7 +244,7 @@ class CodingVerdict:
 
     @property
     def words(self) -> str:
-        """One-line verdict."""
+        """One-line verdict with the code's gain; at equal exposure, also the light level up to which the code pays."""
         numbers = self.gain.time if self.limit == "time" else self.gain.full_well
         does = "pays" if self.pays else "does not pay"
         told = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
@@ -271,7 +273,7 @@ class CodingVerdict:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+        """Return the main values as plain JSON types; an infinite break-even signal becomes None."""
         return {
             "pays": self.pays,
             "together": self.gain.points,
@@ -285,7 +287,7 @@ class CodingVerdict:
 def overlapping_patterns(
     plane: ArrayLike, points: int, *, step: int = 1, first: tuple[int, int] = (0, 0)
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Return the patterns of neighbouring points at their positions on the sensor, and the points' positions.
+    """Return the patterns of neighbouring points on a common area of the sensor, and the points' positions.
 
     Parameters
     ----------
@@ -294,7 +296,7 @@ def overlapping_patterns(
     points
         Number of points, in a block that is as square as possible, by rows.
     step
-        Distance of neighbouring points in source positions (pixels in the image).
+        Distance between neighbouring points in source positions (pixels in the image).
     first
         Position (y, x) of the first point.
 
@@ -338,8 +340,8 @@ def overlapping_patterns(
 def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, signal_e: float) -> CodingGain:
     """Return the gain of each entry due to a code, compared with single points in the same number of frames.
 
-    Each single point is repeated (frames over points) times, so that both methods take the same number of frames. The
-    fixed pattern of the response (PRNU) is the same in all frames and therefore does not affect the gain.
+    Each single point is shown in frames/points frames, so that both methods take the same number of frames. The fixed
+    pattern of the response (PRNU) is the same in all frames and therefore does not affect the gain.
 
     Parameters
     ----------
@@ -347,7 +349,7 @@ def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, sig
         Patterns ``(points, rows, columns)`` on the sensor, in any unit; NaN where a point has no entry
         (`overlapping_patterns`).
     code
-        Brightness of each point in each frame ``(frames, points)``, 0 … 1 (`lfcal.multiplex.code_matrix`).
+        Brightness ``(frames, points)`` of each point in each frame, 0 … 1 (`lfcal.multiplex.code_matrix`).
     noise
         Noise of the camera (`lfcal.multiplex.sensor_noise`).
     signal_e
@@ -389,10 +391,10 @@ def coding_pays(
     signal_e: float | None = None,
     limit: str = "time",
 ) -> CodingVerdict:
-    """Return whether lighting several points together is better for these patterns and this sensor.
+    """Return whether lighting several points together reduces the error for these patterns and this sensor.
 
-    It is better if the rms error of all entries is smaller than with one point at a time in the same number of frames.
-    This is so if additive noise dominates, that is, for weak sources. With many photons, coding spreads the noise of
+    The rms error of all entries is compared with that of one point at a time in the same number of frames. A code
+    reduces it if additive noise dominates, that is, for weak sources. With many photons, coding spreads the noise of
     bright cores over dark entries.
 
     Parameters
@@ -428,7 +430,7 @@ def coding_pays(
 
 
 def _break_even(overlap: _Overlap, noise: SensorNoise) -> float:
-    """Return the signal (electrons) at which the rms gain at equal time is none."""
+    """Return the signal (electrons) at which the rms gain at equal exposure is 0 dB."""
 
     def pays(signal: float) -> bool:
         single, coded = overlap.variances(noise, overlap.signals(noise, signal, "time"))
@@ -455,16 +457,16 @@ def measured_coding_gain(
     trials: int = 200,
     rng: np.random.Generator,
 ) -> float:
-    """Return the rms gain (dB) measured on simulated frames with photon and read noise.
+    """Return the gain of a code in the rms error of all entries (dB), measured on simulated noisy frames.
 
     Parameters
     ----------
     patterns, code, noise, signal_e, limit
         As in `coding_gain` and `coding_pays`; the number of frames must be a multiple of the number of points.
     trials
-        Number of simulated series of frames, each with and without the code.
+        Number of simulated series of frames, each of them with and without the code.
     rng
-        Random generator for the noise.
+        Random generator for the photon and read noise and the fixed pattern of the response.
 
     Examples
     --------

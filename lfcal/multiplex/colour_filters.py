@@ -44,7 +44,7 @@ MAX_SIDE = 16
 
 
 def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS) -> list[str]:
-    """Parse a pattern into rows: a name in `CFA_PATTERNS`, rows separated by slashes, or the letters of a square.
+    """Return the rows of a pattern: a name in `CFA_PATTERNS`, rows separated by slashes, or the letters of a square.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -
         ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"Sony"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``, ``"X-Trans"``, or
         letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
     filters
-        Additional or replaced filters by letter: transmissions (red, green, blue) in 0 … 1.
+        Additional filters, or replacements, by letter: transmissions (red, green, blue) in 0 … 1.
 
     Raises
     ------

@@ -24,7 +24,7 @@ Planes = dict[str, "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class ColourReading:
-    """Settings for reading frames: colour, pattern of colour filters, dark frame, first pixel on the sensor."""
+    """Settings for reading frames: colour, pattern of colour filters, dark frame, position of the first pixel."""
 
     channel: str
     cfa: str
@@ -33,9 +33,17 @@ class ColourReading:
 
 
 def read_planes(path: Path, reading: ColourReading) -> Planes:
-    """Return the colours of a frame minus its dark frame, ``(rows, columns)`` each; a grey frame has the colour "".
+    """Return each colour of a frame, ``(rows, columns)``, minus its dark frame; a grey frame has the colour "".
 
-    Frame and dark frame are files, or folders whose frames are averaged.
+    Frame and dark frame are files, or folders whose frames are averaged. Without a dark frame, only the black level
+    stated in the file of a mosaic is subtracted.
+
+    Raises
+    ------
+    FileFormatError
+        If the file contains several colours and no colour is selected.
+    InputError
+        If a colour is selected but the frame is grey, or if the dark frame has another shape.
     """
     from lfcal.frames import open_image
     from lfcal.frames.corrections import first_image
@@ -73,7 +81,13 @@ def _plane(path: Path, dark: Path | None, colour: str | None) -> NDArray[np.floa
 
 
 def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) -> NDArray[Any]:
-    """Return a dark frame, or the mean of those in a folder, for frames of ``shape``."""
+    """Return the dark frame in a file, or the mean of those in a folder, ``(rows, columns)``.
+
+    Raises
+    ------
+    InputError
+        If its shape is not ``shape``.
+    """
     from lfcal.frames.corrections import read_average
 
     level = read_average(dark, colour=colour)
@@ -105,13 +119,13 @@ def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[st
 
 
 def mean_plane(planes: Planes) -> NDArray[np.float32]:
-    """Return the mean of the colours ``(rows, columns)``."""
+    """Return the mean of all colours, float32 ``(rows, columns)``."""
     mean: NDArray[np.float32] = sum(planes.values()) / len(planes)  # type: ignore[assignment]
     return mean
 
 
 def read_white(path: Path, dark: Path | None, channel: str = "", cfa: str = "") -> NDArray[np.float32]:
-    """Return a white image minus its dark frame: its grey values, one colour, or the mean of a mosaic's colours."""
+    """Return a white image ``(rows, columns)`` minus its dark frame: grey, one colour, or the mean of a mosaic."""
     check_choice("channel", channel, ("", *COLOURS))
     try:
         return mean_plane(read_planes(path, ColourReading(channel, cfa, dark, None)))

@@ -34,9 +34,9 @@ def demultiplex(
 ) -> NDArray[Any]:
     """Return the plenoptic samples of a frame, ``(N, rows, columns)``: colours, views, or both.
 
-    The spatial route interpolates each measurement channel and decorrelates the channels at every position (theorem
-    1). The Fourier route crops and re-weighs tiles of the spectrum (theorem 2), which equals the spatial route with a
-    sinc filter. Combinations that are not measured become zero (`Modulator.lost` returns their share).
+    The spatial route interpolates each measurement channel and decorrelates the channels at every position (theorem 1).
+    The Fourier route crops and re-weighs tiles of the spectrum (theorem 2), which equals the spatial route with a sinc
+    filter. Combinations that are not measured become zero (see `Modulator.lost`).
 
     Parameters
     ----------
@@ -60,8 +60,8 @@ def demultiplex(
     rcond
         Singular values up to this fraction of the largest count as zero. None: rounding error.
     weights
-        Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
-        `lfcal.multiplex.pixel_weights`). Channels are then interpolated linearly from pixels with weight and
+        Weight ``(rows, columns)`` of each pixel: its inverse variance, or 0 for saturated and dead pixels
+        (`lfcal.multiplex.pixel_weights`). Channels are then interpolated linearly from pixels of non-zero weight and
         decorrelated by weighted least squares. `lfcal.multiplex.demultiplex_weighted` also returns the noise.
     out
         Output array, float32 or float64. Default: float64 for float64 frames, float32 for others.
@@ -148,7 +148,7 @@ def demultiplex_weighted(
     origin: tuple[int, int] = (0, 0),
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the samples of a frame and their standard deviation by weighted least squares, theorem 1 with noise.
+    """Return the samples of a frame with their standard deviations, by weighted least squares (theorem 1 with noise).
 
     Pixels that are not finite must have weight 0. The other arguments are those of `demultiplex`.
 
@@ -196,7 +196,13 @@ def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
 
 
 def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
-    """Return ``frame`` as uint16, float32 or float64; raise `InputError` if it is smaller than a super-pixel."""
+    """Return ``frame`` as uint16, float32 or float64.
+
+    Raises
+    ------
+    InputError
+        If the frame is smaller than a super-pixel of ``side`` (rows, columns) pixels.
+    """
     image = np.asarray(frame)
     if image.ndim != 2 or image.dtype.kind not in "uif":
         raise InputError.expected(
@@ -263,7 +269,7 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
         Plenoptic samples at every pixel ``(N, rows, columns)``. Each pixel behind a lenslet receives the mean over the
         lenslet's area.
     modulator
-        Modulator, whose super-pixels begin at the first pixel.
+        Modulator; its first super-pixel begins at the first pixel.
 
     Raises
     ------
@@ -309,7 +315,7 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
 
 
 def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
-    """Return the result of `demultiplex` as ``(views down, views across, colours, rows, columns)``, without a copy.
+    """Return the samples of `demultiplex` as ``(views down, views across, colours, rows, columns)``, without a copy.
 
     Examples
     --------

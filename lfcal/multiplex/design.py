@@ -29,14 +29,14 @@ BATCH = 4096
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Result of a search, with a bound on the gain of any other candidate.
+    """Result of a search for a modulator, with an upper bound on the gain of all candidates.
 
     Attributes
     ----------
     modulator
         Best modulator found (without crosstalk).
     gain_db
-        Gain over the reference with the requested crosstalk, 10 log10 as in equation 14.
+        Gain over the reference with the crosstalk of the search, 10 log10 as in equation 14.
     bound_db
         Upper bound on the gain of all candidates (dB); the gain itself if all were tried.
     tried
@@ -62,7 +62,7 @@ class Design:
 
     @property
     def certificate(self) -> str:
-        """Sentence on how far the best possible gain may be from this one."""
+        """Sentence that states how far this gain may be below the best possible one."""
         if self.exhaustive:
             return f"the best of all {self.tried} candidates"
         return f"at most {max(0.0, self.bound_db - self.gain_db):.3f} dB below the best possible one"
@@ -74,10 +74,10 @@ def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
     Parameters
     ----------
     modulator
-        Periodic modulator: neighbours at its border belong to the next super-pixel. With lenslets, only pixels of one
-        cell exchange light.
+        Periodic modulator; pixels at its border exchange light with the next super-pixel. With lenslets, only pixels of
+        one cell exchange light.
     share
-        Fraction of charge or light that leaves a pixel, 0 … 0.5, a quarter to each side.
+        Fraction of a pixel's charge or light that leaves it, 0 … 0.5, a quarter of it to each side.
 
     Examples
     --------
@@ -110,18 +110,18 @@ def best_array(
     Parameters
     ----------
     side
-        Size (rows, columns) of the super-pixel (pixels).
+        Rows and columns of the super-pixel (pixels).
     chi2
-        Ratio chi^2 of the camera.
+        Ratio chi^2 of the camera (`camera_chi2`), 0 … inf.
     letters
-        Filters to choose from (`lfcal.multiplex.colour_filters.FILTERS`).
+        Letters of the filters to choose from (`lfcal.multiplex.colour_filters.FILTERS`).
     crosstalk
         Fraction of the light that pixels lose to their neighbours (`with_crosstalk`); the arrangement of filters then
         matters.
     most_kinds
-        Largest number of kinds of filters; each needs a step of lithography.
+        Largest number of different filters, each of which needs a lithographic step. None: no limit.
     least_light
-        Smallest transmission of the layout.
+        Smallest mean transmission of the layout.
     reference
         Modulator to compare with; by default Bayer with the same crosstalk.
 
@@ -237,24 +237,24 @@ def best_printed_mask(
     starts: int = 12,
     rng: np.random.Generator | None = None,
 ) -> Design:
-    """Return the printable attenuation mask with the largest gain over a pinhole with the same crosstalk.
+    """Return the printable attenuation mask with the largest gain over a pinhole that has the same crosstalk.
 
-    Up to 20 000 candidates, all are tried. Otherwise, the best grey mask (`best_mask`), known masks and random masks
-    are rounded to the levels and changed pixel by pixel while this increases the gain. The bound is then that of any
-    mask.
+    If there are at most 20 000 candidates, all of them are tried. Otherwise, the best grey mask (`best_mask`), known
+    masks and random masks are rounded to the levels and then changed pixel by pixel while this increases the gain. The
+    bound is then the one for arbitrary masks.
 
     Parameters
     ----------
     size
         Side of the mask (pixels).
     chi2
-        Ratio chi^2 of the camera.
+        Ratio chi^2 of the camera (`camera_chi2`), 0 … inf.
     levels
         Number of printable transmissions, equally spaced from closed to open; 2 for chrome on glass.
     crosstalk
         Fraction of the light that pixels lose to their neighbours.
     least_light, most_light
-        Smallest and largest transmission of the mask.
+        Smallest and largest mean transmission of the mask.
     starts
         Number of random starts.
     rng

@@ -44,7 +44,7 @@ MOST_SHOWN = 64
 
 
 def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
-    """Draw gain over chi^2 with a marker for each camera (figure 6)."""
+    """Draw the gain of each modulator as a function of chi^2, with a marker for each camera (figure 6)."""
     for k, (name, gain) in enumerate(zip(curves.names, curves.gains, strict=True)):
         if np.isfinite(gain).any():
             style = STYLES[k // len(LINES) % len(STYLES)]
@@ -71,7 +71,7 @@ def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
 
 
 def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> None:
-    """Write figure 6: one plot per title and curves, side by side."""
+    """Write figure 6: one plot for each pair of title and curves, side by side."""
     with figure(5.2 * len(parts), 4.0) as fig:
         for axes, (title, curves) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
             draw_curves(axes, curves, title)
@@ -79,7 +79,7 @@ def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> Non
 
 
 def save_gain_map(found: GainMap, path: Path) -> None:
-    """Write an image of the gain of each sample over chi^2; the middle of the colour scale means no gain."""
+    """Write an image of the gain of each sample as a function of chi^2; the middle of the colour scale is no gain."""
     gains = np.where(np.isfinite(found.gains), found.gains, np.nan)
     low, high = (math.log10(v) for v in (float(found.chi2[0]), float(found.chi2[-1])))
     with figure(7.0, 4.4) as fig:
@@ -101,7 +101,7 @@ def save_gain_map(found: GainMap, path: Path) -> None:
 
 
 def draw_modulator(modulator: Modulator, path: Path) -> None:
-    """Write a picture of a modulator: its pattern, the pattern's spectrum, Sigma and Pi."""
+    """Write a figure of a modulator: its pattern, the pattern's spectrum, Sigma and Pi."""
     pattern, spectrum = modulator.pattern(), modulator.pattern_spectrum()
     with figure(12.0, 3.2) as fig:
         one, two, three, four = np.ravel(fig.subplots(1, 4))
@@ -158,7 +158,7 @@ def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None
 
 
 def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
-    """Write a plot of all candidates by their gain in both limits, with the efficient ones and the best marked."""
+    """Write a plot of the candidates' gains for photon and additive noise, with the efficient ones marked."""
     with figure(6.4, 4.4) as fig:
         axes = fig.subplots()
         axes.plot(frontier.photon, frontier.additive, ".", color=COLOURS["muted"], ms=4, label="candidates")
@@ -203,7 +203,7 @@ def _name_points(axes: Axes, frontier: Frontier, order: NDArray[np.intp], named:
 
 
 def save_filter_choice(parts: Sequence[tuple[str, Sequence[FilterTrial]]], path: Path) -> None:
-    """Write plots of error over time for each list of trials with its title, side by side."""
+    """Write plots of error as a function of time, side by side, one for each pair of title and trials."""
     with figure(5.2 * len(parts), 4.0) as fig:
         for axes, (title, trials) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
             for k, trial in enumerate(trials):
@@ -230,8 +230,8 @@ Image = NDArray[Any]
 def colour_picture(samples: ArrayLike, *, top: float | None = None, gains: Sequence[float] = (1, 1, 1)) -> Image:
     """Return three colour samples ``(3, rows, columns)`` as float ``(rows, columns, 3)`` in 0 … 1 for display.
 
-    The colours are first multiplied by ``gains``. ``top`` is shown as white; by default it is the 99.8th percentile.
-    Values are encoded with a gamma of 1/2.2.
+    The colours are first multiplied by ``gains``. The value ``top`` appears white; by default, this is the 99.8th
+    percentile. Values are encoded with a gamma of 1/2.2.
     """
     light = np.asarray(samples, float) * np.asarray(gains, float)[:, None, None]
     # a percentile, so that single hot pixels do not darken everything else
@@ -253,7 +253,7 @@ def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
 
 
 def log_spectrum(frame: ArrayLike) -> Image:
-    """Return log10 of a frame's spectrum relative to its mean, with zero frequency in the middle."""
+    """Return log10 of a frame's spectrum ``(rows, columns)`` relative to its mean; zero frequency is in the middle."""
     image = np.asarray(frame, float)
     # a window, because the frame's edges would draw a bright cross through the spectrum
     window = np.hanning(image.shape[0])[:, None] * np.hanning(image.shape[1])
@@ -272,7 +272,7 @@ def save_colour_routes(
     ways: Sequence[tuple[str, str]] = (("spatial", "cubic"), ("fourier", "sinc")),
     gains: Sequence[float] = (1, 1, 1),
 ) -> None:
-    """Write figure 3: raw frame, its spectrum, and each reconstruction, complete and magnified.
+    """Write figure 3: raw frame, its spectrum and each reconstruction, both complete and magnified.
 
     Parameters
     ----------
@@ -281,13 +281,13 @@ def save_colour_routes(
     path
         File to write; its suffix determines the format.
     zoom
-        Rows and columns that are magnified.
+        Slices of the rows and columns to magnify.
     others
         Title and colours ``(3, rows, columns)`` of further reconstructions.
     ways
-        Routes and filters.
+        Pairs of route and filter.
     gains
-        Balance of red, green and blue for display.
+        Factors of red, green and blue for display.
     """
     image = np.asarray(frame, float)
     results = [
@@ -329,7 +329,7 @@ def _show(axes: Any, picture: Image, title: str, zoom: tuple[slice, slice] | Non
 
 
 def upsampled_views(frame: ArrayLike, modulator: Modulator, factor: int = 3) -> list[tuple[str, Image]]:
-    """Upsample the views by ``factor`` in the three ways of figure 5, each ``(N, rows, columns)``.
+    """Return name and views ``(N, rows, columns)``, upsampled by ``factor``, for each of the three ways of figure 5.
 
     The three ways are: zero-padded Fourier reconstruction; Fourier reconstruction at low resolution, then bicubic
     interpolation; bicubic interpolation of the measurement channels, then decorrelation.

@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
     """Return a modulator whose pixels have different exposures: each measures a fraction of one sample, the radiance.
 
-    Assorted pixels are used for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The
-    fractions are the transmissions of neutral-density filters, or exposure times relative to the longest. Saturated
-    pixels measure nothing: pass the weights of `lfcal.multiplex.pixel_weights` to `demultiplex`.
+    Assorted pixels are used for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The fractions
+    are the transmissions of neutral-density filters, or exposure times relative to the longest. To exclude saturated
+    pixels, pass the weights of `lfcal.multiplex.pixel_weights` to `demultiplex`.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
 def camera_array(rows: int, columns: int) -> Modulator:
     """Return an array of cameras with one view each as a modulator; combine their frames with `interleave`.
 
-    Filters, shutters or polarisers of the single cameras are a second factor with the same super-pixel. Use
-    ``camera_array(2, 2) * ...`` to recover every view in every colour. Use only the modulator of the colours if all
+    Multiply it by a modulator with the same super-pixel if the cameras have different filters, shutters or polarisers:
+    ``camera_array(2, 2) * ...`` recovers every view in every colour. Use only the modulator of the colours if all
     cameras see the same view, as for a distant scene.
 
     Examples
@@ -109,7 +109,8 @@ def camera_array(rows: int, columns: int) -> Modulator:
 def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np.float32] | Array:
     """Combine frames of several cameras (or moments) into one mosaic ``(rows * side[0], columns * side[1])``.
 
-    Frame k becomes pixel k, by rows, of every super-pixel, so that an array of cameras is treated like super-pixels.
+    Frame k provides pixel k (counted by rows) of every super-pixel. An array of cameras can thus be demultiplexed like
+    a single sensor.
 
     Raises
     ------

@@ -32,7 +32,7 @@ _TAPS = {"nearest": 1, "linear": 2, "cubic": 4, "lanczos": 6}
 
 
 def kernel(name: str, x: Array) -> Array:
-    """Return the value of filter ``name`` at distances ``x`` (samples of a channel).
+    """Return the values of filter ``name`` at distances ``x`` (in samples of a channel).
 
     ``cubic`` is Keys' kernel with a = -1/2; ``lanczos`` has three lobes on each side.
     """
@@ -50,19 +50,19 @@ def kernel(name: str, x: Array) -> Array:
 
 
 def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDArray[np.intp], Array]:
-    """Return first taps and weights along one axis for output sample n of channel row a.
+    """Return first tap and weights of a filter along one axis, for each output sample and row of the super-pixel.
 
-    Output sample n is at (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. With one sample
-    per pixel, samples are therefore at the pixels' centres; a single sample is in the middle of the super-pixel.
+    Output sample n is (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. With one sample per
+    pixel, samples are therefore at the pixels' centres; a single sample is in the middle of the super-pixel.
 
     Parameters
     ----------
     name
-        One of the filters with few taps.
+        One of the filters with few taps: ``"nearest"``, ``"linear"``, ``"cubic"`` or ``"lanczos"``.
     side
         Number of pixels of the super-pixel along the axis.
     positions
-        Position at which each row of the super-pixel samples the light ``(side,)`` (pixels).
+        Positions ``(side,)`` at which the rows of the super-pixel sample the light (pixels).
     samples
         Output samples per super-pixel.
 
@@ -90,7 +90,7 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
 def dirichlet_table(count: int, side: int, positions: Array, samples: int) -> Array:
     """Return the weights ``(side, count * samples, count)`` of the periodic sinc for ``count`` samples of a channel.
 
-    It is sin(pi t)/(count tan(pi t/count)) for even counts, with half of the highest frequency at each end, and
+    The filter is sin(pi t)/(count tan(pi t/count)) for even counts, with half of the highest frequency at each end, and
     sin(pi t)/(count sin(pi t/count)) for odd counts.
     """
     wanted = (np.arange(count * samples) + 0.5) * side / samples - 0.5

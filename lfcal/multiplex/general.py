@@ -28,17 +28,17 @@ MAX_SHARE = 1e6
 
 
 class GeneralModel:
-    """Linear model of a frame: ``forward`` computes it from samples on their grid, ``adjoint`` is the transpose.
+    """Linear model of a frame: ``forward`` computes the frame from samples on a grid, ``adjoint`` is the transpose.
 
     Parameters
     ----------
     transmissions
-        ``(N, rows, columns)``: fraction of each sample that each pixel measures; or a periodic modulator, with
+        Fraction of each sample that each pixel measures, ``(N, rows, columns)``; or a periodic modulator, with
         ``shape``.
     spacing
-        Pixels per node of the grid (rows, columns).
+        Distance between the nodes of the grid (rows, columns) in pixels.
     shape
-        Rows and columns of the frame, for a periodic modulator.
+        Rows and columns of the frame; required for a periodic modulator.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class GeneralModel:
         return frame
 
     def adjoint(self, frame: ArrayLike) -> Array:
-        """Return the transpose of `forward` applied to a frame."""
+        """Return the samples ``(N, nodes down, nodes across)`` that the transpose of `forward` yields for a frame."""
         image = np.asarray(frame, float)
         return np.stack([(self._down.T @ (share * image)) @ self._across for share in self.transmissions])
 
@@ -85,11 +85,11 @@ class GeneralSamples:
     Attributes
     ----------
     samples
-        ``(N, nodes down, nodes across)``.
+        Samples ``(N, nodes down, nodes across)`` on the grid.
     iterations
         Number of iterations of the conjugate gradients.
     residual
-        Weighted rms of the frame minus its prediction, relative to the rms of the frame.
+        Weighted rms of the difference between the frame and its prediction, relative to the rms of the frame.
     operations
         Total number of multiply-adds.
     """
@@ -117,16 +117,18 @@ def iter_demultiplex_generally(
     frame
         Frame ``(rows, columns)`` after background subtraction.
     transmissions
-        Response of each pixel to each sample ``(N, rows, columns)``; or a modulator, repeated over the frame.
+        Fraction of each sample that each pixel measures, ``(N, rows, columns)``; or a modulator, repeated over the
+        frame.
     spacing
-        Pixels per node of the samples' grid, one number or (rows, columns); about sqrt(N) to measure all samples.
+        Distance between the nodes of the samples' grid in pixels, one number or (rows, columns). A spacing of about
+        sqrt(N) provides as many pixels as samples.
     weights
         Inverse variances of the pixels, 0 for saturated and dead ones.
     smoothness
-        Weight of the squared differences between neighbouring nodes, relative to the mean measured share. It
-        determines samples that pixels do not measure. It must be small compared with the signal-to-noise ratio.
+        Weight of the squared differences between neighbouring nodes, relative to the mean measured fraction. It
+        determines samples that no pixel measures. It must be small compared with the signal-to-noise ratio.
     tolerance
-        The iterations end when the norm of the gradient falls below this fraction of its first value.
+        Stop the iterations when the norm of the gradient falls below this fraction of its first value.
     most
         Largest number of iterations.
 
@@ -202,11 +204,12 @@ def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, i
     Parameters
     ----------
     pattern
-        Transmissions 0 … 1 ``(rows, columns)``; for the middle view, its middle is above the middle of the frame.
+        Transmissions ``(rows, columns)`` of the mask, 0 … 1. For the middle view, the centre of the pattern is
+        projected onto the centre of the frame.
     shape
-        Frame ``(rows, columns)``.
+        Rows and columns of the frame.
     views
-        Views ``(down, across)``.
+        Number of views ``(down, across)``.
     shift_px
         Shift of the shadow from one view to the next (pixels).
 

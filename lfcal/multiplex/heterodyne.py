@@ -57,13 +57,13 @@ def lattice_transmissions(
     shape
         Rows and columns of the frame.
     lattice
-        Positions of the super-pixels; the middle of each is a centre of the lattice.
+        Lattice of the super-pixels; each of its points is the centre of a super-pixel.
     modulator
-        Modulator whose values are at equal steps along the lattice's vectors.
+        Modulator of one super-pixel; its values are at equal steps along the lattice's vectors.
     profile
-        ``"cells"``: a mask of uniform cells, averaged over the area of each pixel (to 1/64 of it), so that values stay
-        within those of the mask. ``"sinusoids"``: the trigonometric polynomial through the values, as in optical
-        heterodyning.
+        ``"cells"``: a mask of uniform cells, averaged over the area of each pixel (sampled at 64 points), so that
+        values stay within those of the mask. ``"sinusoids"``: the trigonometric polynomial through the values, as in
+        optical heterodyning.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _waves(place: Array, n: int) -> Complex:
 
 
 def sample_places(grid: ViewGrid) -> Array:
-    """Return the position (row, column) of each sample of a view on the frame, ``(rows * columns, 2)`` (pixels)."""
+    """Return the position (row, column) in the frame of each sample of a view, ``(rows * columns, 2)`` (pixels)."""
     down = np.array([math.cos(grid.rotation_rad), -math.sin(grid.rotation_rad)])
     along = np.array([math.sin(grid.rotation_rad), math.cos(grid.rotation_rad)])
     i, j = np.indices(grid.shape)
@@ -162,11 +162,11 @@ def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
 def lattice_by_spectrum(
     frame: NDArray[Any], lattice: MicroImageLattice, modulator: Modulator, places: Array, rcond: float | None = None
 ) -> Array:
-    """Return the samples ``(N, n)`` at ``places`` by theorem 2: tiles about each g_k, then decorrelation.
+    """Return the samples ``(N, n)`` at ``places`` by theorem 2: spectral tiles about each g_k are decorrelated.
 
-    ``places`` ``(n, 2)`` are positions (row, column) on the frame. One transform of the frame is needed, and one for
-    each pixel of the super-pixel. Frames are assumed to be periodic, so samples within two super-pixels of the border
-    depend on the opposite border.
+    ``places`` ``(n, 2)`` are positions (row, column) on the frame. The method takes one Fourier transform of the frame
+    and one for each pixel of the super-pixel. It assumes that the frame is periodic, so samples within two super-pixels
+    of a border depend on the opposite border.
     """
     from scipy import fft
 
@@ -233,9 +233,10 @@ def lattice_by_sinc(
 ) -> Array:
     """Return the samples ``(N, n)`` at positions ``places`` ``(n, 2)`` (row, column) by theorem 1 with a sinc filter.
 
-    The frame is evaluated at each pixel of the super-pixels, between those of the sensor, by its trigonometric
-    polynomial. Each channel is interpolated to the places by the waves of the lattice's cell, and decorrelated there.
-    It takes about pixels x super-pixels operations for each channel, for up to 4096 super-pixels.
+    The trigonometric polynomial through the frame is evaluated at each pixel of the super-pixels, which may be between
+    sensor pixels. Each channel is interpolated to the positions with the waves of the lattice's cell, and the channels
+    are decorrelated there. Each channel takes about pixels x super-pixels operations. At most 4096 super-pixels are
+    allowed.
 
     Raises
     ------

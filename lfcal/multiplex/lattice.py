@@ -37,13 +37,13 @@ VALUES_AT_ONCE = 2_000_000
 
 
 class Offsets(NamedTuple):
-    """Number of channels (down, across) about each centre, and their distance (pixels)."""
+    """Number of channels (down, across) about each centre, and the distance between neighbouring ones (pixels)."""
 
     number: tuple[int, int]
     step_px: tuple[float, float]
 
     def of(self, channel: int) -> Array:
-        """Return the offset ``(row, column)`` of a channel, counted by rows, from its super-pixel's centre."""
+        """Return the offset ``(row, column)`` of a channel (counted by rows) from its super-pixel's centre (pixels)."""
         place = np.divmod(channel, self.number[1])
         return np.array([(k - (n - 1) / 2) * s for k, n, s in zip(place, self.number, self.step_px, strict=True)])
 
@@ -78,20 +78,20 @@ def weighted_samples(
     matrix: Array | None = None,
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the samples ``(N, rows, columns)`` of a grid of super-pixels, and their standard deviation.
+    """Return the samples ``(N, rows, columns)`` on a grid of super-pixels, and their standard deviations.
 
     Parameters
     ----------
     frame, weights
-        Frame ``(rows, columns)``, and inverse variances of its pixels, 0 where nothing was measured.
+        Frame ``(rows, columns)``, and inverse variances of its pixels; 0 for pixels without a measurement.
     grid
         Grid of the super-pixels.
     offsets
         Channels of each super-pixel.
     matrix
-        ``(channels, N)``: response of the channels to the samples; None: the channels are the samples.
+        Response ``(channels, N)`` of the channels to the samples. None: the channels are the samples.
     rcond
-        Cut-off of the decorrelation, as in `lfcal.multiplex.weighted.least_squares`.
+        Threshold of the decorrelation, as in `lfcal.multiplex.weighted.least_squares`.
     """
     scale = float(weights.max())
     light, known = np.where(weights > 0, frame, 0.0).ravel(), (weights / scale).ravel()
@@ -210,31 +210,31 @@ def lattice_channels(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return ``size`` measurement channels of each super-pixel, ``(size, size, rows, columns)``.
+    """Return ``size`` x ``size`` measurement channels of each super-pixel, ``(down, across, rows, columns)``.
 
     Parameters
     ----------
     frame
         Frame ``(rows, columns)`` after background subtraction.
     lattice
-        Positions of the super-pixels: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or
-        `lfcal.lattice.lattice_of` a camera. Pitch and angle need not fit the pixels, and the lattice need not be
-        straight.
+        Lattice of the super-pixels: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or `lfcal.lattice.lattice_of`
+        a camera. The pitch may be any number of pixels, the lattice may be rotated, and its rows may be curved.
     size
-        Number of channels down and across around each centre.
+        Number of channels (down, across) around each centre; one number means the same in both directions.
     spacing_px
-        Distance of channels (pixels), one number or (down, across). None: the pitch divided by ``size``.
+        Distance between channels (pixels), one number or (down, across). None: the pitch divided by ``size``.
     filter
-        ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels; between super-pixels it is linear.
+        Interpolation between pixels: ``"nearest"``, ``"linear"`` or ``"cubic"``. Interpolation between super-pixels is
+        linear.
     axes
         ``"lattice"``: the super-pixels as they are, in the largest box along the lattice's axes. ``"frame"``: parallel
         to the frame, interpolated between super-pixels (`lfcal.lattice.view_grid`).
     weights
-        Weight of each pixel ``(rows, columns)``: its inverse variance, 0 where it measured nothing (saturated, dead;
-        `lfcal.multiplex.pixel_weights`). The filter is then linear. `lattice_channels_weighted` also returns the
+        Weight ``(rows, columns)`` of each pixel: its inverse variance, or 0 for saturated and dead pixels
+        (`lfcal.multiplex.pixel_weights`). The filter must then be linear. `lattice_channels_weighted` also returns the
         noise.
     out
-        Output array, float32 or float64.
+        Output array, float32 or float64. Default: a new array.
     workers
         Number of threads; None: all processors.
 
@@ -291,16 +291,16 @@ def lattice_channels_weighted(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> WeightedSamples:
-    """Return measurement channels ``(size, size, rows, columns)`` from weighted pixels, and their standard deviations.
+    """Return measurement channels ``(down, across, rows, columns)`` from weighted pixels, and standard deviations.
 
-    Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If no pixel of a channel
-    has weight, those of the super-pixels within two rows and columns are used.
+    Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If all pixels of a channel
+    have weight 0, the channel's pixels in the super-pixels within two rows and columns are used.
 
     Parameters
     ----------
     weights
-        Inverse variances of the pixels ``(rows, columns)``; 0 where nothing was measured, and where the frame may have
-        any value.
+        Inverse variances ``(rows, columns)`` of the pixels. Pixels of weight 0 are ignored; the frame may have any
+        value there.
     frame, lattice, size, spacing_px, axes
         As in `lattice_channels`.
 
@@ -336,7 +336,12 @@ def channel_grid(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> ViewGrid:
-    """Return the super-pixels of a frame of ``shape`` that `lattice_channels` uses; raises the same errors.
+    """Return the grid of the super-pixels that `lattice_channels` uses in a frame of ``shape``.
+
+    Raises
+    ------
+    InputError
+        As in `lattice_channels`.
 
     Examples
     --------
@@ -409,26 +414,26 @@ def demultiplex_lattice(
     weights: ArrayLike | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return the views ``(N, rows, columns)`` of a light field whose super-pixels are not whole pixels.
+    """Return the views ``(N, rows, columns)`` of a light field; the lattice's pitch may be any number of pixels.
 
     Parameters
     ----------
     frame, lattice, axes, workers
         As in `lattice_channels`.
     modulator
-        Modulator of one super-pixel of a light field; its values are at equal steps of the lattice's vectors.
+        Modulator of one super-pixel of a light field; its values are at equal steps along the lattice's vectors.
     route
         ``"spatial"`` (theorem 1) or ``"fourier"`` (theorem 2): tiles of the spectrum around the lattice's frequencies,
         for any pitch and angle. This equals the spatial route with a sinc filter if the frame has no content between
-        the tiles. It takes one transform of the frame for each pixel of a super-pixel.
+        the tiles. The method takes one Fourier transform of the frame and one for each pixel of a super-pixel.
     filter
-        Filter of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, where the channels of a
-        super-pixel count as recorded at its centre. ``"sinc"``: between super-pixels, with each channel at its actual
+        Filter of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, as if all channels of a
+        super-pixel were recorded at its centre. ``"sinc"``: between super-pixels, with each channel at its actual
         position (`lfcal.multiplex.heterodyne`).
     rcond
-        Singular values up to this fraction of the largest count as zero.
+        Singular values up to this fraction of the largest count as zero. None: rounding error.
     weights
-        As in `lattice_channels`, for the spatial route with the linear filter. `demultiplex_lattice_weighted` also
+        As in `lattice_channels`; only for the spatial route with the linear filter. `demultiplex_lattice_weighted` also
         returns the noise.
 
     Raises
@@ -484,7 +489,7 @@ def demultiplex_lattice_weighted(
     axes: str = "lattice",
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the views ``(N, rows, columns)`` behind a real lattice, and their deviations, by weighted least squares.
+    """Return the views ``(N, rows, columns)`` on a lattice and their standard deviations, by weighted least squares.
 
     Channels are computed as in `lattice_channels_weighted` and decorrelated with the resulting weights (theorem 1 with
     noise). The standard deviations take into account that neighbouring channels share pixels if the pitch is not a
@@ -493,8 +498,8 @@ def demultiplex_lattice_weighted(
     Parameters
     ----------
     weights
-        Inverse variances of the pixels ``(rows, columns)``; 0 where nothing was measured, and where the frame may have
-        any value.
+        Inverse variances ``(rows, columns)`` of the pixels. Pixels of weight 0 are ignored; the frame may have any
+        value there.
     frame, lattice, modulator, axes, rcond
         As in `demultiplex_lattice`.
 

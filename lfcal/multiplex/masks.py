@@ -38,10 +38,10 @@ MAX_SHIFT_PX = 1e4
 def mask(kind: str, size: int) -> Modulator:
     """Return a light-field modulator with ``size`` x ``size`` pixels and as many views (Ihrke et al., section 4.2).
 
-    Attenuation masks are at a distance at which neighbouring views shift their shadow by one pixel. A is then the
-    circulant matrix of the mask's pattern, Sigma = F^-1 M-hat and Pi^T = F (equation 9). For the pinhole it is the
-    identity. For the lenslet it is N times the identity, because it collects the light of the whole super-pixel for
-    each view.
+    Attenuation masks are at the distance from the sensor at which their shadow moves by one pixel from view to view. A
+    is then the circulant matrix of the mask's pattern, Sigma = F^-1 M-hat and Pi^T = F (equation 9). For the pinhole, A
+    is the identity. For the lenslet, A is N times the identity, because a lenslet collects the light of the entire
+    super-pixel for each view.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def mask(kind: str, size: int) -> Modulator:
 
 
 def mask_pattern(kind: str, size: int) -> Array:
-    """Return the transmission ``(size, size)`` of one period of a mask, in 0 … 1; ones for a lenslet.
+    """Return the transmission ``(size, size)`` of one period of a mask, in 0 … 1; all ones for a lenslet.
 
     Examples
     --------
@@ -145,11 +145,11 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     """Return the modulator of a periodic mask in front of the sensor, i(x) = sum_v l(x, v) m(x - s v) (equation 9).
 
     The mask consists of cells of one pixel. The transmission of a pixel for a view is the mean of the shadow over the
-    pixel and over the directions of the view. It is therefore within the mask's values, and the light of each view
-    over a whole super-pixel equals that through the mask, for any shift. Sigma = F^-1 M-hat, and Pi^T contains the
-    Fourier transform of a moved cell for a pixel and a view: exp(-2 pi i s v w), the Fourier basis for s = 1, for
-    whole shifts and views without extent. With s = 0 (mask on the sensor), all views pass the same mask and only their
-    sum can be recovered.
+    pixel and over the directions of the view. Transmissions therefore stay within the range of the mask's values. For
+    any shift, the light of each view summed over a super-pixel equals the light that passes one period of the mask.
+    Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a shifted cell for a pixel and a view. For integer
+    shifts and views without extent, this is exp(-2 pi i s v w), which is the Fourier basis if s = 1. With s = 0 (mask
+    on the sensor), all views pass the same mask and only their sum can be recovered.
 
     Parameters
     ----------
@@ -158,8 +158,8 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     shift_px
         Shift s of the mask's shadow from one view to the next (pixels, `shadow_shift_px`).
     view_width
-        Extent of a view, relative to the step between views, 0 … 1. 0: a single direction, as in the sum of equation
-        9. 1: adjacent views without gaps, as behind a full aperture, whose shadows are blurred by s pixels.
+        Extent of a view, relative to the step between views, 0 … 1. 0: a single direction, as in the sum of equation 9.
+        1: adjacent views without gaps, as behind a full aperture; the shadows are then blurred by s pixels.
     name
         Name in tables and plots.
 
@@ -218,10 +218,11 @@ def _moved_cell(n: int, shift: float, view_width: float) -> NDArray[np.complex12
 
 
 def cell_overlap(distance: ArrayLike, blur: float) -> Array:
-    """Return the fraction of a pixel covered by a mask cell of one pixel's width, blurred over ``blur`` pixels.
+    """Return the fraction of a mask cell's light that falls on a pixel; cell and pixel are one pixel wide.
 
-    It is the convolution of three boxes (cell, pixel, and movement of the shadow within a view) at ``distance``
-    between their middles (pixels). The sum over all pixels is one.
+    ``distance`` is the distance between the middles of cell and pixel, and ``blur`` the movement of the shadow within a
+    view (pixels). The fraction is the convolution of three boxes (cell, pixel and movement); it sums to one over all
+    pixels.
     """
     t = np.asarray(distance, float)
     if blur < 1e-6:  # below this, the difference of the integrals would be rounding errors
@@ -239,7 +240,7 @@ def _range_words(values: Array) -> str:
 
 
 def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> float:
-    """Return the shift of a mask's shadow per view in pixels: z dv / pixel.
+    """Return the shift of a mask's shadow from one view to the next in pixels: z dv / pixel.
 
     Parameters
     ----------
@@ -277,10 +278,10 @@ def noise_shares(chi2: float) -> tuple[float, float]:
 def mask_gain_bound(size: int, chi2: float) -> float:
     """Return an upper bound on the gain over the pinhole (dB) of any mask of ``size`` x ``size`` pixels at ``chi2``.
 
-    Consider the N Fourier weights of a mask with transmission tau. The zeroth is N tau. The sum of squares of the
-    others is at most N^2 tau (1 - tau), because transmissions are between 0 and 1. The noise is the sum of their
-    inverse squares, which is smallest if all others are equal; tau is then optimized. Masks of cyclic difference sets
-    reach this bound.
+    The bound follows from the N Fourier weights of a mask with transmission tau. The zeroth is N tau. The sum of
+    squares of the others is at most N^2 tau (1 - tau), because transmissions are between 0 and 1. The noise is the sum
+    of their inverse squares, which is smallest if all others are equal; tau is then optimized. Masks of cyclic
+    difference sets reach this bound.
 
     Parameters
     ----------
@@ -321,7 +322,7 @@ def mask_gain_bound(size: int, chi2: float) -> float:
 
 
 def best_binary_mask(size: int, chi2: float) -> Array:
-    """Return the binary pattern ``(size, size)`` with the largest gain, found by trying all patterns.
+    """Return the binary pattern ``(size, size)`` with the largest gain at ``chi2``, found by trying all patterns.
 
     Raises
     ------

@@ -31,11 +31,11 @@ KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light
 
 
 def load_modulator(path: str | os.PathLike[str]) -> Modulator:
-    """Read a modulator from a file.
+    """Return the modulator that is stored in a ``.npy`` or ``.json`` file.
 
-    ``.npy``: transmissions ``(rows, columns, N)`` of a super-pixel, or ``(K, N)`` of a square one. ``.json``: the same
-    as nested lists, or an object with the entry ``matrix`` and optionally ``side``, ``name``, ``views``, ``colours``,
-    ``cell``, ``lenslets``, ``light`` as in `lfcal.multiplex.Modulator`.
+    A ``.npy`` file contains the transmissions ``(rows, columns, N)`` of a super-pixel, or ``(K, N)`` of a square one. A
+    ``.json`` file contains the same as nested lists, or an object with the entry ``matrix`` and optionally ``side``,
+    ``name``, ``views``, ``colours``, ``cell``, ``lenslets``, ``light`` as in `lfcal.multiplex.Modulator`.
 
     Raises
     ------
@@ -67,9 +67,9 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
 
 
 def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
-    """Write a modulator to a file that `load_modulator` reads; a failed write leaves no partial file.
+    """Write a modulator to a file that `load_modulator` can read; a failed write leaves no partial file.
 
-    ``.json`` stores everything, including views and colours; ``.npy`` only the transmissions ``(rows, columns, N)``.
+    A ``.json`` file contains all attributes, a ``.npy`` file only the transmissions ``(rows, columns, N)``.
 
     Raises
     ------

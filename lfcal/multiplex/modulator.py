@@ -22,7 +22,7 @@ MAX_SAMPLES = 4096
 
 
 def default_rcond(shape: tuple[int, int]) -> float:
-    """Return the threshold, relative to the largest singular value, below which singular values count as zero."""
+    """Return the fraction of the largest singular value up to which those of a matrix of ``shape`` count as zero."""
     return max(shape) * float(np.finfo(float).eps)
 
 
@@ -30,9 +30,10 @@ def default_rcond(shape: tuple[int, int]) -> float:
 class Modulator:
     """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., equation 2).
 
-    Samples are ordered by view, by rows, and within a view by colour. The light at a pixel is one, distributed over
-    the N plenoptic samples as in `light`, by default 1/N each. A pixel that measures a sample completely has the entry
-    1 in `matrix`. A lenslet collects the light of the whole super-pixel for its pixel and has the entry N.
+    Samples are ordered by view, by rows, and within a view by colour. The unmodulated light at a pixel is one,
+    distributed over the N plenoptic samples as in `light`. If a pixel measures a sample completely, its entry in
+    `matrix` is 1. A lenslet concentrates the light of its entire cell on one pixel per view, whose entry is the number
+    of pixels in the cell.
 
     Attributes
     ----------
@@ -41,9 +42,9 @@ class Modulator:
     side
         Pixels ``(rows, columns)`` of the super-pixel; K = rows * columns, counted by rows.
     spatial
-        Sigma ``(K, J)``: columns are the super-pixel periodic spatial basis functions.
+        Sigma ``(K, J)``: each column is a spatial basis function, periodic with the super-pixel.
     plenoptic
-        Pi ``(N, J)``: columns are the plenoptic basis functions over the N samples.
+        Pi ``(N, J)``: each column is a plenoptic basis function over the N samples.
     views
         Number of directions ``(rows, columns)`` in the samples.
     colours
@@ -55,7 +56,7 @@ class Modulator:
         Whether all pixels of a cell sample the light at the position of their lenslet, instead of at their own
         positions.
     light
-        Samples ``(N,)`` of unmodulated light, which a bare pixel records as one; 1/N each by default.
+        Samples ``(N,)`` of unmodulated light, which a pixel without modulator records as one; 1/N each by default.
 
     Examples
     --------
@@ -135,12 +136,12 @@ class Modulator:
 
     @property
     def natural_samples(self) -> tuple[int, int]:
-        """Output samples ``(rows, columns)`` per super-pixel: one per pixel (colours) or per cell (light fields)."""
+        """Default output samples (down, across) per super-pixel: one per pixel, or one per cell of a light field."""
         return self.side[0] // self.cell[0], self.side[1] // self.cell[1]
 
     @property
     def positions(self) -> tuple[Array, Array]:
-        """Positions at which rows and columns of the super-pixel sample the light (pixels from its first pixel)."""
+        """Positions at which rows and columns of a super-pixel sample the light (pixels from its first pixel)."""
         rows, columns = (
             np.asarray(np.arange(n) // c * c + (c - 1) / 2 if self.lenslets else np.arange(n), float)
             for n, c in zip(self.side, self.cell, strict=True)
@@ -149,7 +150,7 @@ class Modulator:
 
     @cached_property
     def matrix(self) -> Array:
-        """A = Sigma Pi^T ``(K, N)`` of equation 4: measurement channels from plenoptic samples."""
+        """Matrix A = Sigma Pi^T ``(K, N)`` of equation 4, which maps plenoptic samples to measurement channels."""
         product = self.spatial @ self.plenoptic.T
         if np.iscomplexobj(product):
             worst = float(np.abs(product.imag).max(initial=0.0))
@@ -190,7 +191,7 @@ class Modulator:
         return kept
 
     def rank(self, rcond: float | None = None) -> int:
-        """Return the number of independent combinations of the samples that are measured."""
+        """Return the number of independent combinations of the samples that the modulator measures."""
         return int(self._kept(rcond).sum())
 
     @property
@@ -200,7 +201,7 @@ class Modulator:
         return float(values[0] / values[-1]) if self.rank() == self.count else math.inf
 
     def inverse(self, rcond: float | None = None) -> Array:
-        """Return the pseudo-inverse A^+ ``(N, K)``: the least-squares solution of smallest norm.
+        """Return the pseudo-inverse A^+ ``(N, K)``, which maps channels to the least-squares samples of smallest norm.
 
         Parameters
         ----------
@@ -222,7 +223,7 @@ class Modulator:
         return share
 
     def spectrum(self) -> NDArray[np.complex128]:
-        """Return Sigma-hat = F Sigma ``(K, J)`` of equation 8: Fourier weights of the spatial basis, by rows."""
+        """Return Sigma-hat = F Sigma ``(K, J)`` of equation 8, the Fourier weights of the spatial basis functions."""
         block = np.asarray(self.spatial).reshape(*self.side, -1)
         spectrum: NDArray[np.complex128] = np.fft.fft2(block, axes=(0, 1)).reshape(self.pixels, -1)
         return spectrum
@@ -235,13 +236,19 @@ class Modulator:
         return block.reshape(*self.side, colours).copy()
 
     def pattern_spectrum(self) -> Array:
-        """Return the magnitude of `pattern`'s Fourier weights per pixel in its shape, zero frequency in the middle."""
+        """Return the magnitude of the Fourier weights of `pattern` per pixel, with zero frequency in the middle."""
         spectrum = np.fft.fftshift(np.fft.fft2(self.pattern(), axes=(0, 1)), axes=(0, 1))
         result: Array = np.abs(spectrum) / self.pixels
         return result
 
     def shifted(self, rows: int, columns: int) -> Modulator:
-        """Return the modulator with its pattern moved down and to the right by whole pixels."""
+        """Return the modulator with its pattern shifted down by ``rows`` and to the right by ``columns`` pixels.
+
+        Raises
+        ------
+        InputError
+            If there are lenslets and the shift is not a whole number of cells.
+        """
         if self.lenslets and (rows % self.cell[0] or columns % self.cell[1]):
             raise InputError.expected(
                 f"shift of {self.name}",
@@ -255,8 +262,9 @@ class Modulator:
     def __mul__(self, other: Modulator) -> Modulator:
         """Return this modulator in front of ``other``: light passes both, such as lenslets and a Bayer sensor.
 
-        The super-pixel is the least common multiple of both; the bases are products of each pair, and the samples each
-        pair of theirs: two modulators that part the same (two masks, two colour filter arrays) have no product.
+        The sides of the super-pixel are the least common multiples of both. Basis functions and samples of the product
+        are those of all pairs. Two modulators that separate the same kind of sample (two masks, two colour filter
+        arrays) have no product.
         """
         if not isinstance(other, Modulator):
             return NotImplemented
@@ -341,7 +349,7 @@ def modulator_from_matrix(
     lenslets: bool = False,
     light: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a modulator from its transmissions ``matrix`` ``(K, N)``: Sigma = A, Pi = identity.
+    """Return a modulator with the transmissions ``matrix`` ``(K, N)``: Sigma = A, Pi = identity.
 
     The other arguments are those of `Modulator`.
 

@@ -29,7 +29,7 @@ BAND_TABLES = ("filters", "efficiency", "illuminant")
 
 
 def is_whole(text: str) -> bool:
-    """Return whether a text is a whole number of fewer than ten plain digits."""
+    """Return whether a text is a whole number of at most nine plain digits."""
     return text.isascii() and text.isdigit() and len(text) < 10
 
 
@@ -40,7 +40,7 @@ def modulator_of(text: str) -> Modulator:
     ``bands:PATTERN:N`` uses the included model filters for N bands between 400 and 700 nm on silicon; other tables
     (`spectral_array`, `read_spectra`) are given as in
     ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` is followed by the moments in
-    which each pixel is open. ``cameras:2x2`` is an array of cameras.
+    which each pixel is open, as 0 and 1. ``cameras:2x2`` is an array of cameras.
 
     Examples
     --------

@@ -58,10 +58,11 @@ def transmission(modulator: Modulator) -> float:
 
 
 def amplification(modulator: Modulator, *, rcond: float | None = None, recoverable: bool = False) -> float:
-    """Return alpha = sqrt(trace((Pi Sigma^T Sigma Pi^T)^-1) / N), the ratio of a sample's rms noise to that of a pixel.
+    """Return alpha, the ratio of the rms noise of a sample to that of a pixel.
 
-    It is infinite if some combination of samples is not measured; with ``recoverable``, it is the rms over the
-    measured combinations. Singular values up to ``rcond`` times the largest count as zero.
+    It is sqrt(trace((Pi Sigma^T Sigma Pi^T)^-1) / N). It is infinite if some combination of samples is not measured;
+    with ``recoverable``, the trace is over the measured combinations only. Singular values up to ``rcond`` times the
+    largest count as zero.
 
     Examples
     --------
@@ -88,9 +89,9 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: Sequence[float] |
 def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[float] | Array) -> float | Array:
     """Return the SNR gain over ``reference`` (dB), 10 log10(alpha_ref s_ref / (alpha s)) (equation 14).
 
-    s^2 = s_c^2 + tau s_p^2 with chi^2 = s_p^2 / s_c^2 (equation 12). Super-pixels of different size are compared per
-    pixel: alpha is multiplied by sqrt(K), so that repeating a pattern gains nothing. For equal super-pixels, this is
-    the printed equation. A modulator that does not recover every sample has a gain of minus infinity.
+    Here, s^2 = s_c^2 + tau s_p^2 and chi^2 = s_p^2 / s_c^2 (equation 12). Super-pixels of different size are compared
+    per pixel: alpha is multiplied by sqrt(K), so that repeating a pattern gains nothing. For equal super-pixels, this
+    is the printed equation. A modulator that does not recover every sample has a gain of minus infinity.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
 
 
 def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
-    """Return the decorrelation ``(N, K)`` with the smallest noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss and Markov).
+    """Return the decorrelation ``(N, K)`` of least noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss and Markov).
 
     If the matrix is square and of full rank, this is its plain inverse. If there are more pixels than samples, less
     noisy pixels have more weight.
@@ -143,8 +144,8 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
     modulator
         Modulator of the pixels.
     covariance
-        Noise covariance of a super-pixel's pixels: positive variances ``(K,)``, or a positive definite matrix ``(K,
-        K)``.
+        Noise covariance C of the pixels of a super-pixel: positive variances ``(K,)``, or a positive definite matrix
+        ``(K, K)``.
 
     Raises
     ------
@@ -173,7 +174,7 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
 def pixel_variance(modulator: Modulator, chi2: float) -> Array:
     """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a fraction of s_c^2 + s_p^2.
 
-    This is equation 12 with the light of each pixel instead of the mean.
+    This is equation 12 with the light on each pixel instead of the mean light.
 
     Examples
     --------
@@ -219,12 +220,13 @@ def _variance(modulator: Modulator, chi2: Array) -> Array:
 
 
 def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -> float:
-    """Return chi^2 of a camera exposed to full scale: electrons of unmodulated light divided by the additive variance.
+    """Return chi^2 of a camera at full scale: electrons of unmodulated light divided by the additive noise variance.
 
     Parameters
     ----------
     sensor
-        Sensor with full well, read noise, dark current and quantization (`sensor_noise`); without noise, chi^2 is inf.
+        Sensor with full well, read noise, dark current and quantization (`sensor_noise`). If it has no additive noise,
+        chi^2 is inf.
     gain
         Amplifier gain: full scale is reached at full well over gain (electrons).
     exposure_s
@@ -252,7 +254,7 @@ class GainCurves:
     names
         Names of the modulators.
     reference
-        Name of the reference.
+        Name of the modulator to which the gains refer.
     chi2
         Values of chi^2 ``(n,)``.
     gains
@@ -287,9 +289,9 @@ def gain_curves(
     *,
     cameras: Mapping[str, float] | None = None,
 ) -> GainCurves:
-    """Return the gains of ``modulators`` over ``reference``, by default for chi^2 from 1e-4 to 1e4.
+    """Return the gains of ``modulators`` over ``reference`` for values of chi^2, by default from 1e-4 to 1e4.
 
-    ``cameras`` maps names to chi^2 (`camera_chi2`) and adds markers to those of the paper.
+    ``cameras`` maps names of cameras to chi^2 (`camera_chi2`). They are marked in addition to the camera of the paper.
 
     Examples
     --------
@@ -376,7 +378,7 @@ class GainMap:
     Attributes
     ----------
     modulator, reference
-        Names of both modulators.
+        Names of the modulator and of the reference.
     samples
         Names of the samples; wavelengths for spectral bands.
     chi2
@@ -402,10 +404,10 @@ class GainMap:
 
 
 def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None = None) -> GainMap:
-    """Return the gain of each sample over ``reference`` (dB); `snr_gain` is their mean in terms of variance.
+    """Return the gain of each sample over ``reference`` (dB) as a function of chi^2.
 
-    The noise of sample n is that of its row of the decorrelation, s^2 sum_k (A^+)_nk^2, with s of equation 12.
-    Different super-pixels are compared per pixel.
+    The noise variance of sample n is s^2 sum_k (A^+)_nk^2, with s from equation 12. Super-pixels of different size are
+    compared per pixel. The mean of these variances over the samples is that of `snr_gain`.
 
     Parameters
     ----------
@@ -441,8 +443,8 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
 def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation: str = "plain") -> Array:
     """Return the standard deviation ``(N,)`` of each sample of unmodulated light at full scale, relative to that light.
 
-    Every pixel has the noise of the light it receives (read, dark, quantisation, shot, response), without
-    interpolation between super-pixels.
+    Every pixel has the noise that corresponds to the light it receives (read, dark, quantization, shot, response).
+    Interpolation between super-pixels is not included.
 
     Parameters
     ----------
@@ -474,9 +476,9 @@ def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation:
 def sensor_gain(
     modulator: Modulator, reference: Modulator, noise: SensorNoise, *, decorrelation: str = "plain"
 ) -> float:
-    """Return the gain over ``reference`` (dB) with the noise of a camera, at equal exposure, compared per pixel.
+    """Return the gain over ``reference`` (dB) for the noise of a camera, at equal exposure, compared per pixel.
 
-    It is equation 14 with the noise of the light on each pixel; `snr_gain` uses the mean light of all pixels.
+    This is equation 14 with the noise of the light on each pixel; `snr_gain` uses the mean light of all pixels.
 
     Examples
     --------

@@ -53,7 +53,7 @@ class PaperPanel:
     numbers
         One-line text that states error, ringing or signal-to-noise ratio.
     levels
-        Values shown as black and as white, equal for all images that are compared; None for colours.
+        Values shown as black and as white, equal for all images to be compared; None for colour images.
     """
 
     title: str
@@ -77,7 +77,7 @@ class PaperFigure:
     columns
         Number of images side by side.
     curves
-        Titles and gains of figure 6.
+        Pairs of title and gains; only in figure 6.
     """
 
     number: int
@@ -88,7 +88,7 @@ class PaperFigure:
 
 
 def paper_figure(number: int, *, camera: str = "", chi2: float | None = None, seed: int = 1) -> PaperFigure:
-    """Reproduce one of the paper's figures with synthetic scenes; the paper's own images are not included.
+    """Return one of the paper's figures, reproduced with synthetic scenes instead of the paper's own images.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def _contrast(frame: Array, modulator: Modulator) -> Array:
 
 
 def save_paper_figure(found: PaperFigure, path: str | os.PathLike[str]) -> None:
-    """Write the images of a figure; for figure 6, use `lfcal.multiplex.drawing.save_gain_curves`."""
+    """Write the images of a figure to a file; for figure 6, use `lfcal.multiplex.drawing.save_gain_curves`."""
     rows = -(-len(found.panels) // found.columns)
     with figure(3.7 * found.columns, 3.5 * rows + 0.4, dpi=140) as fig:
         grid = fig.subplots(rows, found.columns, squeeze=False).ravel()

@@ -21,8 +21,9 @@ def polarisers(
 ) -> Modulator:
     """Return a super-pixel of linear polarisers for the Stokes parameters S0, S1, S2; with retarders, also S3.
 
-    A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator). This
-    is half of unpolarised light, which has only S0. A pixel receives a fraction between 0 and 1 for any polarisation.
+    A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator). It
+    transmits half of unpolarised light, for which only S0 is not zero. For any polarisation, the transmitted fraction
+    is between 0 and 1.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the degree of polarisation from Stokes parameters ``(3 or 4, ...)``; 0 without light.
+    """Return the degree of polarisation (0 … 1) for Stokes parameters ``(3 or 4, ...)``; 0 without light.
 
     Examples
     --------

@@ -31,7 +31,10 @@ WAYS = (*(("spatial", name) for name in SPATIAL_FILTERS), ("fourier", "sinc"))
 
 
 def ways_of(modulator: Modulator) -> tuple[tuple[str, str], ...]:
-    """Return `WAYS`; for colour filter arrays, their special filters are inserted before the Fourier route."""
+    """Return the pairs of route and filter that can reconstruct the frames of ``modulator``.
+
+    These are `WAYS`; for colour filter arrays, their special filters are inserted before the Fourier route.
+    """
     colour = can_estimate(modulator, modulator.side)
     return (*WAYS[:-1], *(("spatial", name) for name in COLOUR_FILTERS if colour), WAYS[-1])
 
@@ -45,7 +48,7 @@ class Ringing:
     flat
         Rms error where the scene is uniform within two super-pixels, averaged over the samples.
     overshoot
-        Largest excursion beyond the scene's values, averaged over the samples.
+        Largest excursion beyond the range of the scene's values, averaged over the samples.
     """
 
     flat: float
@@ -123,9 +126,9 @@ class FilterTrial:
     seconds
         Shortest time of all rounds (s).
     error
-        Rms error divided by the scene's range, away from the border.
+        Rms error relative to the scene's range, without the border.
     ringing
-        `Ringing`; None if the scene has no uniform parts.
+        Oscillation at edges; None if the scene has no uniform parts.
     efficient
         Whether no other way is both faster and more accurate.
 
@@ -148,7 +151,7 @@ class FilterTrial:
 
     @property
     def name(self) -> str:
-        """Name for tables."""
+        """Name of route and filter for tables."""
         return "Fourier" if self.route == "fourier" else f"spatial, {self.filter}"
 
 
@@ -172,7 +175,7 @@ def iter_measure_filters(
     ways
         Pairs of route and filter. None: `ways_of` the modulator.
     noise
-        Noise ``(rows, columns)`` to add to the frame, or 0.
+        Noise to add to the frame, ``(rows, columns)`` or one number.
     rounds
         Number of timed runs of each way, after one run for compilation; the shortest time is used.
     workers
@@ -244,10 +247,10 @@ class Transfer:
     frequencies
         Measured frequencies ``(n,)`` (cycles per pixel).
     transfer
-        Ratio of reconstructed to shown amplitude for each sample ``(N, n)``.
+        Ratio of the reconstructed to the original amplitude of each sample, ``(N, n)``.
     aliased
-        Rms of everything else that the wave produces (other frequencies, other samples), relative to the rms of the
-        wave ``(N, n)``.
+        Rms of all spurious components that the wave produces (at other frequencies and in other samples), relative to
+        the rms of the wave, ``(N, n)``.
 
     Examples
     --------
@@ -272,18 +275,18 @@ def modulation_transfer(
     filter: str | None = None,
     axis: str = "x",
 ) -> Transfer:
-    """Measure the modulation transfer of a reconstruction with sine waves that are equal in all samples.
+    """Return the modulation transfer of a reconstruction, measured with sine waves that are equal in all samples.
 
     Parameters
     ----------
     modulator
         Modulator that records the waves, without noise.
     frequencies
-        Cycles per pixel, 0 … 1/2; rounded to whole waves over 24 super-pixels.
+        Frequencies (cycles per pixel), 0 … 1/2; rounded so that a whole number of waves covers 24 super-pixels.
     route, filter
         As in `lfcal.multiplex.demultiplex`.
     axis
-        ``"x"``: waves along the rows, ``"y"``: along the columns.
+        Direction in which the waves vary: ``"x"``, along a row, or ``"y"``, along a column.
 
     Examples
     --------

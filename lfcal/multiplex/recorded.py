@@ -17,14 +17,14 @@ __all__ = ["RecordedFrame", "read_recorded"]
 
 
 class RecordedFrame(NamedTuple):
-    """A recorded frame, with its colour filters and black level if the file states them."""
+    """Recorded frame, with its colour filters and black level if the file states them."""
 
     raw: NDArray[Any]
     filters: str
     black_level: Any
 
     def level(self, given: float | None = None, sensor: Sensor | None = None) -> Any:
-        """Return the black level: ``given``, else that of the file, else that of the sensor, else 0."""
+        """Return ``given``, or else the black level stated in the file, or else that of the sensor, or else 0."""
         if given is not None:
             return given
         if self.black_level is not None:
@@ -36,7 +36,7 @@ class RecordedFrame(NamedTuple):
     ) -> NDArray[Any] | None:
         """Return the weight of every pixel from a sensor and an image of dead pixels; None if all weights are equal.
 
-        ``how`` are options of `lfcal.multiplex.pixel_weights`.
+        ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
         """
         bad = None if dead is None else read_image(dead)
         if bad is not None and bad.shape != self.raw.shape:
@@ -50,7 +50,7 @@ class RecordedFrame(NamedTuple):
 
 
 def read_recorded(path: str | os.PathLike[str], page: int = 0) -> RecordedFrame:
-    """Read one page of a file with its metadata."""
+    """Return one page of an image file with its metadata; pages are counted from 0."""
     image = open_image(path)
     try:
         frame: NDArray[Any] = image.read(image.check_page(page))

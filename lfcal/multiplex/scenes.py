@@ -70,7 +70,7 @@ def _filaments(shape: tuple[int, int], width: float, rng: np.random.Generator) -
 def zone_plate(shape: tuple[int, int], highest: float = 0.5) -> Array:
     """Return red, green and blue ``(3, rows, columns)`` of a zone plate in 0 … 1, with a phase shift between colours.
 
-    Its frequency increases from zero in the middle to ``highest`` cycles per pixel at the nearer edges.
+    The frequency increases from zero in the middle to ``highest`` cycles per pixel at the nearer edges.
     """
     y, x = np.ogrid[: shape[0], : shape[1]]
     r2 = (y - (shape[0] - 1) / 2) ** 2 + (x - (shape[1] - 1) / 2) ** 2

@@ -58,9 +58,9 @@ class Frontier:
     reference
         Name of the reference.
     additive, photon, chosen
-        Gain ``(n,)`` at chi^2 = 0, at infinity and at `chi2` (dB).
+        Gain ``(n,)`` at chi^2 = 0, at chi^2 = infinity and at `chi2` (dB).
     chi2
-        Ratio chi^2 of the camera.
+        Ratio chi^2 of the camera for which `chosen` is computed.
     efficient
         ``(n,)``: whether no other candidate has more gain in both limits.
     bound
@@ -87,7 +87,7 @@ class Frontier:
 
     @property
     def best(self) -> Modulator:
-        """The candidate with the largest gain at `chi2`; the first, if several are equal."""
+        """Candidate with the largest gain at `chi2`; the first one if several are equal."""
         return self.modulators[self.best_index]
 
     @property
@@ -108,7 +108,7 @@ def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float
 def filter_set_frontier(
     chi2: float, *, reference: Modulator | None = None, letters: str = FREE_LETTERS, filters: int = 4
 ) -> Frontier:
-    """Return all sets of ``filters`` filters among ``letters`` that recover all colours, with their gains.
+    """Return all sets of ``filters`` filters from ``letters`` that recover red, green and blue, with their gains.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def filter_set_frontier(
     reference
         Modulator to compare with; Bayer by default.
     letters
-        Filters to choose from, see `lfcal.multiplex.colour_filters.FILTERS`.
+        Letters of the filters to choose from, see `lfcal.multiplex.colour_filters.FILTERS`.
     filters
         Number of filters in the super-pixel; their arrangement does not affect the noise.
 
@@ -158,8 +158,8 @@ def best_filter_set(
 ) -> Modulator:
     """Return the filters with the largest gain at ``chi2`` for red, green and blue, with any transmissions in 0 … 1.
 
-    Projected quasi-Newton steps minimize the noise of the recovered colours, including the shot noise of each pixel.
-    They start from the best set of ideal filters and from random ones.
+    The search minimizes the noise of the recovered colours, including the shot noise of each pixel, by a projected
+    quasi-Newton method. It starts from the best set of ideal filters and from random ones.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def best_filter_set(
     starts
         Number of random starts.
     rng
-        Random generator for the starts; with a fixed seed by default.
+        Random generator for the starts; by default one with a fixed seed.
 
     Examples
     --------
@@ -242,7 +242,7 @@ def best_mask(
     begin: Sequence[Array] = (),
     rng: np.random.Generator | None = None,
 ) -> Modulator:
-    """Return the attenuation mask of ``size`` x ``size`` pixels with the largest gain at ``chi2`` that a search finds.
+    """Return the attenuation mask of ``size`` x ``size`` pixels with the largest gain at ``chi2`` found by a search.
 
     The search starts from the known masks, from random ones with various fractions of open pixels, and from the best
     mask so far with a few pixels inverted. Up to `MAX_EXHAUSTIVE` pixels per side, it also starts from the best of all
@@ -304,12 +304,12 @@ def _known(size: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class SearchProgress(Progress):
-    """Progress of a search, with the result so far; the search may be stopped at any time.
+    """Progress of a search, with the result so far; you may stop the search at any time.
 
     Attributes
     ----------
     found
-        Known masks, and masks found so far.
+        Known masks, and the masks that the search has found so far.
     """
 
     found: Frontier = field(kw_only=True, compare=False, repr=False)
@@ -318,14 +318,14 @@ class SearchProgress(Progress):
 def iter_mask_frontier(
     size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
-    """Return known masks and searched masks for chi^2 from 0 to infinity, with their gains over a pinhole.
+    """Return known masks, and masks found for chi^2 from 0 to infinity, with their gains over a pinhole.
 
     Parameters
     ----------
     size
         Side of the masks (pixels).
     chi2
-        Ratio chi^2 of the camera; one mask is searched for it.
+        Ratio chi^2 of the camera; a mask is also searched for this value.
     points
         Number of values of chi^2 to search at, including 0 and infinity.
     starts, rng

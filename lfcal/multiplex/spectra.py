@@ -39,7 +39,7 @@ LARGEST_FILE = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Curves over wavelength.
+    """Curves as a function of wavelength, such as the transmissions of filters.
 
     Attributes
     ----------
@@ -104,14 +104,16 @@ class Spectra:
         return np.stack([np.interp(wanted, self.wavelengths_nm, row) for row in self.values])
 
     def named(self, name: str) -> Spectra:
-        """Return the curve with this name."""
+        """Return the curve called ``name`` as a table of one curve."""
         if name not in self.names:
             raise InputError.expected("spectrum", " or ".join(self.names), repr(name), "choose one of these")
         return Spectra((name,), self.wavelengths_nm, self.values[[self.names.index(name)]], self.source)
 
 
 def read_spectra(path: str | os.PathLike[str]) -> Spectra:
-    r"""Read a CSV file: a first row ``wavelength_nm,NAME,…``, then numbers; lines that begin with # state the source.
+    r"""Return the curves in a CSV file.
+
+    The first row is ``wavelength_nm,NAME,…``, followed by rows of numbers. Lines that begin with # state the source.
 
     Raises
     ------
@@ -165,7 +167,8 @@ def shipped_spectra(name: str) -> Spectra:
 def daylight(temperature_k: float) -> Spectra:
     """Return the relative power of CIE daylight at a correlated colour temperature, 100 at 560 nm (CIE 15).
 
-    It is ``S0 + M1 S1 + M2 S2``, with M1 and M2 from the chromaticity of the daylight locus. D65 is daylight at 6504 K.
+    The power is ``S0 + M1 S1 + M2 S2``, with M1 and M2 from the chromaticity of the daylight locus. D65 is daylight at
+    6504 K.
 
     Parameters
     ----------
@@ -191,10 +194,11 @@ def daylight(temperature_k: float) -> Spectra:
 
 
 def colour_matching(wavelengths_nm: ArrayLike) -> Array:
-    """Return colour matching functions x, y, z ``(3, n)``, as fitted by Wyman, Sloan and Shirley 2013.
+    """Return the colour matching functions x, y, z ``(3, n)`` at wavelengths in nm.
 
-    This is the multi-lobe fit to the CIE 1931 observer in "Simple Analytic Approximations to the CIE XYZ Color
-    Matching Functions", Journal of Computer Graphics Techniques 2(2):1. Its peaks are within 1 % of the tables.
+    This is the multi-lobe fit to the CIE 1931 observer by Wyman, Sloan and Shirley (2013), "Simple Analytic
+    Approximations to the CIE XYZ Color Matching Functions", Journal of Computer Graphics Techniques 2(2):1. The peaks
+    agree with the tabulated values to 1 %.
     """
     waves = np.asarray(wavelengths_nm, float)
 
@@ -228,7 +232,7 @@ def band_edges(bands: int | Sequence[float]) -> Array:
 
 
 def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
-    """Return model filters F0, F1, …: Gaussians of a given full width at half maximum, with peak 1.
+    """Return model filters F0, F1, …: Gaussians with peak 1 and a full width at half maximum of ``width_nm``.
 
     Examples
     --------
@@ -247,7 +251,8 @@ def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
 def cosine_basis(bands: int, count: int) -> Array:
     """Return the ``count`` smoothest cosines over ``bands`` bands as columns ``(bands, count)``.
 
-    Spectra of most surfaces are close to their span, so that a few filters recover many bands in this basis.
+    The reflectance spectra of most surfaces are nearly linear combinations of them. In this basis, a few filters
+    therefore recover many bands.
 
     Examples
     --------
@@ -272,7 +277,7 @@ def spectral_array(
     efficiency: Spectra | None = None,
     basis: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a filter array over spectral bands: A = mean over each band of filter x efficiency x illuminant.
+    """Return a filter array over spectral bands; its entries are band means of filter x efficiency x illuminant.
 
     Parameters
     ----------
@@ -284,12 +289,13 @@ def spectral_array(
         Transmissions 0 … 1; by default the included model filters R G B C M Y W.
     illuminant
         Relative power of the light on the scene (one curve). Samples are then reflectances, each multiplied by the
-        photons of the illuminant in its band (`Modulator.light`), which have a mean of one over the bands. None:
-        samples are the photons in each band.
+        relative number of photons of the illuminant in its band (`Modulator.light`, with a mean of one over the bands).
+        None: samples are the photons in each band.
     efficiency
         Electrons per photon (one curve); None: one.
     basis
-        ``(bands, N)``: the samples are coefficients of these spectra instead of the bands (`cosine_basis`).
+        Spectra as columns, ``(bands, N)``. The samples are then the coefficients of these spectra instead of the bands
+        (`cosine_basis`).
 
     Raises
     ------

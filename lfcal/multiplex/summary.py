@@ -32,15 +32,15 @@ class ModulatorNumbers:
     side
         Pixels ``(rows, columns)`` of the super-pixel.
     pixels, samples, rank
-        K, N, and the number of measured combinations of the N samples.
+        Number K of pixels, number N of samples, and number of combinations of the samples that are measured.
     condition
         Ratio of the largest to the smallest singular value; infinite if rank < N.
     transmission, amplification
         Transmission tau and noise amplification alpha.
     lost
-        Names of the samples that are not fully recovered, and the unrecoverable fraction of each.
+        Names of the samples that are not fully recovered, each with its unrecoverable fraction.
     gain_additive_db, gain_photon_db, gain_db
-        Gain over the reference at chi^2 = 0, infinity, and the camera's (dB); None without a reference.
+        Gain over the reference at chi^2 = 0, at infinity and at the camera's chi^2 (dB); None without a reference.
     """
 
     name: str
@@ -94,7 +94,7 @@ def describe(
 
 
 class Merits(NamedTuple):
-    """Benefit of a modulator for a sensor; None for values that do not apply.
+    """Benefit of a modulator for a sensor; values that do not apply are None.
 
     Attributes
     ----------
@@ -105,7 +105,8 @@ class Merits(NamedTuple):
     mtf_low, mtf_high, false_detail
         Mean over samples of the MTF at 0.1 and 0.25 cycles per pixel, and of the aliasing at 0.25.
     delta_e, delta_e_noise
-        Colour error (CIEDE2000) of 100 smooth reflectances with the included filters, and the error due to noise.
+        Mean colour error (CIEDE2000) of 100 smooth reflectances with the included filters, and the rms colour
+        difference that noise causes.
     """
 
     gain_plain_db: float | None
@@ -136,12 +137,12 @@ def merits(
     noise
         Noise of the sensor.
     pattern
-        Colour filters by name or rows, for which curves are included; other modulators have no colour error.
+        Name or rows of colour filters whose curves are included; other modulators have no colour error.
     filter
         Filter of the reconstruction whose MTF is measured; default: that of `lfcal.multiplex.demultiplex`.
     most_entries
-        Largest product of pixels and samples for which the MTF is measured; above it, this would take minutes and
-        gigabytes.
+        Largest product of pixels and samples for which the MTF is measured. Above it, the measurement would take
+        minutes and gigabytes.
     """
     plain = optimal = low = high = false = None
     if reference is not None:

@@ -24,11 +24,12 @@ class SuperPixelLattice:
     kind
         ``"square"`` or ``"hexagonal"``.
     origin_px
-        Centre ``(row, column)`` of one super-pixel.
+        Centre ``(row, column)`` of one super-pixel (pixels).
     along_px
         Vector (x, y) to the next super-pixel in the row (pixels).
     across_px
-        Vector (x, y) to the next row (pixels); half a pitch further along for a hexagonal lattice.
+        Vector (x, y) to the next row (pixels). For a hexagonal lattice, it includes a shift by half a pitch along the
+        row.
 
     Examples
     --------
@@ -62,12 +63,12 @@ class SuperPixelLattice:
 
     @property
     def pitch_px(self) -> float:
-        """Distance of neighbours along a row (pixels)."""
+        """Distance between neighbouring super-pixels in a row (pixels)."""
         return math.hypot(*self.along_px)
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance of neighbouring rows (pixels)."""
+        """Distance between neighbouring rows (pixels)."""
         (ax, ay), (bx, by) = self.along_px, self.across_px
         # row distance is the cell's area divided by the pitch, for any angle of the two vectors
         return abs(ax * by - ay * bx) / self.pitch_px
@@ -82,7 +83,7 @@ class SuperPixelLattice:
         return np.array([self.along_px, self.across_px])
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return centres ``(..., 2)`` as (row, column) of super-pixels q, r."""
+        """Return the centre (row, column) of the q-th super-pixel of row r, ``(..., 2)`` (pixels)."""
         q, r = np.asarray(q, float), np.asarray(r, float)
         (ax, ay), (bx, by) = self.along_px, self.across_px
         centres = np.empty((*np.broadcast_shapes(q.shape, r.shape), 2))
@@ -91,7 +92,7 @@ class SuperPixelLattice:
         return centres
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional indices ``(..., 2)`` as (q, r) of image points."""
+        """Return the fractional super-pixel indices (q, r), ``(..., 2)``, at points of the sensor (pixels)."""
         points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
         index: Array = (points - np.array(self.origin_px)) @ np.linalg.inv(self.basis_px()[:, ::-1])
         return index

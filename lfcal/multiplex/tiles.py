@@ -17,7 +17,7 @@ Index = NDArray[np.intp]
 
 
 def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, int]]) -> Index:
-    """Return the tile's pixel number for each pixel of the smallest rectangular period, ``(rows, columns)``.
+    """Return the number of the tile's pixel at each pixel of the smallest rectangular period, ``(rows, columns)``.
 
     Parameters
     ----------
@@ -69,10 +69,10 @@ def tiled_modulator(
     colours: tuple[str, ...] = (),
     light: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a modulator whose super-pixel is a tile of any shape with the matrix ``(pixels, N)``.
+    """Return a modulator whose super-pixel is a tile of any shape, with the transmissions ``matrix`` ``(pixels, N)``.
 
-    Gains are per pixel, so they do not change if a period contains the tile several times. The reconstruction by
-    channels uses each pixel of the period as one channel. If that reduces the resolution, use
+    Gains are per pixel, so they do not change if a period contains the tile several times. The reconstruction with
+    `demultiplex` uses each pixel of the period as one channel. If that reduces the resolution, use
     `lfcal.multiplex.demultiplex_generally`.
 
     Examples

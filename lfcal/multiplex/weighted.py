@@ -23,14 +23,15 @@ SINGULAR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class WeightedSamples:
-    """Samples with their noise.
+    """Samples with their standard deviations.
 
     Attributes
     ----------
     samples
-        ``(N, rows, columns)``.
+        Samples ``(N, rows, columns)``.
     deviation
-        Standard deviation of each sample, if weights are inverse variances; infinite if it is not measured.
+        Standard deviation of each sample, same shape, if the weights are inverse variances. It is infinite for samples
+        that are not measured.
 
     Examples
     --------
@@ -47,7 +48,13 @@ class WeightedSamples:
 
 
 def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return the weights of a frame's pixels as float64 after checking them."""
+    """Return the weights of a frame of ``shape`` as float64 after checking them.
+
+    Raises
+    ------
+    InputError
+        If the weights do not have this shape or are not valid.
+    """
     array = np.asarray(weights, float)
     if array.shape != shape or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or not array.any():
         told = f"shape {array.shape}" if array.shape != shape else f"{array.min():.3g} … {array.max():.3g}"
@@ -74,18 +81,18 @@ def reconstruct_weighted(
     samples: tuple[int, int],
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the samples of a frame of whole super-pixels, by weighted least squares at every output position.
+    """Return the samples of a frame of complete super-pixels, by weighted least squares at every output position.
 
     Each measurement channel is interpolated linearly from the samples with weight, ``c = sum h w f / sum h w``. Its
     variance is ``sum h^2 w / (sum h w)^2`` if w are inverse variances. Then ``(A^T W A) x = A^T W c`` is solved
-    (theorem 1 with the weights of Gauss and Markov). If no sample has weight, those within two super-pixels are used.
-    If these have none either, the channel is omitted. Parts that the other channels do not determine are the
-    least-norm solution.
+    (theorem 1 with the weights of Gauss and Markov). If all of these samples have weight 0, those within two
+    super-pixels are used. If these also have weight 0, the channel is omitted. The least-norm solution is returned for
+    parts that the other channels do not determine.
 
     Parameters
     ----------
     frame, weights
-        ``(rows, columns)``, whole super-pixels.
+        Frame and weights of its pixels, ``(rows, columns)``, a whole number of super-pixels.
     modulator
         Modulator of the frame.
     samples
@@ -160,7 +167,7 @@ def _weighed(f: Array, w: Array, down: Any, across: Any) -> tuple[Array, Array]:
 
 
 def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | None = None) -> tuple[Array, Array]:
-    """Return weighted least squares ``(N, places)`` and its variances for channels ``(K, places)``.
+    """Return the weighted least-squares samples ``(N, n)`` and their variances from channels ``(K, n)`` at n positions.
 
     If the weighted equations do not have full rank, the result has the least norm; every sample that depends on
     unmeasured parts then has infinite variance.
@@ -173,9 +180,9 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
 
 
 def weighted_inverse(matrix: Array, weights: Array, rcond: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """Return ``(A^T W A)^+`` at each place ``(places, N, N)`` for weights ``(K, places)``, and the lost samples.
+    """Return ``(A^T W A)^+`` ``(n, N, N)`` for the weights ``(K, n)`` at n positions, and a mask of lost samples.
 
-    The second array marks samples that depend on unmeasured parts ``(places, N)``.
+    The mask ``(n, N)`` marks samples that depend on unmeasured parts.
     """
     count = matrix.shape[1]
     pairs = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1)

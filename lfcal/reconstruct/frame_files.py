@@ -46,16 +46,17 @@ Cleaner = Callable[["NDArray[Any]"], "NDArray[Any]"]
 
 @dataclass(frozen=True)
 class FrameFile:
-    """Location of a frame of a series.
+    """Location of one frame of a series.
 
     Attributes
     ----------
     name
         Name of the frame.
     file, page
-        Image file, and page in it; or a session's folder, and the number of the frame in the order of recording.
+        Image file, and number of the page in it; or folder of a session, and number of the frame in the order of
+        recording. Both are counted from 0.
     time_s
-        Time of recording (s), if known.
+        Time of recording (s); None if unknown.
     """
 
     name: str
@@ -69,12 +70,12 @@ class FrameFile:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Paths of the files that contain the frame."""
+        """Absolute paths of the files that contain the frame."""
         return tuple(os.path.abspath(path) for path in sorted(files_of(self.file)))
 
 
 def read_frame(file: Path, page: int) -> NDArray[Any]:
-    """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session."""
+    """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session, counted from 0."""
     if not file.is_dir():
         return read_image(file, page)
     source, order = _session(file)
@@ -82,7 +83,9 @@ def read_frame(file: Path, page: int) -> NDArray[Any]:
 
 
 def frames_of(path: Path) -> list[FrameFile]:
-    """Return the pages of an image file, the images of a folder in natural order, or the frames of a session in order.
+    """Return the frames of a series: the pages of an image file, the images of a folder, or the frames of a session.
+
+    Images are in natural order of their names, frames of a session in the order of recording.
 
     Raises
     ------
@@ -112,12 +115,12 @@ def frames_of(path: Path) -> list[FrameFile]:
 
 
 def is_session(path: Path) -> bool:
-    """Return whether a folder is that of a session recorded by `lfcal acquire`."""
+    """Return whether ``path`` is the folder of a session recorded by `lfcal acquire`."""
     return (path / NAME).is_file()
 
 
 def is_series(path: Path) -> bool:
-    """Return whether ``path`` has several frames: a folder, a session, or an image file of several pages."""
+    """Return whether ``path`` may contain several frames: a folder, a session, or an image file of several pages."""
     if path.is_dir():
         return True
     if not path.is_file():
@@ -150,9 +153,14 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
 
 
 def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
-    """Return the anchor of H in frames of a part of the sensor; None: the anchor stored in H.
+    """Return the anchor of H in the frames of a session that cover part of the sensor; None: the anchor stored in H.
 
-    ``resample`` states whether frames are always resampled.
+    ``resample`` is the setting for resampling: True always, False never, None if the lattice drifts.
+
+    Raises
+    ------
+    InputError
+        If ``resample`` is True, because frames of part of the sensor cannot be resampled.
     """
     if not is_session(path):
         return None
@@ -167,7 +175,10 @@ def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[floa
 
 
 def cleaner(light_field: LightFieldSettings, view: Resampling | None) -> Cleaner:
-    """Return the function that prepares each frame: dark, white, mask (masked pixels become NaN), resampling."""
+    """Return a function that applies the dark frame, white image, mask and resampling to a frame.
+
+    Masked pixels become NaN. Steps without settings are omitted; None as ``view`` means no resampling.
+    """
     dark, white, mask = light_field.dark, light_field.white, light_field.mask
     level = read_average(dark) if dark else None
     steps: list[Any] = [] if level is None else [Dark(level)]
@@ -193,9 +204,10 @@ Saved = Callable[[], AbstractContextManager[Save]]
 
 
 def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> dict[str, Path]:
-    """Return the file of each frame's volume: ``out`` for all, or one per frame in folder ``out`` with ``suffix``.
+    """Return the file for the volume of each frame, by the frame's name.
 
-    If ``out`` has the name of a volume file, it is used for all volumes, also with a ``suffix``.
+    Without a ``suffix``, or if ``out`` has the suffix of a volume file, ``out`` is the file for all volumes. Otherwise,
+    each frame has a file with this ``suffix`` in the folder ``out``.
 
     Raises
     ------
@@ -220,26 +232,26 @@ def saving(
     grid: MetricGrid | None,
     times_s: Sequence[float | None],
 ) -> Iterator[Save]:
-    """Yield a function that saves the volume of a frame, to a separate file or to one file for all.
+    """Yield a function that saves the volume of a frame, either to a separate file or to a file for all frames.
 
-    A frame without a volume gets no file, or NaN in a file for all.
+    For a frame without a volume, no separate file is written; in a file for all frames, its volume is NaN.
 
     Parameters
     ----------
     P
         Projector that provides the depths.
     voxel
-        Sides (y, x) of a voxel (µm), if known.
+        Sides (y, x) of a voxel (µm); None if unknown.
     targets
         File of each frame's volume, by the frame's name.
     details
         Additional entries of all files.
     shape
-        ``(nz, Y, X)`` of a written volume.
+        Shape ``(nz, Y, X)`` of a written volume.
     grid
-        Grid of one voxel size for the volumes, if any.
+        Grid of voxels of one size to which volumes are resampled; None: no resampling.
     times_s
-        Time of each frame (s), if known.
+        Time of each frame (s); None for unknown times.
     """
     depths = P.depths if P.camera is not None else None
     origin = None if grid is None else grid.origin_um

@@ -34,20 +34,20 @@ USUAL = 20
 
 @dataclass(frozen=True)
 class FrameRun:
-    """Frames with all settings and data for their reconstruction.
+    """Reconstruction of a series of frames, with all its settings and data.
 
     Attributes
     ----------
     frames, matrices
-        The frames, and H of each region.
+        The frames, and the H of each region.
     view
         Resampling of frames to the period of H; None: frames are used unchanged.
     optics, choice, voxels
-        Requested settings, completed by the position of the frames, margin and noise.
+        Settings, completed by the position of the frames, the margin and the noise.
     warm
         Whether each frame starts from the volume of the previous frame.
     projector
-        Projector; with a margin, that of the wider frame.
+        Projector of frames; with a margin, of frames extended by the margin.
     """
 
     frames: list[FrameFile]
@@ -71,7 +71,7 @@ class FrameRun:
         warm: bool = False,
         workers: int | None = None,
     ) -> FrameRun:
-        """Return a run prepared from its first frame, with its projection method; ``optics`` opened ``matrices``."""
+        """Return a run prepared from the first frame; ``matrices`` is the result of ``optics.open``."""
         if warm:
             check_warm(choice)
         found, H, asked = frames_of(frames), matrices[0], optics.light_field.asked
@@ -101,7 +101,7 @@ class FrameRun:
 
     @property
     def iterations(self) -> int:
-        """Iterations per frame, estimated if the run stops automatically."""
+        """Number of iterations per frame; an estimate if the run stops automatically."""
         return min(self.choice.iterations, USUAL) if self.choice.auto else self.choice.iterations
 
     @property
@@ -146,18 +146,18 @@ class FrameRun:
     def iter_volumes(
         self, targets: Mapping[str, Path], out: Path, details: Mapping[str, Any], run: RunChoice | None = None
     ) -> Work[tuple[FrameResult, ...]]:
-        """Reconstruct and save one frame after another; only one volume is in memory.
+        """Reconstruct and save the frames one after another, with only one volume in memory.
 
         Parameters
         ----------
         targets
-            File of each frame's volume, by the frame's name.
+            File for the volume of each frame, by the frame's name.
         out
-            Path of the result; finished units are kept next to it.
+            Path of the result; the results of finished frames are stored next to it until the run is complete.
         details
             Additional entries of all files.
         run
-            Executor of the units, one per frame; None: run in this thread.
+            Where and how to run the work units, one per frame; None: run in this thread.
         """
         grid = self._grid
         sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)

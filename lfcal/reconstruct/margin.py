@@ -18,22 +18,22 @@ __all__ = ["cropped", "usual_margin", "widened", "widened_start"]
 
 
 def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[int, int]) -> int:
-    """Return the margin (pixels) for an H of this period and cutout ``(nt, ns)``, and for frames of ``shape``.
+    """Return the default margin (pixels) for an H with this ``period`` ``(ny, nx)`` and ``cutout`` ``(nt, ns)``.
 
-    Two periods include most of the light from outside: edges then have the correct brightness, instead of 1.3 times
-    the correct one. The margin is at most the reach of patterns, and at most an eighth of the frame, which increases
-    the time by half.
+    Two periods include most of the light that reaches a frame of ``shape`` from outside. The edges of the volume then
+    have the correct brightness; without a margin, they are 1.3 times as bright. The margin is limited to half the
+    cutout and to an eighth of the frame. The latter increases the time by half.
     """
     return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))
 
 
 def widened(array: ArrayLike, margin: int, fill: float = 0.0) -> NDArray[Any]:
-    """Return an image or weights ``(Y, X)`` with ``margin`` pixels of value ``fill`` on every side."""
+    """Return an image or its weights ``(Y, X)``, extended by ``margin`` pixels of value ``fill`` on every side."""
     return np.pad(np.asarray(array), margin, constant_values=fill)
 
 
 def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) -> NDArray[Any]:
-    """Return a start ``(nz, Y, X)`` of shape ``wanted``; a start without margin is extended by its border values."""
+    """Return a start of shape ``wanted`` ``(nz, Y, X)``; a volume without margin is extended by its border values."""
     start = np.asarray(volume)
     if start.shape == wanted:
         return start
@@ -46,6 +46,6 @@ def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) 
 
 
 def cropped(volume: NDArray[Any], margin: int) -> NDArray[Any]:
-    """Return the part of a volume ``(nz, Y, X)`` inside the frame."""
+    """Return the volume ``(nz, Y, X)`` without its margin, as a copy."""
     rows, columns = volume.shape[1:]
     return volume[:, margin : rows - margin, margin : columns - margin].copy()

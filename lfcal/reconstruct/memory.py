@@ -24,13 +24,13 @@ class RunMemory:
     Attributes
     ----------
     matrix
-        Prepared planes of H that are kept.
+        Prepared planes of H that are stored for all projections.
     solver
         Volumes and images of the solver.
     projection
         Working memory of a projection.
     program
-        Memory that this process already uses.
+        Memory that this process already uses before the run.
     """
 
     matrix: int
@@ -40,7 +40,7 @@ class RunMemory:
 
     @property
     def total(self) -> int:
-        """Sum of all uses."""
+        """Sum of all uses (bytes)."""
         return self.matrix + self.solver + self.projection + self.program
 
     def __str__(self) -> str:
@@ -50,9 +50,9 @@ class RunMemory:
 
 
 def run_memory(P: Projector, choice: SolverChoice, *, warm: bool = False) -> RunMemory:
-    """Return the predicted memory of a reconstruction with a projector and a solver.
+    """Return the predicted peak memory of a reconstruction with a projector and a solver.
 
-    ``warm`` states whether the last volume is kept as the start for the next frame.
+    With ``warm``, the volume of one frame is stored as the start for the next.
     """
     cost = P.forecast().chosen
     projecting, between = _solver_bytes(P.volume_shape, choice, P.dtype.itemsize, warm)
@@ -73,20 +73,20 @@ def room_for_projections(
     warm: bool = False,
     share: int = 1,
 ) -> int:
-    """Return the memory left for H and projections next to a solver: the projector's ``memory_limit`` (bytes).
+    """Return the memory (bytes) that the arrays of a solver leave for projections: a projector's ``memory_limit``.
 
     Parameters
     ----------
     shape
         Shape of the volume, (nz, Y, X).
     choice
-        Solver with its subsets.
+        Solver and its settings.
     itemsize
-        Bytes of a number: 4 in single precision.
+        Bytes per number: 4 in single precision, 8 in double precision.
     memory
         Memory that the reconstruction may use (bytes); by default most of the free memory.
     warm
-        Whether the last volume is kept as the start for the next frame.
+        Whether the volume of one frame is stored as the start for the next.
     share
         Number of processes that share the memory, each with a separate H.
 

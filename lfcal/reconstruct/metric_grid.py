@@ -31,19 +31,19 @@ SMALLEST_UM = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class MetricGrid:
-    """A grid of voxels of one size about the optical axis, with the contribution of every plane.
+    """Grid of voxels of one size about the optical axis, with the contribution of every plane to it.
 
     Attributes
     ----------
     voxel_um
         Side of a voxel, the same for rows and columns (µm).
     origin_um
-        Position of the first voxel's middle, rows and columns from the axis (µm).
+        Position (row, column) of the centre of the first voxel, relative to the optical axis (µm).
     shape
-        ``(Y, X)`` voxels, the field of the widest plane.
+        Number of voxels ``(Y, X)``, which cover the field of the widest plane.
     rows, columns
-        For each plane, the fraction of each of its rows that falls into each row of the grid, ``(Y, y)``; likewise for
-        columns.
+        ``rows[z]`` ``(Y, y)`` contains the fraction of each row of plane z that falls into each row of the grid.
+        ``columns[z]`` ``(X, x)`` contains the same for columns.
 
     Examples
     --------
@@ -63,16 +63,16 @@ class MetricGrid:
 
     @classmethod
     def of(cls, sides_um: Sequence[Pair], shape: tuple[int, int], axis: Pair, voxel: float | None = None) -> MetricGrid:
-        """Return the grid of planes ``shape`` with voxels of ``sides_um`` (rows, columns) about pixel ``axis``.
+        """Return a grid for planes of ``shape`` with voxels of ``sides_um``; pixel ``axis`` is on the optical axis.
 
         Parameters
         ----------
         sides_um
-            Voxel sides of each plane (µm).
+            Voxel sides (rows, columns) of each plane (µm).
         shape
-            ``(y, x)`` voxels of each plane.
+            Number of voxels ``(y, x)`` of each plane.
         axis
-            Row and column on the optical axis of all planes.
+            Row and column of the optical axis in all planes (pixels).
         voxel
             Side of the grid's voxels (µm); None: the smallest of all planes.
 
@@ -107,19 +107,19 @@ class MetricGrid:
         anchor: Pair | None = None,
         voxel: float | None = None,
     ) -> MetricGrid:
-        """Return the grid of volumes reconstructed with H from images ``shape``.
+        """Return the grid for volumes that are reconstructed with H from images of ``shape``.
 
         Parameters
         ----------
         matrix
             H with its camera.
         shape
-            ``(Y, X)`` pixels of the image, and of each plane of the volume.
+            Rows and columns ``(Y, X)`` of the image, and of each plane of the volume.
         anchor
-            Pixel of the image on which H's position (0, 0) is imaged; None: that of H. Any other anchor defines the
-            position of the image on the sensor.
+            Pixel of the image on which H's position (0, 0) is imaged; None: the anchor of H. An anchor that differs
+            from that of H states where the image is on the sensor.
         voxel
-            Side (µm); None: the smallest of all planes.
+            Side of the grid's voxels (µm); None: the smallest of all planes.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class MetricGrid:
         return cls.of([side for side in sides if side is not None], shape, (axis[0], axis[1]), voxel)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[np.float32]:
-        """Return a volume ``(nz, y, x)`` resampled to the grid, ``(nz, Y, X)``; light is conserved by area.
+        """Return a volume ``(nz, y, x)`` resampled to the grid, ``(nz, Y, X)``; the sum of each plane is conserved.
 
         Raises
         ------

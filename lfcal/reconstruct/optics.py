@@ -26,16 +26,16 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class SharedOptics:
-    """H, the resampling of frames to it, and the settings of projections.
+    """H, the resampling of frames to its period, and the settings of projections.
 
     Attributes
     ----------
     psf, regions, mat_order, light_field, projection
         As in `lfcal.tasks.Reconstruct`.
     anchor
-        Pixel of a frame on which position (0, 0) of H is imaged; None: that of H.
+        Pixel of a frame on which position (0, 0) of H is imaged; None: the anchor of H.
     resample
-        Resampling of the frames.
+        Whether frames are resampled to the period of H.
     """
 
     psf: Path
@@ -48,14 +48,14 @@ class SharedOptics:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Paths of the files in these settings; for a folder, those of its images."""
+        """Paths of the files that these settings name; for a folder, the paths of its images."""
         own = self.light_field
         others = [str(path) for path in (own.dark, own.white, own.lattice)]
         found = (str(self.psf), *map(str, files_of_regions(self.psf, self.regions)), *others)
         return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
 
     def plain(self) -> dict[str, Any]:
-        """Return the settings that determine the volumes as plain JSON types, with absolute paths."""
+        """Return the settings that affect the volumes as plain JSON types, with absolute paths."""
         light_field = to_dict(self.light_field)
         for name in ("dark", "white", "lattice"):
             light_field[name] = os.path.abspath(light_field[name]) if light_field[name] else ""
@@ -85,7 +85,7 @@ class SharedOptics:
         )
 
     def open(self, stack: ExitStack) -> list[PSFMatrix]:
-        """Open H of the file and of each other region; ``stack`` closes them."""
+        """Open and return H from ``psf`` and H of every other region; closing ``stack`` closes the files."""
         places = [(self.psf, ""), *_places(self.psf, self.regions)]
         orders = [self.mat_order if file.suffix.lower() == ".mat" else "" for file, _ in places]
         return [
@@ -94,11 +94,11 @@ class SharedOptics:
         ]
 
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
-        """Return the map of frames of ``shape`` to H's period; None: frames are used unchanged."""
+        """Return the map from frames of ``shape`` to H's period; None: frames are used unchanged."""
         return resampling_for(H, shape, self.light_field) if self.resample else None
 
     def image_anchor(self, view: Resampling | None, H: PSFMatrix) -> Anchor | None:
-        """Return the anchor of the images: the given one, that after resampling, or None for that of H."""
+        """Return `anchor` if it is set, else the anchor after resampling by ``view``; None: the anchor of H."""
         if self.anchor is not None or view is None:
             return self.anchor
         return view.anchor(lattice_anchor_of(H))
@@ -115,9 +115,10 @@ class SharedOptics:
         device: str | ArrayDevice,
         method: str = "",
     ) -> Projector:
-        """Return the projector of frames with a margin of ``margin`` pixels; the noise of H is reduced if it is known.
+        """Return the projector for frames of shape ``frame``, extended by ``margin`` pixels on every side.
 
-        ``method`` replaces the projection method of the settings.
+        If the noise of H is known, the projector uses H with reduced noise. A non-empty ``method`` replaces the
+        projection method of the settings. ``memory`` is the memory limit in bytes.
         """
         H, own, anchor = matrices[0], self.projection, self.image_anchor(view, matrices[0])
         shape = frame if view is None else view.shape
@@ -139,12 +140,12 @@ class SharedOptics:
 
 
 def wide(shape: tuple[int, int], margin: int) -> tuple[int, int]:
-    """Return ``shape`` with ``margin`` pixels on every side."""
+    """Return the shape of an image of ``shape`` extended by ``margin`` pixels on every side."""
     return shape[0] + 2 * margin, shape[1] + 2 * margin
 
 
 def files_of_regions(psf: Path, regions: Sequence[str]) -> list[Path]:
-    """Return the H files in ``regions`` other than ``psf``, without duplicates."""
+    """Return the H files named in ``regions``, except ``psf``, without duplicates."""
     found = [Path(file) for file, _ in _places(psf, regions) if file != psf]
     return list(dict.fromkeys(found))
 

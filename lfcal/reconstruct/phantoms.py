@@ -13,7 +13,7 @@ __all__ = ["PHANTOMS", "nrmse", "phantom", "points", "vesicle"]
 
 
 def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
-    """Return the norm of ``estimate - truth`` relative to that of ``truth`` (0: equal).
+    """Return the normalized root-mean-square error: the norm of ``estimate - truth`` divided by that of ``truth``.
 
     Raises
     ------
@@ -46,7 +46,7 @@ PHANTOMS = ("points", "vesicle", "plume")
 
 
 def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: float = 1.0) -> NDArray[np.float64]:
-    """Return a volume with single bright voxels at ``positions`` (z, y, x)."""
+    """Return a volume ``(nz, Y, X)`` with single bright voxels at ``positions`` (z, y, x)."""
     volume = np.zeros(shape)
     for position in positions:
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
@@ -64,20 +64,20 @@ def vesicle(
     z_step: float = 1.0,
     brightness: float = 1.0,
 ) -> NDArray[np.float64]:
-    """Return a volume with a spherical shell, like a labelled membrane.
+    """Return a volume ``(nz, Y, X)`` with a spherical shell, like a labelled membrane.
 
     Parameters
     ----------
     shape
-        ``(nz, Y, X)``.
+        Shape ``(nz, Y, X)`` of the volume.
     centre
         Centre (z, y, x) of the shell, in planes and voxels; by default the middle.
     radius, thickness
-        Radius of the middle of the shell, and Gaussian standard deviation of its thickness (voxels in y and x).
+        Radius of the shell, and standard deviation of its Gaussian profile (voxels in y and x).
     z_step
-        Ratio of the distance of planes to that of voxels in a plane.
+        Ratio of the distance between planes to the distance between voxels in a plane.
     brightness
-        Brightness on the shell.
+        Value on the shell.
     """
     middle = tuple((n - 1) / 2 for n in shape) if centre is None else centre
     size = min(shape[1:]) / 4 if radius is None else radius
@@ -88,7 +88,7 @@ def vesicle(
 
 
 def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, seed: int = 0) -> NDArray[np.float64]:
-    """Return a volume with a smooth, turbulent jet that widens along x and is brightest in the middle plane."""
+    """Return a volume ``(nz, Y, X)`` with a turbulent jet that widens along x and is brightest in the middle plane."""
     nz, height, length = shape
     start = height / 16 if width is None else width
     rng = np.random.default_rng(seed)
@@ -106,7 +106,10 @@ def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, 
 
 
 def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
-    """Return the phantom ``"points"``, ``"vesicle"`` or ``"plume"`` with a size suitable for ``shape``."""
+    """Return the phantom ``"points"``, ``"vesicle"`` or ``"plume"``, a volume of ``shape`` ``(nz, Y, X)``.
+
+    Details are scaled to the shape. ``seed`` is the random seed of the points and of the plume.
+    """
     if name == "points":
         rng = np.random.default_rng(seed)
         # away from the border, where half of a point's pattern would be cut off.

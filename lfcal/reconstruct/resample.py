@@ -33,14 +33,14 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True)
 class Resampling:
-    """Affine map to a frame in which the period is a whole number of pixels and parallel to the axes.
+    """Map from a frame to an image in which the period is a whole number of pixels and parallel to the axes.
 
     Points are ``(row, column)``; integers are the centres of pixels.
 
     Attributes
     ----------
     origin
-        Centre of a micro-image in the frame.
+        Centre (row, column) of a micro-image in the frame (pixels).
     down, across
         One period downwards and to the right, as vectors in the frame (pixels).
     period
@@ -48,10 +48,10 @@ class Resampling:
     shape
         Rows and columns of the result.
     centre
-        Position of ``origin`` in the result (pixels).
+        Position (row, column) of ``origin`` in the result (pixels).
     distortion
-        `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the map removes, or None;
-        ``origin`` is then that of the undistorted lattice.
+        `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the map removes;
+        ``origin`` is then that of the undistorted lattice. None: an affine map.
 
     Examples
     --------
@@ -100,9 +100,9 @@ class Resampling:
         shape
             Rows and columns of the frame.
         origin, down, across
-            Micro-image centre and period vectors, from a lattice fit (pixels).
+            Micro-image centre and period vectors (row, column) from a lattice fit (pixels).
         period
-            ``(ny, nx)`` of H.
+            Period ``(ny, nx)`` of H (pixels).
         lattice_anchor
             Position of H's (0, 0) relative to the nearest micro-image centre (pixels of the result, as in
             `ScanPlan.lattice_anchor`). The result's pixel `anchor` is that position.
@@ -127,9 +127,9 @@ class Resampling:
         ----------
         fit
             Object with ``kind``, ``shape``, ``origin_px`` (row, column), ``distortion`` (None: straight rows) and
-            ``basis_px()``, rows (x, y).
+            ``basis_px()``, the lattice vectors as rows (x, y).
         period
-            ``(ny, nx)``; by default the nearest whole numbers.
+            Period ``(ny, nx)`` of the result (pixels); by default the nearest whole numbers.
         lattice_anchor
             As in `to_period`.
         types
@@ -146,7 +146,7 @@ class Resampling:
     def of_camera(
         cls, camera: Any, period: tuple[int, int] | None = None, lattice_anchor: Pair = (0.0, 0.0)
     ) -> Resampling:
-        """Return the map for the lattice of a `lfcal.camera.Camera`; arguments as in `of_fit`."""
+        """Return the map for the lattice of a `lfcal.camera.Camera`; other arguments as in `of_fit`."""
         lattice, sensor = camera.lattice, camera.sensor
         x, y = lattice.offset_um
         origin = (sensor.centre_px[0] + y / sensor.pixel_um, sensor.centre_px[1] + x / sensor.pixel_um)
@@ -188,17 +188,17 @@ class Resampling:
 
     @property
     def scale(self) -> Pair:
-        """Scale of the map: pixels of the result per pixel of the frame, down and across."""
+        """Scale of the map (down, across): pixels of the result per pixel of the frame."""
         ny, nx = self.period
         return ny / float(np.hypot(*self.down)), nx / float(np.hypot(*self.across))
 
     def anchor(self, lattice_anchor: Pair = (0.0, 0.0)) -> tuple[int, int]:
-        """Return the pixel of the result at position (0, 0) of an H with this ``lattice_anchor``."""
+        """Return the pixel (row, column) of the result at position (0, 0) of an H with this ``lattice_anchor``."""
         row, column = (c + a for c, a in zip(self.centre, lattice_anchor, strict=True))
         return round(row), round(column)
 
     def places(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the points (row, column) of the frame for pixels of the result."""
+        """Return rows and columns in the frame for pixels (rows, columns) of the result."""
         steps = np.stack([rows - self.centre[0], columns - self.centre[1]])
         matrix = self._matrix()
         place = np.tensordot(matrix, steps, axes=1) + np.array(self.origin).reshape(2, *([1] * (steps.ndim - 1)))
@@ -210,7 +210,7 @@ class Resampling:
     def drift(self, shape: tuple[int, int]) -> float:
         """Return the drift of the lattice over a frame of ``shape``, relative to the period of the result (pixels).
 
-        It is the range of the displacement between frame and result, along rows or columns, whichever is larger.
+        The drift is the range of the displacement between frame and result, along rows or columns, whichever is larger.
         """
         # corners and edges are enough for an affine map; a distorted lattice may drift most anywhere
         rows, columns = np.meshgrid(*(np.linspace(0, n - 1, 9) for n in shape), indexing="ij")
@@ -218,9 +218,10 @@ class Resampling:
         return float(max(np.ptp(row - rows), np.ptp(column - columns)))
 
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
-        """Return ``frame`` resampled with splines of ``order`` (0 to 5); light is conserved, and pixels outside are 0.
+        """Return ``frame`` resampled with splines of ``order`` (0 to 5), float32; pixels outside the frame are 0.
 
-        Pixels of the result that depend on a NaN or infinite pixel are NaN.
+        Light is conserved: values scale with the area of a pixel in the frame. Pixels of the result that depend on a
+        NaN or infinite pixel are NaN.
         """
         from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 
@@ -253,7 +254,7 @@ class Resampling:
         return out
 
     def inside(self, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return weights of the result: 1 inside a frame of ``shape`` (where ``mask`` is true), else 0."""
+        """Return weights of the result's pixels: 1 inside a frame of ``shape`` and where ``mask`` is true, else 0."""
         rows, columns = np.mgrid[: self.shape[0], : self.shape[1]]
         row, column = self.places(rows, columns)
         good = (row > -0.5) & (row < shape[0] - 0.5) & (column > -0.5) & (column < shape[1] - 0.5)
@@ -286,23 +287,22 @@ def resampling_for(
     *,
     quiet: bool = True,
 ) -> Resampling | None:
-    """Return the map for frames of ``shape`` that do not match the period of ``H``, a `PSFMatrix`.
+    """Return the map that resamples frames of ``shape`` to the period of ``H``, or None if they can be used unchanged.
 
-    The result is None if the frames can be used unchanged: the lattice drifts by at most `MOST_DRIFT` over the frame,
-    it is unknown, or ``light_field`` states so. The projector uses the map's ``shape`` and
-    ``anchor(lattice_anchor_of(H))``.
+    Frames are used unchanged if the lattice drifts by at most `MOST_DRIFT` over the frame, if the lattice is unknown,
+    or if ``light_field`` states so. Create the projector with the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
 
     Parameters
     ----------
     H
-        H of one region.
+        `PSFMatrix` of one region.
     shape
         Rows and columns of a frame.
     light_field
         Settings with a white image or a measured lattice; without them, the lattice is that of H's camera, for frames
         of its whole sensor.
     placed
-        Name of the setting that states the position of the frames in H, if any.
+        Name of the setting that states the position of the frames in H, for messages; empty without such a setting.
     quiet
         Whether to omit notes and warnings.
 
@@ -351,7 +351,7 @@ def _known_resampling(
 
 
 def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
-    """Return the map of frames to H's period, from a measured lattice, the white image, or H's camera."""
+    """Return the map from frames to H's period, based on a measured lattice, the white image, or H's camera."""
     from lfcal.frames.corrections import read_average
     from lfcal.lattice import fit_lattice, load_lattice
 
@@ -394,7 +394,7 @@ def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None
 
 
 def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> str:
-    """Return a message if frames of ``shape`` must be resampled to ``period``; else an empty string."""
+    """Return a message if frames of ``shape`` must be resampled to ``period``, otherwise an empty string."""
     if not _is_whole(camera, shape):
         return ""
     view = Resampling.of_camera(camera, period)
@@ -415,9 +415,10 @@ def drift_words(view: Resampling, shape: tuple[int, int]) -> str:
 
 
 def lattice_anchor_of(H: Any) -> Pair:
-    """Return the offset of position (0, 0) of ``H`` from the nearest micro-image centre (pixels).
+    """Return the offset (row, column) of H's position (0, 0) from the nearest micro-image centre (pixels).
 
-    It is computed from camera and anchor of a `PSFMatrix`. Without a camera, it is half a period before the centre.
+    The offset is computed from camera and anchor of a `PSFMatrix`. Without a camera, position (0, 0) is assumed to be
+    half a period above and to the left of the centre.
     """
     ny, nx = H.shape[1:3]
     camera = H.camera

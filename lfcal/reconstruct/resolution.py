@@ -27,11 +27,11 @@ class TwoPoint:
     plane
         Index of the plane.
     depth_um
-        Depth of the plane, if H has depths (otherwise the index).
+        Depth of the plane (µm); the index if H has no depths.
     distance
         Smallest tested distance at which the points are resolved (voxels); infinity if there is none.
     dips
-        Ratio of the value between the points to the smaller peak, for each tested distance.
+        Ratio of the minimum between the points to the smaller peak, for each tested distance.
     """
 
     plane: int
@@ -41,9 +41,9 @@ class TwoPoint:
 
 
 def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
-    """Return the ratio of the minimum between two peaks to the smaller peak (1: not resolved; 0: fully separated).
+    """Return the ratio of the minimum between two peaks to the smaller peak: 0 if fully separated, 1 if not resolved.
 
-    The peaks are the largest values within a quarter of the distance of ``first`` and ``second``.
+    The peaks are the largest values near the indices ``first`` and ``second``, within a quarter of their distance.
     """
     # use the largest value nearby, because noise moves a peak by about a pixel
     reach = max(1, abs(second - first) // 4)
@@ -62,7 +62,7 @@ def dip(profile: NDArray[np.floating], first: int, second: int) -> float:
 def fwhm(profile: NDArray[np.floating]) -> float:
     """Return the full width at half maximum of the highest peak (samples, interpolated linearly); NaN without a peak.
 
-    A side that does not fall to half extends to the end of the profile.
+    If one side does not fall to half of the maximum, it is measured up to the end of the profile.
     """
     top = int(np.argmax(profile))
     half = float(profile[top]) / 2
@@ -80,16 +80,19 @@ def fwhm(profile: NDArray[np.floating]) -> float:
 
 
 def bead_widths(volume: NDArray[np.floating], places: NDArray[np.floating], reach: int = 9) -> float:
-    """Return the median full width at half maximum of beads (voxels), down and across, each in its nearest plane.
+    """Return the median full width at half maximum of beads (voxels), over all beads and both directions.
+
+    Each bead is measured down and across, in the plane nearest to it.
 
     Parameters
     ----------
     volume
-        ``(nz, Y, X)``.
+        Volume ``(nz, Y, X)``.
     places
-        Plane, row and column of each bead ``(n, 3)``, in planes and voxels.
+        Plane, row and column of each bead, ``(n, 3)`` (planes and voxels).
     reach
-        Number of voxels used on each side; profiles are summed over a third of them.
+        Number of voxels on each side that belong to a profile; each profile is summed over a third of this to each
+        side.
     """
     widths = []
     for place in places:
@@ -117,15 +120,15 @@ def iter_two_point(
     Parameters
     ----------
     P
-        Projector pair.
+        Projector of H, with which the pairs are imaged and reconstructed.
     distances
-        Tested distances (voxels), ascending.
+        Distances to test (voxels), ascending.
     iterations
         Number of Richardson-Lucy iterations.
     photons
         Number of photons of each pair.
     seed
-        Seed of the Poisson noise; None: no noise.
+        Random seed of the Poisson noise; None: no noise.
     limit
         Points are resolved if the dip is below this value.
 

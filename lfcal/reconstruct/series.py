@@ -29,13 +29,13 @@ class FrameResult:
     residual
         Residual of the last iteration.
     seconds
-        Duration, including reading and writing.
+        Duration, including reading and writing (s).
     notes
-        Notes on changes made to the frame.
+        Notes on changes that were made to the frame.
     stopped
         Reason why the solver stopped early; empty if all iterations were done.
     failed
-        Reason why there is no volume of this frame; empty if there is one.
+        Reason why the frame has no volume; empty if it has one.
     chi2
         Chi-square per pixel, as in `Reconstruction`.
     """
@@ -51,12 +51,12 @@ class FrameResult:
 
     @classmethod
     def without_volume(cls, name: str, why: str, seconds: float) -> FrameResult:
-        """Return the message for a frame that has no volume."""
+        """Return the result for a frame that has no volume, because of ``why``."""
         return cls(name, 0, float("nan"), seconds, (), failed=why)
 
 
 def check_any(results: Sequence[FrameResult]) -> None:
-    """Raise `InputError` if no frame of a series has a volume, because the cause may be common to all."""
+    """Raise `InputError` if no frame of a series has a volume, because all frames may then have a common fault."""
     if results and all(result.failed for result in results):
         raise InputError(f"{results[0].failed}; none of the {len(results)} frames was reconstructed")
 
@@ -76,9 +76,9 @@ def iter_frame(
     weights: ArrayLike | None = None,
     initial: ArrayLike | None = None,
 ) -> Generator[SolverProgress, None, Reconstruction | InputError]:
-    """Return the reconstruction of one frame, or the error if it is damaged or has no light.
+    """Return the reconstruction of one frame, or the error if the frame is damaged or has no light.
 
-    Other errors would also occur with the next frame, and are raised.
+    Other errors are raised, because they would also occur with the next frame.
     """
     try:
         image = read()
@@ -101,16 +101,17 @@ def iter_series(
     warm: bool = False,
     missing: Callable[[str], None] | None = None,
 ) -> Work[tuple[FrameResult, ...]]:
-    """Reconstruct each frame and pass it to ``save``; yields progress in iterations over the whole series.
+    """Reconstruct each frame and pass the result to ``save``.
 
-    If one of several frames is damaged or has no light, its `FrameResult` states the reason, and the others continue.
+    If one of several frames is damaged or has no light, its `FrameResult` states the reason, and the run continues with
+    the next frame. Progress is counted in iterations over the entire series.
 
     Parameters
     ----------
     P
-        Projector pair; its set-up is shared by all frames.
+        Projector of the frames; its set-up is shared by all frames.
     frames
-        Name and reader of each frame, ``(Y, X)``.
+        Name of each frame, and function that reads it, ``(Y, X)``.
     count
         Number of frames, for the progress.
     choice
@@ -118,10 +119,10 @@ def iter_series(
     save
         Function called with the name and the result of each frame.
     weights
-        Weight of each pixel ``(Y, X)``.
+        Weight of each pixel ``(Y, X)``, the same for all frames; None: 1.
     warm
-        Whether to start each frame from the volume of the previous one, which needs fewer iterations if little moves
-        between frames. Voxels that became zero stay zero with multiplicative solvers.
+        Whether to start each frame from the volume of the previous one, which needs fewer iterations if the object
+        hardly changes between frames. With multiplicative solvers, voxels that became zero stay zero.
     missing
         Function called with the name of a frame without a volume, instead of ``save``.
 

@@ -64,15 +64,15 @@ class VolumeFacts:
     Attributes
     ----------
     depths_um
-        Depth of each plane (µm).
+        Depth of each plane (µm); None if unknown.
     voxel_um
         Voxel size (y, x) in object space (µm).
     details
         Further entries, as plain JSON types.
     origin_um
-        Position (y, x) of the middle of the first voxel (µm from the axis), if known.
+        Position (y, x) of the centre of the first voxel relative to the optical axis (µm); None if unknown.
     times_s
-        Time of the frame of each volume in a series (s), if known.
+        Time of each volume of a series (s); None if unknown.
     """
 
     depths_um: NDArray[np.float64] | None = None
@@ -98,7 +98,13 @@ AXES = (("t", "time"), ("z", "space"), ("y", "space"), ("x", "space"))
 
 
 def check_zarr() -> ModuleType:
-    """Import the library zarr; raises `InputError` if it is not installed."""
+    """Return the module zarr.
+
+    Raises
+    ------
+    InputError
+        If it is not installed.
+    """
     try:
         import zarr
     except ImportError:
@@ -111,10 +117,10 @@ def check_zarr() -> ModuleType:
 def write_ome_zarr(
     target: Path, shape: tuple[int, ...], facts: VolumeFacts
 ) -> Iterator[Callable[[NDArray[np.float32]], None]]:
-    """Yield a function that adds the next volume of a series to the folder ``target``, which appears when complete.
+    """Yield a function that appends a volume to the OME-Zarr folder ``target``, which appears when it is complete.
 
-    ``shape`` is ``(nz, Y, X)`` or ``(n, nz, Y, X)``; the stored axes are always ``(t, z, y, x)``, with one time for a
-    single volume.
+    ``shape`` is ``(nz, Y, X)`` or ``(n, nz, Y, X)``; the stored axes are always ``(t, z, y, x)``, with a single time in
+    the first case.
     """
     zarr = check_zarr()
     check_writable(target)
@@ -195,7 +201,7 @@ def _understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
 
 
 def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the array of the finest resolution without reading it, the metadata of the image, and those of lfcal.
+    """Return the full-resolution array of an OME-Zarr without reading it, the image's metadata, and those of lfcal.
 
     Raises
     ------
@@ -220,12 +226,12 @@ def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
 
 
 def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the result of `zarr_contents`, after checking that the chunks can contain the declared array.
+    """Return the result of `zarr_contents`, after checking that the files can contain an array of the declared size.
 
     Raises
     ------
     FileFormatError
-        If the declared array is larger than the chunks can contain.
+        If the declared size is larger than the files can contain.
     """
     array, image, own = zarr_contents(source)
     nbytes = math.prod(array.shape) * np.dtype(array.dtype).itemsize
@@ -265,7 +271,13 @@ VOLUME_FORMAT = "lfcal-volume"
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:
-    """Return ``path``, or raise `InputError` if its suffix is not that of a volume."""
+    """Return ``path`` if its suffix is that of a volume file.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise InputError.expected(
@@ -291,11 +303,11 @@ def save_volume(
         each plane), ``.ome.zarr`` (a folder, OME-Zarr; needs the library zarr), ``.h5`` (dataset ``volume``, axes z,
         y, x, with ``depths``), or ``.npy``.
     volume
-        ``(nz, Y, X)``.
+        Volume ``(nz, Y, X)``.
     depths_um
-        Depth of each plane (µm).
+        Depth of each plane (µm); None if unknown.
     voxel_um
-        Voxel size in object space (µm): one for both axes, or (y, x).
+        Voxel size in object space (µm): one number for both axes, or (y, x); None if unknown.
     details
         Further entries, as plain JSON types.
 
@@ -329,17 +341,17 @@ def save_volume(
 def write_volumes(
     path: str | os.PathLike[str], shape: tuple[int, ...], facts: VolumeFacts
 ) -> Iterator[Callable[[NDArray[np.float32]], None]]:
-    """Yield a function that adds the next volume ``(nz, Y, X)`` to one file, which appears when the block succeeds.
+    """Yield a function that appends a volume ``(nz, Y, X)`` to a file, which appears when the block ends without error.
 
     Parameters
     ----------
     path
         As in `save_volume`.
     shape
-        ``(nz, Y, X)`` of a single volume, or ``(n, nz, Y, X)`` of a time series: axes TZYX, which ImageJ opens as a
-        hyperstack.
+        Shape ``(nz, Y, X)`` of a single volume, or ``(n, nz, Y, X)`` of a time series with the axes TZYX, which ImageJ
+        opens as a hyperstack.
     facts
-        Metadata of the volumes, which are stored in the file.
+        Metadata of the volumes to store in the file.
 
     Raises
     ------
@@ -400,7 +412,7 @@ def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[
 
 
 def is_ome(path: Path) -> bool:
-    """Return whether a file of this name is OME-TIFF."""
+    """Return whether the name of a file is that of an OME-TIFF."""
     return path.name.lower().endswith((".ome.tif", ".ome.tiff"))
 
 
@@ -472,7 +484,7 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Return the volume ``(nz, Y, X)`` in a file that `save_volume` wrote, or in any stack of this form.
+    """Return the volume ``(nz, Y, X)`` in a file that `save_volume` wrote, or in any other stack of this format.
 
     Raises
     ------
@@ -506,7 +518,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 
 
 def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
-    """Return depths and voxel size from a file that `load_volume` can read; None for values that are not stated.
+    """Return depths and voxel size from a file that `load_volume` can read; values that are not stated are None.
 
     Raises
     ------

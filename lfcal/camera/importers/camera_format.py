@@ -30,14 +30,14 @@ MAX_BYTES = 1 << 24
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """Values that the user states in addition to the file.
+    """Values that the user states in addition to those of the imported file.
 
     Attributes
     ----------
     values
-        Values by path (`lfcal.camera.draft.Draft`), which have priority over those of the file.
+        Values by path (`lfcal.camera.draft.Draft`), which replace those of the file.
     resolution
-        Name of the resolution preset of a Micro-Manager configuration; empty if there is only one.
+        Name of the resolution preset to use from a Micro-Manager configuration; empty if there is only one.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class ImportOptions:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """A camera from a file with all values marked, and remarks, one line each.
+    """Camera from a file, with all values marked, and notes of one line each.
 
     Examples
     --------
@@ -76,15 +76,16 @@ class CameraFormat:
     Attributes
     ----------
     name
-        Display name: ``"Raytrix XML"``.
+        Display name, such as ``"Raytrix XML"``.
     suffixes
-        Usual suffixes, for file dialogs; the format is recognized by the text.
+        Usual suffixes, for file dialogs only; the format is recognized by the text of the file.
     recognises
-        Function that decides from the first characters whether a text has this format.
+        Function that returns whether a text, given its first characters, has this format.
     read
-        Function from (text, file, options of the user) to the camera; raises `FileFormatError`.
+        Function that returns the camera from the text, the path of the file, and the options of the user. It raises
+        `FileFormatError` if the text is not valid.
     rank
-        Order in which formats are tried, from low to high.
+        Formats are tried in ascending order of this number.
     """
 
     name: str
@@ -95,14 +96,14 @@ class CameraFormat:
 
 
 def required(entries: Mapping[str, Any], name: str, what: str) -> Any:
-    """Return the entry called ``name``; raise if it is missing."""
+    """Return the entry called ``name``; raise `FileFormatError`, which names ``what``, if it is missing."""
     if name not in entries:
         raise FileFormatError.expected(what, f"the entry {name!r}", "none", "add this entry")
     return entries[name]
 
 
 def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0) -> float | None:
-    """Return a number times ``scale``; None if the entry is missing or null."""
+    """Return the number in the entry ``name`` times ``scale``; None if the entry is missing or null."""
     value = entries.get(name)
     if value is None:
         return None
@@ -112,7 +113,7 @@ def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0)
 
 
 def file_text(source: Path) -> str:
-    """Return the text of a description in UTF-8 or UTF-16, of at most 16 MB."""
+    """Return the text of a camera description in UTF-8 or UTF-16 with at most 16 MB."""
     check_regular(source)
     with storage_errors(source), source.open("rb") as file:
         # one byte more than allowed shows that the file is too large, without reading all of it
@@ -140,9 +141,9 @@ HEAD = 1 << 14
 
 
 def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Camera:
-    """Return the camera that a file in any known format describes; `import_camera` also returns remarks.
+    """Return the camera that a file in any known format describes; `import_camera` also returns notes.
 
-    Raises the errors of `import_camera`.
+    The errors are those of `import_camera`.
 
     Examples
     --------
@@ -154,15 +155,15 @@ def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = No
 
 
 def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Imported:
-    """Return the camera that a file describes, every value marked as stated, derived or assumed.
+    """Return the camera that a file describes, with every value marked as stated, derived or assumed.
 
     Parameters
     ----------
     path
-        camera.json, Raytrix XML, oLaF yaml, metadata of napari-LF, configuration or metadata of Micro-Manager, or
-        what other packages add. UTF-8 or UTF-16, at most 16 MB.
+        camera.json, Raytrix XML, oLaF yaml, metadata of napari-LF, configuration or metadata of Micro-Manager, or a
+        format that another package adds. The text must be UTF-8 or UTF-16 with at most 16 MB.
     options
-        Values that the user states, with priority over those of the file.
+        Values that the user states, which replace those of the file.
 
     Raises
     ------

@@ -47,9 +47,9 @@ def read_raytrix_xml(
     """Return the camera of a Raytrix calibration file (``RayCalibData``).
 
     The file contains the lattice (pitch, rotation, offset from the image centre with y up, lens bases, sub-grid), the
-    lens types with their depth ranges, and the distortion. The returned lattice has a small rotation, and the file's
-    numbering of the lens types. Values that the file lacks come from the arguments. If neither states them, they are
-    assumed and marked.
+    lens types with their depth ranges, and the distortion. The rows of the returned lattice are as close as possible to
+    a sensor axis, and its lens types are numbered as in the file. Values that the file lacks are those of the
+    arguments. If neither states them, they are assumed and marked.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ FLIP_Y = np.array([1.0, -1.0])
 
 
 def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree.Element:
-    """Return the entry ``tag`` of ``parent``, which must occur only once."""
+    """Return the child element ``tag`` of ``parent``, which must occur exactly once."""
     found = parent.findall(tag)
     if len(found) != 1:
         raise FileFormatError.expected(
@@ -224,7 +224,7 @@ def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree
 
 
 def number_of(parent: ElementTree.Element, tag: str, units: str | None, source: Path) -> float:
-    """Return the number in the entry ``tag``; its units, if any, must be ``units``."""
+    """Return the number in the element ``tag``; if the element states units, they must be ``units``."""
     entry = entry_of(parent, tag, source)
     if units is not None:
         _check_units(entry, units, source)
@@ -232,7 +232,7 @@ def number_of(parent: ElementTree.Element, tag: str, units: str | None, source: 
 
 
 def float_of(text: str | None, what: str) -> float:
-    """Return ``text`` as a finite number."""
+    """Return ``text`` as a finite number, or raise `FileFormatError`, which names ``what``."""
     try:
         value = float((text or "").strip())
     except ValueError:
@@ -251,14 +251,14 @@ def _check_units(entry: ElementTree.Element, units: str, source: Path) -> None:
 
 
 def pair_of(parent: ElementTree.Element, tag: str, units: str, source: Path) -> NDArray[np.float64]:
-    """Return the vector (x, y) in the entry ``tag``."""
+    """Return the vector (x, y) in the element ``tag``."""
     entry = entry_of(parent, tag, source)
     _check_units(entry, units, source)
     return np.array([number_of(entry, axis, None, source) for axis in ("x", "y")])
 
 
 def lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.float64], tuple[tuple[float, float], ...]]:
-    """Return the types' offsets ``(n, 2)`` (lens diameters, y up) and depth ranges, by the file's ids."""
+    """Return the offsets ``(n, 2)`` of the lens types (in lens diameters, y up) and their depth ranges, by id."""
     found = {entry.get("id", ""): entry for entry in root.findall("lens_type")}
     names = [str(k) for k in range(len(found))]
     if len(found) not in (1, 3) or sorted(found) != names or len(root.findall("lens_type")) != len(found):
@@ -276,7 +276,7 @@ def lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.floa
 def placement(
     root: ElementTree.Element, diameter: float, offsets: NDArray[np.float64], source: Path
 ) -> tuple[float, tuple[float, float], int]:
-    """Return rotation (rad), offset (x, y) (px, y down) of a type-0 lens, and the step of types along a row."""
+    """Return the rotation (rad), the offset (x, y) of a type-0 lens (px, y down), and the step of types along a row."""
     # unit vectors at 60 or 120 degrees
     base = np.array([pair_of(root, f"lens_base_{axis}", "lens", source) for axis in "xy"])
     if abs(np.linalg.norm(base, axis=1) - 1).max() > 0.01 or abs(abs(base[0] @ base[1]) - 0.5) > 0.01:

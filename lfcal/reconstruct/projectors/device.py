@@ -32,14 +32,14 @@ LIBRARIES = ("torch", "cupy")
 
 @dataclass(frozen=True)
 class ArrayDevice:
-    """A device for array computations; it can be sent to other processes.
+    """Device for array computations; it can be sent to other processes.
 
     Attributes
     ----------
     library
         ``torch``, ``cupy``, ``numpy`` or ``array_api_strict``.
     index
-        Number of the accelerator; None for the processor.
+        Number of the accelerator, from 0; None for the processor.
     room
         Memory that may be used on the device (bytes); by default all free memory.
     """
@@ -55,17 +55,17 @@ class ArrayDevice:
 
     @property
     def name(self) -> str:
-        """Name of the device in ``--device``, and the library."""
+        """Name of the device as in ``--device``, followed by the library."""
         return f"{self.text} ({self.library})"
 
     @property
     def text(self) -> str:
-        """Name of the device in ``--device``."""
+        """Name of the device as in ``--device``, such as ``cpu`` or ``cuda:0``."""
         return "cpu" if self.index is None else f"cuda:{self.index}"
 
     @property
     def place(self) -> Any:
-        """Device object of the library; None if it has only one."""
+        """Device object of the library; None for libraries that need none."""
         if self.library == "cupy":
             return self.xp.cuda.Device(self.index or 0)
         return self.text if self.library == "torch" else None
@@ -76,7 +76,7 @@ class ArrayDevice:
         return found
 
     def free_bytes(self) -> int:
-        """Return the memory that may be used now (bytes), including memory that the library has reserved."""
+        """Return the memory that may be used now (bytes), including unused memory that the library has reserved."""
         if self.library == "torch" and self.index is not None:
             cuda = importlib.import_module("torch").cuda
             reserve = cuda.memory_reserved(self.index) - cuda.memory_allocated(self.index)
@@ -89,7 +89,7 @@ class ArrayDevice:
         return free if self.room is None else min(free, self.room)
 
     def most_bytes(self) -> int:
-        """Return the peak memory of this process on the accelerator (bytes), including the library's reserve."""
+        """Return the peak memory (bytes) that the library has reserved on the accelerator; 0 without an accelerator."""
         if self.library == "torch" and self.index is not None:
             return int(importlib.import_module("torch").cuda.max_memory_reserved(self.index))
         if self.library == "cupy":
@@ -99,20 +99,20 @@ class ArrayDevice:
 
     # -- arrays ----------------------------------------------------------------------------------------
     def dtype(self, dtype: Any) -> Any:
-        """Return the library's data type of this name."""
+        """Return the library's data type with the name of the numpy type ``dtype``."""
         return getattr(self.xp, np.dtype(dtype).name)
 
     def moved(self, array: NDArray[Any]) -> Any:
-        """Copy a numpy array to the device; do not write to the result, because it may share memory."""
+        """Return a numpy array as an array on the device; do not write to it, because it may share memory."""
         # PyTorch accepts neither read-only arrays nor negative strides
         return self.xp.asarray(np.require(array, requirements=("C", "W")), device=self.place)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any) -> Any:
-        """Return zeros of the numpy type ``dtype`` on the device."""
+        """Return zeros with the numpy type ``dtype`` on the device."""
         return self.xp.zeros(shape, dtype=self.dtype(dtype), device=self.place)
 
     def buffer(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an array in host memory that `fetched` fills fastest, which is page-locked for accelerators."""
+        """Return an empty array in host memory into which `fetched` copies fastest (page-locked for accelerators)."""
         if self.index is None:
             return np.empty(shape, dtype)
         if self.library == "torch":
@@ -121,7 +121,7 @@ class ArrayDevice:
         return np.asarray(importlib.import_module("cupyx").empty_pinned(shape, np.dtype(dtype)))
 
     def fetched(self, array: Any, out: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Copy an array of the device to a writable numpy array, or to ``out`` if it is given."""
+        """Return an array of the device as a writable numpy array; it is copied to ``out`` if ``out`` is given."""
         found = np.empty(array.shape, _numpy_type(array)) if out is None else out
         if self.library == "torch":
             importlib.import_module("torch").from_numpy(found).copy_(array)
@@ -143,7 +143,7 @@ def _namespace(library: str) -> Any:
 
 
 def device_count(library: str) -> int:
-    """Return the number of accelerators that a library of `LIBRARIES` can use; 0 if it is not installed."""
+    """Return the number of accelerators that a library in `LIBRARIES` can use; 0 if it is not installed."""
     if importlib.util.find_spec(library) is None or importlib.util.find_spec("array_api_compat") is None:
         return 0
     try:
@@ -161,10 +161,11 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
     Parameters
     ----------
     text
-        ``cpu``; ``cuda``, an accelerator, chosen by the worker's number if there are several; ``cuda:1``, this one;
-        ``auto``, like ``cuda`` if there is an accelerator that computes correctly, otherwise the processor.
+        ``cpu``: the processor. ``cuda``: an accelerator, chosen by the worker's number if there are several.
+        ``cuda:1``: this accelerator. ``auto``: like ``cuda`` if there is an accelerator that computes correctly,
+        otherwise the processor.
     worker
-        Number of this process among those that share the work, from 0.
+        Number of this process among the processes that share the work, from 0.
 
     Raises
     ------
@@ -194,12 +195,12 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
 
 
 def check_arithmetic(device: ArrayDevice) -> None:
-    """Check the single-precision operations of the engines (products, transforms, gathering) against numpy.
+    """Compare the single-precision operations of the engines (products, transforms, gathering) with those of numpy.
 
     Raises
     ------
     InputError
-        If values differ by more than rounding, for example because products use a shorter format.
+        If results differ by more than rounding errors, for example because products use a format of lower precision.
     """
     xp, rng = device.xp, np.random.default_rng(0)
     a, b = (rng.random((3, 64, 64), np.float32) for _ in range(2))
@@ -240,7 +241,7 @@ def _trusted(device: ArrayDevice, *, must: bool) -> ArrayDevice | None:
 
 
 def driver_present() -> bool:
-    """Return whether this computer has the driver interface of an accelerator, which may still be unusable."""
+    """Return whether this computer has a driver for accelerators; the accelerator may still be unusable."""
     if sys.platform == "win32":
         return Path(r"C:\Windows\System32\nvcuda.dll").exists()
     # NVIDIA, AMD, and Windows Subsystem for Linux

@@ -44,14 +44,14 @@ def place_weights(middles: Sequence[Pair], points: F8) -> F8:
     """Return the weight of each region at ``points`` ``(n, 2)``: ``(regions, n)``, in [0, 1], of sum 1.
 
     Weights are linear within each triangle of neighbouring regions (Delaunay), or along the line if all regions are on
-    one line. Outside, they are those of the nearest point inside.
+    one line. Outside the triangles, a point has the weights of the nearest point inside.
 
     Parameters
     ----------
     middles
-        Position ``(regions, 2)`` at which each region's H was recorded (row, column).
+        Positions (row, column) at which the H of the regions were recorded, ``(regions, 2)``.
     points
-        Positions ``(n, 2)`` at which weights are returned (row, column).
+        Positions (row, column) at which to compute the weights, ``(n, 2)``.
 
     Raises
     ------
@@ -116,9 +116,9 @@ def _on_hull(places: F8, edges: NDArray[Any], points: F8) -> F8:
 
 
 def field_weights(middles: Sequence[Pair], shape: tuple[int, int]) -> list[F8]:
-    """Return the weight image ``(rows, columns)`` of each region; they sum to one at every pixel.
+    """Return the weight image ``(rows, columns)`` of each region; the weights sum to one at every pixel.
 
-    ``middles`` are pixels (row, column) of the image; regions may be outside the image.
+    ``middles`` are the centres of the regions as pixels (row, column) of the image. They may be outside the image.
     """
     nodes = [np.linspace(0, n - 1, min(n, NODES)) for n in shape]
     points = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -164,24 +164,25 @@ class _Part:
 
 
 class FieldProjector(Projector):
-    """The operator ``sum_r H_r W_r`` of several regions of the field, and its exact adjoint ``sum_r W_r HT_r``.
+    """Operator ``sum_r H_r W_r`` of several regions of the field, and its exact adjoint ``sum_r W_r HT_r``.
 
-    ``W_r`` weights voxels by their position between the middles of the regions (`field_weights`); at each voxel the
-    weights sum to one. For one region it equals that region's `Projector` exactly. Each region is projected only where
-    its weight is not zero: with many regions, this takes as long as for one H; with two or three, up to that many
-    times.
+    ``W_r`` weights voxels by their position relative to the centres of the regions (`field_weights`). The weights sum
+    to one at each voxel. For one region, the operator equals that region's `Projector` exactly. Each region is
+    projected only where its weight is not zero. With many regions, this takes as long as a projection with one H; with
+    two or three, up to two or three times as long.
 
     Parameters
     ----------
     matrices
-        H of each region, with the same period and planes; cutouts may differ. The ``anchor`` states the position of a
-        region: its middle is half a period from there, as in its scan. Patterns of neighbouring regions must not be
-        displaced: between them, the array's pitch must equal the period to less than a pixel.
+        H of each region, with the same period and planes; cutouts may differ. The ``anchor`` of each H states the
+        position of its region, whose centre is half a period from the anchor, as in the scan. Patterns of neighbouring
+        regions must not be displaced: the accumulated difference between the array's pitch and the period must be less
+        than a pixel between neighbours.
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
         As in `Projector`; phases are those of the first H, and the regions share the memory of a device.
     anchor
-        Pixel of the image on which position (0, 0) of the first H is imaged, by default its own anchor; the other
-        regions keep the distances of their anchors from it.
+        Pixel of the image on which position (0, 0) of the first H is imaged; by default the anchor of that H. The
+        anchors of the other regions keep their distances from it.
 
     Raises
     ------
@@ -358,16 +359,16 @@ class FieldProjector(Projector):
 
     @property
     def recipe(self) -> str:
-        """Methods of the regions with their tiles; another projector with this ``method`` computes identical values."""
+        """Methods of the regions with their tiles; a projector with this ``method`` computes identical values."""
         return SEPARATOR.join(part.projector.recipe for part in self._parts)
 
     @property
     def rounding(self) -> float:
-        """Error of a projected value relative to the largest one; do not divide by smaller values."""
+        """Rounding error of a projected value, relative to the largest value; do not divide by smaller values."""
         return max(part.projector.rounding for part in self._parts)
 
     def operand_bytes(self) -> int:
-        """Return the size of the kept prepared planes and of the weights (bytes)."""
+        """Return the size of the stored prepared planes and of the weights (bytes)."""
         weights = sum(0 if part.weight is None else part.weight.nbytes for part in self._parts)
         return weights + sum(part.projector.operand_bytes() for part in self._parts)
 

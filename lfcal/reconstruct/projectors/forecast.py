@@ -51,7 +51,7 @@ PAIRS = 20
 
 @dataclass(frozen=True, slots=True)
 class ProjectionProblem:
-    """Description of a projection problem.
+    """Properties of a projection problem that determine its time and memory.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class ProjectionProblem:
     planes
         Number of depth planes.
     pixels
-        Number of image phases in use.
+        Number of image phases (pixels of one period) in use.
     dtype
         float32 or float64.
     workers
@@ -70,11 +70,11 @@ class ProjectionProblem:
     read_s
         Time to read one plane of H (s).
     kept
-        Mapping from the spacing of nodes to the fraction of kept entries of a reduced H; empty without a tolerance.
+        Mapping from the node spacing of a reduced H to its fraction of stored entries; empty without a tolerance.
     tiles
-        Tiles, if given.
+        Requested tiles; None: tiles are chosen.
     noisy
-        Whether H states its noise, which a reconstruction reduces when reading a plane.
+        Whether the noise of H is known; planes are then also stored with reduced noise while they are read.
     """
 
     grid: Grid
@@ -89,7 +89,7 @@ class ProjectionProblem:
     noisy: bool = False
 
     def tile_plans(self) -> list[TilePlan]:
-        """Return the tiles to compare, or the given ones."""
+        """Return the requested tiles, or all tiles to compare."""
         counts = [tile_counts(c, r) for c, r in zip(self.grid.cells, self.grid.reach, strict=True)]
         given = None if self.tiles is None else [(self.tiles.down, self.tiles.across)]
         return [TilePlan(self.grid, (y, x)) for y, x in given or itertools.product(*counts)]
@@ -101,7 +101,7 @@ class ProjectionProblem:
 
     @property
     def read_bytes(self) -> int:
-        """Peak memory while reading a plane: the plane, and its noise-reduced copy (bytes)."""
+        """Peak memory while reading a plane: the plane and, if the noise is known, its noise-reduced copy (bytes)."""
         return (1 + self.noisy) * self.plane_bytes
 
     @property
@@ -112,22 +112,22 @@ class ProjectionProblem:
 
 @dataclass(frozen=True, slots=True)
 class ProjectionForecast:
-    """The chosen method with its cost, and the costs of the others.
+    """Chosen projection method with its cost, and the costs of the other methods.
 
     Attributes
     ----------
     chosen
         Forecast of the chosen method.
     plan
-        Tiles of the chosen method, if any.
+        Tiles of the chosen method; None for methods without tiles.
     band
-        Rows of tiles processed together.
+        Number of rows of tiles that are processed together.
     options
         Forecasts of all examined methods.
     memory_limit
         Memory that a projection may use (bytes).
     device
-        Memory used on the device, if it is not the processor.
+        Memory used on the device; None for the processor.
 
     Examples
     --------
@@ -161,7 +161,7 @@ Option = tuple[Cost, TilePlan | None, int | None]
 
 
 def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> ProjectionForecast:
-    """Return the fastest method of projection within ``memory_limit`` bytes, and its cost.
+    """Return the fastest projection method within ``memory_limit`` bytes, with the costs of all examined methods.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> Proj
 
 
 def reading_seconds(reader: PlaneReader) -> float:
-    """Return the time to read one plane (s), measured on one row of source positions."""
+    """Return the time to read one plane of H (s), estimated from one row of source positions."""
     # one row of source positions is enough to time the disk and the decoding
     start = time.perf_counter()
     np.asarray(reader.H[0, 0], reader.dtype)
@@ -380,7 +380,7 @@ def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
 
 
 def tile_counts(cells: int, reach: int) -> list[int]:
-    """Return the numbers of tiles to compare along an axis of ``cells``."""
+    """Return the numbers of tiles to compare along an axis of ``cells``, for patterns that extend ``reach`` cells."""
     # sizes grow by sqrt(2): finer steps change the estimate by less than its error
     sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}
     return sorted({1, *(-(-cells // v) for v in sizes if v < cells and v + 2 * reach <= 512)})

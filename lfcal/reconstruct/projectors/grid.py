@@ -20,7 +20,7 @@ FARTHEST = 1e9
 
 
 def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
-    """Return the pixel (row, column) that contains ``anchor``; ``hair`` is the tolerance below a whole pixel.
+    """Return the pixel (row, column) that contains ``anchor``; values up to ``hair`` below an integer are rounded up.
 
     Raises
     ------
@@ -42,11 +42,11 @@ class Grid:
     image_shape
         Rows and columns of the image and of every volume plane.
     period
-        ``(ny, nx)`` pixels.
+        Period ``(ny, nx)`` of H (pixels).
     cutout
-        ``(nt, ns)`` pixels, odd x odd.
+        Size ``(nt, ns)`` of a pattern (pixels); both are odd.
     anchor
-        A pixel (row, column) of phase (0, 0); it may be outside the image.
+        Pixel (row, column) of phase (0, 0); it may be outside the image.
     """
 
     image_shape: Pair
@@ -66,12 +66,12 @@ class Grid:
 
     @cached_property
     def origin(self) -> Pair:
-        """Phase of pixel (0, 0), which is its position in the first lattice cell."""
+        """Phase (row, column) of pixel (0, 0), which is its position in the first lattice cell."""
         return -self.anchor[0] % self.period[0], -self.anchor[1] % self.period[1]
 
     @cached_property
     def cells(self) -> Pair:
-        """Lattice cells ``(Ly, Lx)`` that cover the image."""
+        """Number of lattice cells ``(Ly, Lx)`` that cover the image."""
         (oy, ox), (ny, nx), (height, width) = self.origin, self.period, self.image_shape
         # ceiling division
         return -(-(oy + height) // ny), -(-(ox + width) // nx)
@@ -83,7 +83,7 @@ class Grid:
 
     @cached_property
     def reach(self) -> Pair:
-        """Number of cells by which a pattern extends to either side, at most the size of the lattice."""
+        """Number of cells (down, across) by which a pattern extends to either side, less than the number of cells."""
         y, x = ((c + n - 1) // n for c, n in zip(self.centre, self.period, strict=True))
         # a pattern wider than the lattice cannot reach beyond it
         return min(y, self.cells[0] - 1), min(x, self.cells[1] - 1)
@@ -99,7 +99,7 @@ class Grid:
         return self.image_shape[0] * self.image_shape[1]
 
     def pack(self, plane: NDArray[Any], dtype: Any, *, before: Pair = (0, 0), after: Pair = (0, 0)) -> NDArray[Any]:
-        """Pad ``plane`` to whole cells, ``(Ly*ny, Lx*nx)``, and add ``before`` and ``after`` zero pixels."""
+        """Return ``plane`` padded to complete cells, ``(Ly*ny, Lx*nx)``, plus ``before`` and ``after`` zero pixels."""
         (ny, nx), (cy, cx), (oy, ox) = self.period, self.cells, self.origin
         # zeros around the image, so that patterns of positions outside of it project to nothing
         out = np.zeros((before[0] + cy * ny + after[0], before[1] + cx * nx + after[1]), dtype)
@@ -108,12 +108,12 @@ class Grid:
         return out
 
     def unpack(self, packed: NDArray[Any], *, before: Pair = (0, 0)) -> NDArray[Any]:
-        """Return a view of the image inside ``packed`` (inverse of `pack`)."""
+        """Return the image in ``packed`` as a view (inverse of `pack`)."""
         top, left = before[0] + self.origin[0], before[1] + self.origin[1]
         return packed[top : top + self.image_shape[0], left : left + self.image_shape[1]]
 
     def tiled(self, pattern: NDArray[Any]) -> NDArray[Any]:
-        """Return an image that repeats ``pattern`` ``(ny, nx)`` by phase."""
+        """Return an image that repeats the period ``pattern`` ``(ny, nx)`` according to the phase of each pixel."""
         rows = (np.arange(self.image_shape[0]) + self.origin[0]) % self.period[0]
         columns = (np.arange(self.image_shape[1]) + self.origin[1]) % self.period[1]
         return pattern[np.ix_(rows, columns)]

@@ -42,7 +42,7 @@ SMALL_S = 3e-3
 
 
 class Projector:
-    """The operator of a periodic PSF matrix and its exact adjoint, with zero borders.
+    """Operator of a periodic PSF matrix and its exact adjoint, with zero borders.
 
     ``forward`` computes ``f[p] = sum_z sum_v g[z, v] H[z, (v - anchor) mod n][p - v + c]``, ``adjoint`` its transpose
     ``b[z, v] = sum_p f[p] H[z, (v - anchor) mod n][p - v + c]`` (Eberhart et al. 2020, equation 1, H and HT).
@@ -50,17 +50,18 @@ class Projector:
     Parameters
     ----------
     H
-        `PSFMatrix`, or any array, memory map or dataset ``(nz, ny, nx, nt, ns)``; any period, odd cutout. Planes are
-        read one at a time.
+        `PSFMatrix`, or any array, memory map or dataset ``(nz, ny, nx, nt, ns)``, with any period and an odd cutout.
+        Planes are read one at a time.
     image_shape
         Rows and columns of the image and of each volume plane (pixels); need not be whole periods.
     anchor
-        Pixel (row, column) on which the source of position (0, 0) is imaged, rounded down to whole pixels; by default
-        that of ``H``, else (0, 0).
+        Pixel (row, column) on which the source at position (0, 0) is imaged, rounded down to integers; by default that
+        of ``H`` if it is a `PSFMatrix`, else (0, 0).
     method
         ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
-        reference), or ``"auto"``: the cheapest by the `forecast`. With a `recipe` (``"polyphase:7x3"``: tiles down and
-        across), projections are identical to those of the projector with this recipe, for any number of workers.
+        reference), or ``"auto"``, the fastest method according to `forecast`. You may also pass the `recipe` of another
+        projector, such as ``"polyphase:7x3"`` (tiles down and across). Projections are then identical to those of that
+        projector, for any number of workers.
     dtype
         float32 or float64.
     threshold
@@ -76,8 +77,9 @@ class Projector:
     phases
         ``(ny, nx)`` mask of the image phases in use; other pixels are zero in images, and ignored in back projections.
     device
-        ``"cpu"``; ``"cuda"`` or ``"cuda:1"``, an accelerator that PyTorch or CuPy can use; ``"auto"``, the accelerator
-        if there is one and the problem fits; or an `ArrayDevice`. Volumes and images remain numpy arrays.
+        ``"cpu"``; ``"cuda"`` or ``"cuda:1"``, an accelerator that PyTorch or CuPy can use; ``"auto"``, an accelerator
+        if there is one and the problem fits into its memory; or an `ArrayDevice`. Volumes and images remain numpy
+        arrays.
 
     Raises
     ------
@@ -171,7 +173,7 @@ class Projector:
 
     @property
     def recipe(self) -> str:
-        """Method with its tiles; given as ``method``, it makes another projector compute identical values."""
+        """Method with its tiles; a projector with this ``method`` computes identical values."""
         return recipe_of(self.method, self._forecast.plan, self._forecast.band)
 
     @property
@@ -186,7 +188,7 @@ class Projector:
 
     @property
     def rounding(self) -> float:
-        """Error of a projected value relative to the largest one; do not divide by smaller values."""
+        """Rounding error of a projected value, relative to the largest value; do not divide by smaller values."""
         return self._engine.rounding
 
     @property
@@ -195,12 +197,12 @@ class Projector:
         return self._tolerance
 
     def operand_bytes(self) -> int:
-        """Return the size of the kept prepared planes (bytes)."""
+        """Return the size of the stored prepared planes (bytes)."""
         return sum(self._engine.operand_bytes(operand) for operand in self._operands.values())
 
     @property
     def camera(self) -> Any:
-        """Camera of H, if known."""
+        """Camera of H; None if unknown."""
         return self._reader.H.camera if isinstance(self._reader.H, PSFMatrix) else None
 
     @property
@@ -211,7 +213,7 @@ class Projector:
 
     @property
     def noise(self) -> NDArray[np.float64] | None:
-        """Variance of H's entries without light, and per unit of signal, ``(nz, 2)``; None: unknown."""
+        """Variance of H's entries without light, and variance per unit of signal, ``(nz, 2)``; None if unknown."""
         return mean_noise(self._reader.H)
 
     def denoised(self) -> Projector:
@@ -231,17 +233,17 @@ class Projector:
         return part
 
     def forecast(self) -> ProjectionForecast:
-        """Return the cost of the method on this computer, and those of the other methods."""
+        """Return the cost of the method in use on this computer, and the costs of the other methods."""
         return self._forecast
 
     # -- the pair --------------------------------------------------------------------------------------
     def forward(self, volume: ArrayLike) -> NDArray[Any]:
-        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``. Planes that are all zero take no time."""
+        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``; planes that are all zero are skipped."""
         data = self._checked(volume, "volume (z, y, x)", self.volume_shape)
         return self.forward_planes(enumerate(data))
 
     def forward_planes(self, planes: Iterable[tuple[int, NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image of pairs (number, volume plane ``(Y, X)``), with one plane in memory at a time."""
+        """Return the image ``(Y, X)`` of pairs (plane number, volume plane ``(Y, X)``), with one plane in memory."""
         return self._engine.forward((self._operand(z), plane) for z, plane in planes if plane.any())
 
     def adjoint(self, image: ArrayLike) -> NDArray[Any]:
@@ -257,9 +259,10 @@ class Projector:
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
-        """Return the projector of only the image phases in the mask ``phases`` ``(ny, nx)``, with the same method.
+        """Return a projector for only the image phases in the mask ``phases`` ``(ny, nx)``, with the same method.
 
-        It is created once. If prepared planes do not depend on the phases, it uses those of this projector.
+        Each subset is created once. If the prepared planes do not depend on the phases, it shares them with this
+        projector.
         """
         mask = _phase_mask(phases, self.period)
         with self._lock:
@@ -293,7 +296,7 @@ class Projector:
         return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def iter_prepare(self) -> Work[Projector]:
-        """Prepare all planes that can be kept, instead of in the first projection, and return this projector."""
+        """Prepare all planes that memory allows now instead of in the first projection, and return this projector."""
         yield from self._iter_planes()
         return self
 

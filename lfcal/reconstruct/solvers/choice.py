@@ -44,7 +44,7 @@ def check_solver(solver: Solver) -> None:
 
 
 def find_solvers() -> Registry[Solver]:
-    """Return every solver by name, those of other distributions last."""
+    """Return the registry of all solvers, including those of other packages."""
     return Registry(
         "solver",
         "lfcal.reconstruct.solvers",
@@ -66,7 +66,7 @@ class SolverChoice:
     Attributes
     ----------
     name
-        One of `SOLVERS`.
+        Name of a solver in `SOLVERS`.
     iterations
         Number of iterations; with ``auto`` the largest number.
     background
@@ -74,33 +74,34 @@ class SolverChoice:
     read_noise
         Rms read noise (counts); only for Richardson-Lucy variants.
     saturation
-        Pixels at or above this value are excluded (counts); None: none.
+        Pixels at or above this value are excluded (counts); None: no pixels are excluded.
     strength
-        Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``; None: the default of each.
+        Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``; None: the solver's default.
     subsets
-        Number of subsets for ``osem`` (None: 4), or of blocks of views along each axis for ``phase-space`` (None: 3).
+        Number of subsets for ``osem`` (None: 4), or number of blocks of views along each axis for ``phase-space``
+        (None: 3).
     tolerance
-        Stop when the relative change falls below this value.
+        Stop when the relative change of the volume falls below this value.
     auto
-        Whether to stop automatically, by the criterion ``stop``.
+        Whether to stop automatically, according to ``stop``.
     stop
         ``"left-out"``: stop when the prediction of held-out pixels (one in 25) gets worse; the result is the volume
         with the best prediction. ``"discrepancy"``: stop when the image of the volume agrees with the frame to within
         the noise.
     goal
         Purpose of a run that stops by held-out pixels. ``"view"``: a volume for viewing. ``"measure"``: sums and means
-        over regions of the volume, which need more iterations; single voxels are then noisier.
+        over regions of the volume. These need more iterations, after which single voxels are noisier.
     gain
         Counts per photo-electron; None: unknown (``"discrepancy"`` then assumes 1). With a gain, the result states
-        chi2 per pixel.
+        chi-square per pixel.
     noise
-        Variance of a pixel without light (counts²), and per count of light (counts), as measured: for chi2 if ``gain``
-        is not given. None: unknown.
+        Measured variance of a pixel without light (counts²), and variance per count of light (counts). They are used
+        for chi-square if ``gain`` is not given. None: unknown.
     margin
-        Width in pixels by which the volume extends beyond each edge of the frame; the projector is that of the wider
-        frame.
+        Width by which the volume extends beyond each edge of the frame (pixels). The projector must have the size of
+        the frame with this margin.
     denoise
-        Whether to reduce the noise of a recorded H, if it is stored with H (`Projector.denoised`).
+        Whether to reduce the noise of a recorded H (`Projector.denoised`); this needs the noise stored with H.
 
     Raises
     ------
@@ -179,7 +180,7 @@ class SolverChoice:
 
     @classmethod
     def of(cls, settings: SolverFields, margin: int = 0) -> SolverChoice:
-        """Return the choice described by settings."""
+        """Return the choice that corresponds to the settings of a solver's record."""
         known = {one.name: getattr(settings, one.name) for one in fields(settings)}
         end = SOLVER_ENDS.get(str(settings.iterations))
         if end is not None:
@@ -188,12 +189,12 @@ class SolverChoice:
 
     @property
     def solver(self) -> Solver:
-        """The chosen solver."""
+        """Chosen solver."""
         return SOLVERS.get(self.name)
 
     @property
     def known_noise(self) -> tuple[float, float] | None:
-        """Counts per photo-electron and rms read noise (counts), for chi2; None: unknown."""
+        """Counts per photo-electron and rms read noise (counts), for chi-square; None if unknown."""
         if self.gain is not None:
             return self.gain, self.read_noise
         return None if self.noise is None else (self.noise[1], math.sqrt(self.noise[0]))
@@ -218,17 +219,17 @@ def iter_reconstruct(
     Parameters
     ----------
     P
-        Projector pair; with a margin, that of the wider frame.
+        Projector of H; with a margin, for the frame extended by the margin.
     image
-        ``(Y, X)`` in counts.
+        Image ``(Y, X)`` in counts.
     choice
-        Solver and settings; None: those of `SolverChoice`.
+        Solver and its settings; None: the defaults of `SolverChoice`.
     weights
-        Weight of each pixel ``(Y, X)``, not negative.
+        Weight of each pixel ``(Y, X)``, not negative; None: 1.
     initial
-        Start ``(nz, Y, X)``.
+        Initial volume ``(nz, Y, X)``; None: that of the solver.
     resume
-        State to continue from.
+        State of a stopped run to continue from.
 
     Yields
     ------
@@ -286,7 +287,7 @@ def iter_solve(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` like `iter_reconstruct`, for callers that have resampled it to the period of H."""
+    """Reconstruct ``image`` like `iter_reconstruct`, for callers that have already resampled it to the period of H."""
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):
         check_option(c.solver, option, given)

@@ -17,10 +17,11 @@ __all__ = ["SOLVER", "isra", "iter_isra"]
 
 @with_settings(IsraSettings)
 def iter_isra(P: Projector, image: ArrayLike, settings: IsraSettings) -> SolverWork:
-    """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm.
+    """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm (ISRA).
 
-    ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors as for
-    `richardson_lucy`; there is no read noise, because least squares do not depend on the kind of noise.
+    ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Parameters and errors are those of
+    `richardson_lucy`, except the read noise: the algorithm minimizes squared differences, which do not depend on a
+    noise model.
 
     Yields
     ------

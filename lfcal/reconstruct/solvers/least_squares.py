@@ -52,12 +52,12 @@ class LeastSquaresSettings(SolverSettings):
 def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
     """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS; Bjoerck 1996, section 7.4).
 
-    The volume may become negative. ``likelihood`` of a record is minus half the weighted sum of squares.
+    The volume may become negative. The ``likelihood`` of a record is minus half the weighted sum of squares.
 
     Parameters
     ----------
     P
-        Projector pair.
+        Projector of H.
     image
         Image ``(Y, X)`` in counts; negative values are kept.
     iterations
@@ -67,9 +67,9 @@ def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquar
     damping
         Damping lambda relative to the largest value of ``HT w H 1``.
     tolerance
-        Stop when the relative change falls below this value.
+        Stop when the relative change of the volume falls below this value.
     resume
-        State to continue from.
+        State of a stopped run to continue from.
 
     Yields
     ------

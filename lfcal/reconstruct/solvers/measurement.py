@@ -33,11 +33,11 @@ HALF_MEDIAN = 0.22747
 
 
 class NothingMeasured(InputError):
-    """An image without information on a volume: no pixel is valid, or no valid pixel has light."""
+    """Error for an image without information on a volume: no pixel is valid, or no valid pixel has light."""
 
 
 def check_counts(read_noise: float, saturation: float | None) -> None:
-    """Raise `InputError` unless read noise and saturation are counts that a pixel can have; None: no saturation."""
+    """Raise `InputError` unless read noise and saturation are possible numbers of counts; None: no saturation."""
     check_number("read noise (counts)", read_noise, at_least=0, at_most=math.sqrt(MAX_SAMPLE))
     if saturation is not None:
         check_number("saturation (counts)", saturation, above=0, at_most=MAX_SAMPLE)
@@ -55,20 +55,20 @@ class GoodnessOfFit:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """An image with weights, background and noise; create one with `Measurement.of`.
+    """Image with weights, background and noise; create one with `Measurement.of`.
 
     Attributes
     ----------
     image
-        ``(Y, X)``, finite, not negative; 0 where the weight is 0.
+        Image ``(Y, X)``, finite, not negative (unless created with ``signed``); 0 where the weight is 0.
     weights
         Weight of each pixel, ``(Y, X)``; None: 1 everywhere.
     background
         Expected image without light, a number or ``(Y, X)``.
     notes
-        Notes on changes.
+        Notes on changes that were made to the image.
     held
-        Weight of the held-out pixels, ``(Y, X)``, 0 elsewhere; None: there are none.
+        Weight of the held-out pixels ``(Y, X)``, 0 for all others; None: no held-out pixels.
     """
 
     image: NDArray[Any]
@@ -90,20 +90,20 @@ class Measurement:
         signed: bool = False,
         held_out: ArrayLike | None = None,
     ) -> Measurement:
-        """Return the measurement of ``image``.
+        """Return the measurement of ``image`` after checking it.
 
         Parameters
         ----------
         image
-            ``(Y, X)`` in counts. NaN and infinity get weight 0.
+            Image ``(Y, X)`` in counts. NaN and infinity get weight 0.
         dtype
-            Type to compute in.
+            Type of the arrays.
         weights
-            Weight of each pixel, not negative.
+            Weight of each pixel ``(Y, X)``, not negative; None: 1.
         saturation
-            Pixels at or above this positive value get weight 0.
+            Pixels at or above this positive value get weight 0; None: no saturation.
         background
-            Expected image without light, not negative; a number or ``(Y, X)``.
+            Expected image without light (counts), not negative; a number or ``(Y, X)``.
         read_noise
             Rms of the Gaussian noise (counts). Its square is added to image and background, which is the shifted
             Poisson approximation of Snyder et al. 1995.
@@ -111,7 +111,7 @@ class Measurement:
             Whether to keep negative values, for least squares; otherwise they count as zero, and a note states their
             number.
         held_out
-            Mask ``(Y, X)`` of held-out pixels, which get weight 0 and measure the prediction.
+            Mask ``(Y, X)`` of held-out pixels, which get weight 0 and test the prediction.
 
         Raises
         ------
@@ -165,9 +165,10 @@ class Measurement:
         return np.ones_like(self.image) if self.weights is None else self.weights
 
     def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> GoodnessOfFit:
-        """Return residual and likelihood of ``model`` (background included) over the pixels of ``mask``.
+        """Return residual and likelihood of a ``model`` image (background included) over the pixels of ``mask``.
 
-        The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m no less than ``floor``.
+        The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m at least ``floor``. Without a
+        mask, all pixels are used.
         """
         rows, columns = model.shape
         step = max(1, BAND // columns)
@@ -216,9 +217,9 @@ class Measurement:
 def held_out_fit(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, float]:
     """Return the score of the prediction of held-out pixels, and its standard deviation due to noise.
 
-    ``terms`` are half the deviance of each pixel, ``held`` the weights of the held-out ones. For a correct model,
-    terms are distributed as half of chi squared, independent of the gain. Their scale is found from the median, so
-    that errors of the model in a few pixels do not count as noise.
+    ``terms`` contains half the deviance of each pixel, ``held`` the weights of the held-out pixels. For a correct
+    model, the terms are distributed like half of chi-square times a scale that depends on the gain. The scale is
+    estimated from the median, so that errors of the model in a few pixels do not count as noise.
     """
     chosen = held > 0
     weights, values = held[chosen].astype(np.float64), terms[chosen]
@@ -247,7 +248,7 @@ def _check_light(data: NDArray[Any], counted: NDArray[np.bool_], notes: list[str
 
 
 def no_light() -> InputError:
-    """Return the error of a PSF matrix whose entries are all zero or, summed, negative."""
+    """Return the error for a PSF matrix whose entries are all zero or have a negative sum."""
     return InputError.expected(
         "PSF matrix",
         "light from the volume on the image",

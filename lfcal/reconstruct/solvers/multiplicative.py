@@ -24,13 +24,14 @@ __all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
 def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLucySettings) -> SolverWork:
     """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
 
-    ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2); with weights, ``HT(w f / (Hg + b)) /
-    HTw``. Where Hg + b is only a rounding error, the ratio is 0. Voxels that no pixel sees are not changed.
+    The update is ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2). With weights, the factor is
+    ``HT(w f / (Hg + b)) / HTw``. Where Hg + b is below the rounding error, the ratio is 0. Voxels without light on any
+    pixel are not changed.
 
     Parameters
     ----------
     P
-        Projector pair.
+        Projector of H.
     image
         Image ``(Y, X)`` in counts.
     iterations
@@ -40,9 +41,9 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     penalty, acceleration, subsets, relaxation, smoothing, tolerance
         As in `EmOptions`.
     initial
-        Non-negative start ``(nz, Y, X)``; by default uniform, with the light of the image.
+        Non-negative initial volume ``(nz, Y, X)``; by default uniform, with the total light of the image.
     resume
-        State to continue from instead.
+        State of a stopped run to continue from; it replaces ``initial``.
 
     Yields
     ------

@@ -19,7 +19,7 @@ __all__ = ["SOLVER", "views_of"]
 
 
 def iterate_pixels(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run Richardson-Lucy over the requested number of subsets in turn, 4 by default."""
+    """Run Richardson-Lucy over one subset of the pixels after another; the default is 4 subsets."""
     count = _pixel_parts(run.subsets)
     # a short period may have fewer phases than the default; each phase is then a subset.
     masks = interleaved_subsets(P.period, min(count, P.grid.phases))
@@ -31,7 +31,7 @@ def _pixel_parts(subsets: int | None) -> int:
 
 
 def iterate_views(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run Richardson-Lucy over blocks of views, 3 x 3 by default."""
+    """Run Richardson-Lucy over one block of views after another; the default is 3 x 3 blocks."""
     return iter_run(P, image, run, EmOptions(subsets=views_of(P, image, _blocks(run.subsets))))
 
 
@@ -44,7 +44,7 @@ def _view_parts(subsets: int | None) -> int:
 
 
 def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
-    """Return masks ``(ny, nx)`` of ``blocks`` x ``blocks`` views, brightest in ``image`` first."""
+    """Return masks ``(ny, nx)`` of ``blocks`` x ``blocks`` blocks of views, the brightest in ``image`` first."""
     views = min(blocks, P.period[0]), min(blocks, P.period[1])
     masks = angular_subsets(P.period, views, lenslet_phase(P))
     # pixels without a value get weight 0 later; here they must not affect the brightness of views.
@@ -52,7 +52,7 @@ def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
 
 
 def lenslet_phase(P: Projector) -> tuple[float, float]:
-    """Return the phase (row, column) of a lenslet's centre: from the camera of H, else the middle of the period."""
+    """Return the phase (row, column) of a lenslet's centre from H's camera; without one, the middle of the period."""
     (ny, nx), camera = P.period, P.camera
     if camera is None or not camera.has_lattice:
         return (ny - 1) / 2, (nx - 1) / 2

@@ -19,21 +19,21 @@ SLAB = 4
 
 
 class Penalty(Protocol):
-    """Protocol of a penalty: the gradient of a measure of a volume's roughness."""
+    """Protocol of a penalty on the roughness of a volume, given by its gradient."""
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return the derivative of the penalty with respect to each voxel, dimensionless (times `weight`)."""
+        """Return the derivative of the penalty with respect to each voxel, dimensionless and multiplied by `weight`."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class TotalVariation:
-    """Total variation (Dey et al. 2006, equation 9): it reduces noise and preserves edges.
+    """Total-variation penalty (Dey et al. 2006, equation 9), which reduces noise and preserves edges.
 
     Attributes
     ----------
     weight
-        Strength relative to the sensitivity HT1; 0.002 is mild, 0.05 is strong.
+        Strength relative to the sensitivity HT1: 0.002 is mild, 0.05 is strong.
     z_weight
         Weight of differences between planes relative to those within a plane.
 
@@ -54,7 +54,7 @@ class TotalVariation:
         _check(self.weight, self.z_weight)
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return minus the divergence of the unit gradient."""
+        """Return minus the divergence of the normalized gradient of the volume, multiplied by `weight`."""
         # below a millionth of the peak, the direction of the gradient is only rounding.
         least = max(float(volume.max(initial=0.0)) * 1e-6, float(np.finfo(volume.dtype).tiny))
 
@@ -73,12 +73,12 @@ class TotalVariation:
 
 @dataclass(frozen=True, slots=True)
 class Tikhonov:
-    """Tikhonov-Miller penalty, the squared gradient: it reduces noise and softens edges.
+    """Tikhonov-Miller penalty on the squared gradient, which reduces noise and softens edges.
 
     Attributes
     ----------
     weight
-        Strength relative to the sensitivity HT1 and to the volume's peak; 0.02 is mild, above 0.2 it is unstable.
+        Strength relative to the sensitivity HT1 and to the volume's peak: 0.02 is mild; values above 0.2 are unstable.
     z_weight
         Weight of differences between planes relative to those within a plane.
 
@@ -99,7 +99,7 @@ class Tikhonov:
         _check(self.weight, self.z_weight)
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return minus the Laplacian divided by the peak."""
+        """Return minus the Laplacian of the volume divided by the volume's peak, multiplied by `weight`."""
         # divided by the peak, so that the weight has the same effect in any unit of light
         peak = float(volume.max(initial=0))
 

@@ -22,7 +22,7 @@ SHARE = 0.1
 
 
 def plane_threads(planes: int, plane_bytes: int) -> int:
-    """Return the number of planes to process together: one per thread, if planes are large and memory allows."""
+    """Return the number of planes to process simultaneously: one per thread, if planes are large and memory allows."""
     if plane_bytes < LEAST:
         return 1
     room = int(SHARE * free_memory()) // max(1, UPDATING * plane_bytes)
@@ -32,7 +32,7 @@ def plane_threads(planes: int, plane_bytes: int) -> int:
 def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
     """Return the mean of ``plane`` ``(Y, X)`` over ``window`` (rows, columns); border values are extended outwards.
 
-    A window of even size reaches one pixel further up and left.
+    A window of even size extends one pixel further up and to the left than down and to the right.
     """
     import cv2  # slow to import
 

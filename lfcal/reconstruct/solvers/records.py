@@ -27,16 +27,16 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class SolverState:
-    """State of a solver between two iterations, sufficient to continue as if it had not stopped.
+    """State of a solver between two iterations, from which a run continues as if it had not stopped.
 
     Attributes
     ----------
     volume
-        Estimate ``(nz, Y, X)``; must not be modified.
+        Current estimate ``(nz, Y, X)``; it must not be modified.
     iteration
         Number of iterations done.
     seconds
-        Duration of the iterations.
+        Duration of the iterations so far (s).
     arrays, numbers
         Further state of the method, in addition to the volume.
 
@@ -68,18 +68,18 @@ class SolverProgress(Progress):
     iteration
         Number of iterations done, including those before a resume.
     residual
-        Weighted rms of image minus model, relative to that of the image, for the estimate at the start of the
-        iteration.
+        Weighted rms of the difference between image and model, relative to the rms of the image, for the estimate at
+        the start of the iteration.
     likelihood
-        Poisson log-likelihood of that estimate minus its largest possible value (0: a perfect fit).
+        Poisson log-likelihood of that estimate minus the largest possible value (0: a perfect fit).
     change
         Norm of the change of the volume, relative to the norm of the volume.
     held_out
-        Poisson log-likelihood of the held-out pixels, minus its largest possible value; NaN if there are none.
+        Poisson log-likelihood of the held-out pixels, minus the largest possible value; NaN if there are none.
     held_out_error
-        Standard deviation of this score due to the noise of these pixels.
+        Standard deviation of ``held_out`` due to the noise of these pixels.
     state
-        The state after the iteration; None in the history a solver returns.
+        State after the iteration; None in the history that a solver returns.
 
     Examples
     --------
@@ -109,18 +109,18 @@ class Reconstruction:
     Attributes
     ----------
     volume
-        ``(nz, Y, X)``.
+        Reconstructed volume ``(nz, Y, X)``.
     history
-        One record per iteration.
+        One record for each iteration.
     state
-        State to continue from (`resume`).
+        State from which another run can continue (``resume``).
     notes
-        Notes on changes of the input: masked, negative or unseen values.
+        Notes on changes that were made to the input, such as masked or negative pixels.
     stopped
         Reason why the solver stopped early; empty if all requested iterations were done.
     chi2
-        Mean over the pixels of the squared residual divided by the variance of the noise: 1 if only noise remains. NaN
-        if the noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
+        Mean squared residual divided by the noise variance (chi-square per pixel); 1 if only noise remains. NaN if the
+        noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
 
     Examples
     --------
@@ -155,7 +155,7 @@ def progress_of(
     change: float,
     held_out: tuple[float, float] = (float("nan"), float("nan")),
 ) -> SolverProgress:
-    """Return the record of the iteration that ended in ``state``; ``total`` iterations are planned."""
+    """Return the record of the iteration that ended in ``state``, for a run of ``total`` iterations."""
     return SolverProgress(
         done=state.iteration,
         total=total,
@@ -179,9 +179,9 @@ def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:
 
 
 def squares(volume: NDArray[Any], other: NDArray[Any] | None = None) -> float:
-    """Return the sum of squares of ``volume`` ``(nz, Y, X)`` minus ``other`` in double precision.
+    """Return the sum of squares of ``volume`` ``(nz, Y, X)`` minus ``other`` (None: 0) in double precision.
 
-    It works plane by plane, without a second array of the size of the volume.
+    The sum is computed plane by plane, without a second array of the size of the volume.
     """
 
     def one(z: int) -> float:

@@ -38,14 +38,14 @@ __all__ = ["SOLVER", "repeating_of", "sieve_of", "stretch_of"]
 
 
 def sieve_of(P: Projector) -> Sieve:
-    """Return the sieve for camera and depths of H; None if H has no camera."""
+    """Return the sieve for the camera and the depths of H; without a camera, a sieve that changes nothing."""
     if P.camera is None:
         return Sieve((0.0,) * P.volume_shape[0])
     return Sieve.for_camera(P.camera, P.depths)
 
 
 def repeating_of(P: Projector) -> Repeating | None:
-    """Return the removal of repeating patterns in coarsely sampled planes; None if H has no camera."""
+    """Return the filter that removes repeating patterns from coarsely sampled planes; None if none is needed."""
     if P.camera is None:
         return None
     shares = coarseness(P.camera, P.depths)
@@ -53,7 +53,7 @@ def repeating_of(P: Projector) -> Repeating | None:
 
 
 def stretch_of(P: Projector) -> Stretch:
-    """Return the lengthening of updates, without repeating patterns in coarsely sampled planes."""
+    """Return the extrapolation of updates, which excludes repeating patterns in coarsely sampled planes."""
     repeating = repeating_of(P)
     return Stretch(P.grid.cutout, P.period, () if repeating is None else repeating.shares)
 
@@ -79,7 +79,10 @@ class _Sieved:
 
 
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run on all pixels, or over ``subsets`` x ``subsets`` blocks of views. Records and result contain S s."""
+    """Run Richardson-Lucy with a sieve S, on all pixels or over ``subsets`` x ``subsets`` blocks of views.
+
+    Records and result contain the volume S s, where s is the estimate before the sieve.
+    """
     sieve = sieve_of(P)
     if run.resume is not None and run.resume.arrays:
         own = replace(run.resume, volume=run.resume.arrays[0], arrays=run.resume.arrays[1:])

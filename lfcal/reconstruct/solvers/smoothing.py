@@ -26,9 +26,10 @@ FINE = 0.5
 
 
 def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
-    """Return the coarseness of sampling by lenslets at ``depths`` (µm): 1 up to virtual depth 1, 0 from 2 on.
+    """Return how coarsely lenslets sample each plane at ``depths`` (µm): 1 for virtual depths up to 1, 0 from 2 on.
 
-    Single lenslets in a pupil plane sample every plane with all pixels: 0.
+    The values decrease linearly in between. They are 0 for lenslets in a pupil plane, which sample every plane with all
+    pixels.
     """
     if not camera.has_lattice:
         return (0.0,) * np.size(depths)
@@ -37,12 +38,12 @@ def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
 
 
 def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
-    """Return the distance of independent samples in each plane at ``depths`` (µm), in voxels (pixels of the image).
+    """Return the distance between independent samples in each plane at ``depths`` (µm), in voxels (image pixels).
 
-    ``camera`` is a `lfcal.camera.Camera`, as in `PSFMatrix.camera`. At virtual depth v, one pixel under neighbouring
-    lenslets sees points ``p/|v|`` apart, minus the lenslet's blur ``p/2 |1/vf - 1/v|``. Near the native plane the
-    distance is a whole lenslet (Stefanoiu et al. 2019, equations 8-10, written with v; with three lens types, the one
-    in focus counts).
+    ``camera`` is a `lfcal.camera.Camera`, as in `PSFMatrix.camera`. At virtual depth v, corresponding pixels under
+    neighbouring lenslets image points that are ``p/|v|`` apart, where p is the pitch. The lenslet's blur ``p/2 |1/vf -
+    1/v|`` is subtracted. Near the native plane, the distance is p (Stefanoiu et al. 2019, equations 8-10, written with
+    v). Of several lens types, the one in focus is used.
     """
     if not camera.has_lattice:  # every pixel is a sample
         return np.ones(np.size(depths))
@@ -62,7 +63,7 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
 
 
 def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
-    """Return a low-pass kernel that keeps periods longer than ``2 * width`` pixels: a sinc with a Lanczos window."""
+    """Return a low-pass kernel that preserves periods above ``2 * width`` pixels: a sinc with a Lanczos window."""
     # 1 pixel or less: nothing to filter, and np.sinc(x / width) would divide by zero
     if width <= 1:
         return np.ones(1)
@@ -76,14 +77,14 @@ def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class DepthSmoothing:
-    """Low-pass filter that limits each plane to its sampling by the lenslets: the S step of EMS.
+    """Low-pass filter that limits each plane to the sampling by the lenslets: the S step of EMS.
 
     Attributes
     ----------
     widths
-        Distance of independent samples for each plane (voxels); 1 or less: the plane is not changed.
+        Distance between independent samples in each plane (voxels); planes with 1 or less are not changed.
     lobes
-        Size of the Lanczos window; fewer lobes ring less and blur more.
+        Number of lobes of the Lanczos window; fewer lobes cause less ringing and more blur.
 
     Examples
     --------
@@ -109,7 +110,7 @@ class DepthSmoothing:
         return cls(tuple(smoothing_widths(camera, depths)), lobes)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return ``volume`` ``(nz, Y, X)`` smoothed, without negative values; borders are renormalized."""
+        """Return ``volume`` ``(nz, Y, X)`` smoothed, without negative values; the kernel is renormalized at borders."""
         if len(self.widths) != len(volume):
             raise InputError.expected(
                 "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "give one width per plane"
@@ -128,12 +129,12 @@ class DepthSmoothing:
 
 @dataclass(frozen=True)
 class Sieve:
-    """A Gaussian per plane that is applied to a volume and removes finer details (Snyder & Miller 1985).
+    """Gaussian filter with one width per plane, which removes finer details (Snyder & Miller 1985).
 
     Attributes
     ----------
     sigmas
-        Standard deviation for each plane (voxels); below a third of a voxel, the plane is not changed.
+        Standard deviation for each plane (voxels); planes with less than a third of a voxel are not changed.
     """
 
     sigmas: tuple[float, ...]
@@ -143,14 +144,14 @@ class Sieve:
         """Return the sieve for planes at ``depths`` (µm) of ``camera``.
 
         Up to virtual depth 1, a lenslet cannot distinguish points closer together than its pitch. There, the Gaussian
-        has a standard deviation of `SIEVE` times the pitch. It decreases to zero at virtual depth 2, where every point
-        is under several lenslets, but is at least `FINE`.
+        has a standard deviation of `SIEVE` times the pitch. It decreases towards virtual depth 2, where several
+        lenslets image every point, but is at least `FINE`.
         """
         wide = SIEVE * camera.pitch_px if camera.has_lattice else FINE
         return cls(tuple(max(FINE, wide * share) for share in coarseness(camera, depths)))
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return ``volume`` ``(nz, Y, X)`` after the sieve, which is its own transpose; zeros beyond the border."""
+        """Return ``volume`` ``(nz, Y, X)`` filtered, with zeros beyond the border; the filter is its own transpose."""
         out = np.empty_like(volume)
 
         def work(start: int, stop: int) -> None:

@@ -45,7 +45,7 @@ EM = COMMON | {"read_noise", "initial", "held_out"}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolverSettings:
-    """Settings of every solver: treatment of the image, and start and end of a run.
+    """Settings common to all solvers: treatment of the image, and start and end of a run.
 
     Attributes
     ----------
@@ -54,11 +54,11 @@ class SolverSettings:
     weights
         Weight of each pixel ``(Y, X)``, not negative; None: 1.
     saturation
-        Pixels at or above this value are excluded (counts); None: none.
+        Pixels at or above this value are excluded (counts); None: no pixels are excluded.
     tolerance
         Stop when the relative change of the volume falls below this value.
     resume
-        State to continue from; None: a new start.
+        State of a stopped run to continue from; None: start a new run.
     """
 
     background: ArrayLike = 0.0
@@ -107,7 +107,7 @@ def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], SolverFunc
 
 @dataclass(frozen=True, eq=False)
 class SolverRun(SolverSettings):
-    """Request for one run of a solver; options that it does not use have the values of `OPTIONS`.
+    """Input of one run of a solver, in addition to the image; unused options have the values of `OPTIONS`.
 
     Attributes
     ----------
@@ -116,13 +116,13 @@ class SolverRun(SolverSettings):
     read_noise, strength, subsets
         As in `SolverChoice`.
     initial
-        Start ``(nz, Y, X)``.
+        Initial volume ``(nz, Y, X)``; None: that of the solver.
     held_out
         Mask ``(Y, X)`` of held-out pixels; `SolverProgress.held_out` measures their prediction.
     measured
-        Result of `measure`, if already computed.
+        Result of `measure`, if it is already computed.
     noise
-        Counts per photo-electron and rms read noise (counts) of the frame; None: unknown.
+        Counts per photo-electron and rms read noise (counts) of the frame; None if unknown.
 
     Examples
     --------
@@ -158,30 +158,30 @@ def _one(subsets: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Solver:
-    """A reconstruction method.
+    """Reconstruction method.
 
     Attributes
     ----------
     name
-        Name in commands and files; never changed, because files store it.
+        Name in commands and files. It must not change, because files contain it.
     title
-        Short description with its source.
+        Short description with the source in the literature.
     iterate
         Function of projector, image ``(Y, X)`` and `SolverRun` that yields a `SolverProgress` per iteration and
         returns a `Reconstruction`.
     honours
-        Names in `OPTIONS` that the solver uses; others raise an error.
+        Names in `OPTIONS` that the solver uses; other options raise an error.
     rank
         Order in lists.
     volumes
-        Number of arrays of the volume's size in memory: during a projection, including its result, and the largest
-        number between projections.
+        Number of arrays of the volume's size in memory: during a projection, including the projection's result, and the
+        largest number between projections.
     parts
-        Function for the number of parts into which an image is divided with given ``subsets`` (None: its default);
-        each further part needs one more array.
+        Function that returns the number of parts into which an image is divided for given ``subsets`` (None: the
+        default). Each part after the first needs one more array.
     settles
-        Whether it suppresses noise for any number of iterations, for example by a penalty; a run that stops
-        automatically then ends only at its best estimate.
+        Whether the solver suppresses noise for any number of iterations, for example by a penalty. A run that stops
+        automatically then ends only after its best estimate.
 
     Examples
     --------
@@ -220,7 +220,10 @@ class Solver:
             )
 
     def check(self, option: str, given: Any, others: tuple[str, ...] = ()) -> None:
-        """Raise `InputError` if the solver would ignore ``option``, which ``others`` use."""
+        """Raise `InputError` if the solver would ignore the value ``given`` for ``option``.
+
+        The message suggests the solvers ``others``, which use the option.
+        """
         idle = OPTIONS[option]
         if option in self.honours or given is idle or (idle is not None and given == idle):
             return

@@ -59,7 +59,7 @@ Score = Callable[[SolverState], tuple[float, float]]
 
 
 def held_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
-    """Return a mask ``(Y, X)`` of the held-out pixels, which are chosen at random, but always in the same way."""
+    """Return a random mask ``(Y, X)`` of held-out pixels, which is always the same for the same ``seed``."""
     return np.random.default_rng(seed).random(shape) < SHARE
 
 
@@ -111,21 +111,21 @@ class _Best:
 def iter_until_best(
     work: SolverWork, notes: tuple[str, ...], score: Score | None = None, *, settles: bool = False, goal: str = GOALS[0]
 ) -> SolverWork:
-    """Run ``work`` until the prediction of held-out pixels gets worse; return its best estimate.
+    """Run ``work`` until the prediction of held-out pixels gets worse; return the best estimate.
 
     Parameters
     ----------
     work
-        Running solver with held-out pixels.
+        Running solver whose image has held-out pixels.
     notes
-        Notes of the solver's measurement.
+        Notes on the measurement, for the result.
     score
-        Function for the score of an estimate's prediction of held-out pixels, and its error; None: from the solver's
-        records, for the estimate at the start of each iteration.
+        Function that returns the score of a state's prediction of held-out pixels, and the error of the score. None:
+        use the solver's records, which refer to the estimate at the start of each iteration.
     settles
-        Whether more iterations do no harm, so that the run ends only at the best prediction.
+        Whether more iterations do no harm, so that the run ends only after the best prediction.
     goal
-        One of `GOALS`.
+        One of `GOALS`, as in `SolverChoice`.
     """
     best, before = _Best(settles, goal), None
     history: list[SolverProgress] = []
@@ -150,14 +150,16 @@ def iter_until_best(
 
 
 def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: float) -> float:
-    """Return the weighted mean of ``(f - m)^2 / (gain (max(m, b) - r^2) + r^2)``: 1 if only noise remains.
+    """Return chi-square per pixel, the weighted mean of ``(f - m)^2 / (gain (max(m, b) - r^2) + r^2)``.
+
+    It is 1 if only noise remains.
 
     Parameters
     ----------
     model
         Image m of a volume ``(Y, X)``, including the background of ``data``.
     data
-        The frame f and its background b, which includes the square of the read noise.
+        Measurement with the frame f and the background b, which includes the square of the read noise.
     read_noise
         Rms read noise r (counts).
     gain
@@ -178,14 +180,14 @@ def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: floa
 def iter_until_noise(
     work: SolverWork, notes: tuple[str, ...], misfit_of: Callable[[NDArray[Any]], float]
 ) -> SolverWork:
-    """Run ``work`` until the residual of its volume is no larger than the noise.
+    """Run ``work`` until the residual of the volume is no larger than the noise, and return the result.
 
     Parameters
     ----------
     work
         Running solver.
     notes
-        Notes of the solver's measurement.
+        Notes on the measurement, for the result.
     misfit_of
         Function that returns the `misfit` of a volume.
     """
