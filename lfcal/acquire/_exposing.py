@@ -24,15 +24,14 @@ def average(frames: Sequence[NDArray[Any]], max_value: int) -> tuple[NDArray[np.
     Parameters
     ----------
     frames
-        ``(rows, columns)`` unsigned integers, the same shape each.
+        Frames ``(rows, columns)`` of unsigned integers, all of the same shape.
     max_value
-        Saturated sample value. A pixel saturated in one frame counts as saturated, because its mean is too low
-        whatever the other frames show.
+        Saturated sample value. A pixel that is saturated in any frame is marked, because its mean is too low.
 
     Returns
     -------
     mean, saturated
-        float32 and bool, ``(rows, columns)``.
+        Mean (float32) and mask (bool), ``(rows, columns)``.
     """
     if not frames or any(frame.shape != frames[0].shape for frame in frames):
         raise InputError.expected(
@@ -54,7 +53,7 @@ def merge(
     reference_s: float,
     black_level: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Merge bracketed frames into the counts that a sensor of unlimited range would give at ``reference_s``.
+    """Merge bracketed frames into the counts that a sensor of unlimited range would show at ``reference_s``.
 
     Each pixel is the sum of its unsaturated counts above black over the sum of their exposures, times the reference
     exposure, plus black. This is the maximum-likelihood rate for shot noise. Values may exceed the sensor's range. A
@@ -63,20 +62,20 @@ def merge(
     Parameters
     ----------
     frames
-        ``(rows, columns)`` counts, one per exposure.
+        Frames ``(rows, columns)`` (counts), one per exposure.
     saturated
-        Which pixels of each frame are saturated.
+        Mask of the saturated pixels of each frame, ``(rows, columns)``.
     exposures_s
-        Actual exposure of each frame (s).
+        Actual exposure time of each frame (s).
     reference_s
-        Exposure whose counts are returned (s).
+        Exposure time for which counts are returned (s).
     black_level
         Counts without light, the same at every exposure.
 
     Returns
     -------
     counts, saturated
-        float32 and bool, ``(rows, columns)``.
+        Counts (float32), and mask (bool) of the pixels saturated in every frame, ``(rows, columns)``.
     """
     if not len(frames) == len(saturated) == len(exposures_s) > 0 or min(exposures_s) <= 0:
         raise InputError.expected(
@@ -101,11 +100,11 @@ SLACK_S = 1e-4
 class ExposedFrame(NamedTuple):
     """Samples read from the sensor at one position.
 
-    ``data`` ``(rows, columns)`` of the region: samples as delivered, or float32 if several were combined.
-    ``saturated`` is the number of saturated pixels in the whole region, ``mask`` marks them (None: those at the
-    maximum). ``exposure_s`` is the exposure that ``data`` corresponds to. ``raws`` are all exposures made for it, in
-    the requested region; ``reported_s`` are the times that the camera reported with the frames of the whole exposure,
-    if any.
+    ``data`` contains the samples ``(rows, columns)`` of the region as delivered, or float32 values if several exposures
+    were combined. ``saturated`` is the number of saturated pixels in the region, and ``mask`` marks them (None: those
+    at the maximum). ``exposure_s`` is the exposure time to which ``data`` corresponds. ``raws`` contains all exposures
+    from which ``data`` was computed, in the requested region. ``reported_s`` contains the exposure times that the
+    camera reported with the frames of the full exposure, if any.
     """
 
     data: NDArray[Any]
@@ -117,14 +116,14 @@ class ExposedFrame(NamedTuple):
 
 
 class Exposer:
-    """Grabs, checks, averages and merges frames.
+    """Control of the camera, which takes, checks, averages and merges frames.
 
     Parameters
     ----------
     rig, control
         The devices, and the requests of the user.
     bracket
-        Factors of the exposure; see `Options.bracket`.
+        Multiples of the exposure time; see `Options.bracket`.
     black_level
         Counts without light.
     timeout_s
@@ -148,7 +147,7 @@ class Exposer:
         self.roi = Roi(0, 0, *rig.camera.sensor_shape)
 
     def read_region(self, roi: Roi) -> None:
-        """Read at least the region ``roi`` from now on; the attribute `roi` is the region that the camera set."""
+        """Read at least the region ``roi`` from now on; the attribute `roi` is the actual region of the camera."""
         # many cameras restart when a region is set, so set it only if it changes
         if roi == self._wanted_roi:
             return
@@ -158,7 +157,7 @@ class Exposer:
         self._wanted_roi, self.roi = roi, actual
 
     def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
-        """Return the frame of the present position; every exposure starts after ``arrived_s`` on the rig's clock."""
+        """Return the frame at the current position; every exposure starts after ``arrived_s`` on the rig's clock."""
         self._raws, self._reported = [], []
         data, mask, saturated, actual = self._combined(exposure_s, repeats, arrived_s)
         return ExposedFrame(data, mask, saturated, actual, tuple(self._raws), tuple(self._reported))
@@ -209,7 +208,7 @@ class Exposer:
 
 
 def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last_number: int, arrived_s: float) -> None:
-    """Raise unless ``frame`` is acceptable.
+    """Raise a `CameraError` unless a frame is complete, new and of the expected shape and type.
 
     Parameters
     ----------

@@ -30,22 +30,22 @@ STAGE_UM_PER_S = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class SessionForecast:
-    """Cost of a session.
+    """Predicted cost of a session.
 
     Attributes
     ----------
     positions, other_frames
-        Number of frames at the plan's positions (for a target: number of its frames), and number of dark, reference
-        and control frames.
+        Number of frames at the plan's positions (for a target, of the plan's frames), and total number of dark,
+        reference and control frames.
     seconds
-        Duration of exposures, settling, movement, and readout if it is known, without retries and the approach from
-        one side (s).
+        Time for exposures, settling, moves and, if known, readout (s). Retries and approaches from one side are not
+        included.
     recording_bytes, free_bytes
-        Size of the recording, and free disk space.
+        Size of the recording, and free disk space (bytes).
     camera, stage
-        The devices.
+        Names of the devices.
     readout_seconds
-        Time for readout (s); None if the camera's rate is unknown. It is then not included in `seconds`.
+        Time for readout (s), included in `seconds`; None if the camera's frame rate is unknown.
     """
 
     positions: int
@@ -67,10 +67,10 @@ def forecast(
     only: Sequence[Position] = (),
     frames_per_s: float | None = None,
 ) -> SessionForecast:
-    """Predict the cost of a session after checking devices, limits, light and disk; nothing moves.
+    """Predict the cost of a session after checking devices, limits, light and disk space; nothing moves.
 
-    With ``only``, no positions but these are recorded. ``frames_per_s`` is the highest frame rate of the camera for
-    the region that it reads.
+    With ``only``, the session records only these positions. ``frames_per_s`` is the highest frame rate of the camera
+    for the region that is read.
 
     Raises
     ------
@@ -123,13 +123,13 @@ def forecast(
 
 
 def _exposures(plan: ScanPlan, options: Options, schedule: Schedule) -> int:
-    """Return how often the sensor is read."""
+    """Return the number of exposures that the camera makes."""
     darks = schedule.count(Kind.DARK)
     return len(options.bracket) * ((len(schedule) - darks) * plan.frames_averaged + darks * options.darks)
 
 
 def _seconds(plan: ScanPlan, options: Options, schedule: Schedule, *, whole: bool) -> float:
-    """Return the time of all frames; a reference or control frame takes that of a position."""
+    """Return the time for all frames (s); a reference or control frame is assumed to take as long as a position."""
     planned = schedule.kinds == Kind.POSITION
     if whole:
         planes, places = schedule.planes[planned], schedule.targets[planned]

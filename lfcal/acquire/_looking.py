@@ -21,7 +21,7 @@ __all__ = ["Looker"]
 
 
 class Looker:
-    """Drive the stage and the camera of a rig in the same way as a session.
+    """Control of a rig's stage and camera for frames that are not recorded.
 
     As a context manager, it finally moves the stage back to its previous position, unless a device failed or the user
     stopped it.
@@ -33,14 +33,14 @@ class Looker:
     targets
         ``(N, 3)`` stage coordinates of all positions to visit (µm).
     roi
-        Region of the sensor to read; the whole sensor by default.
+        Region of the sensor to read; None: the whole sensor.
     bracket
-        Factors of the exposure; see `Options.bracket`.
+        Multiples of the exposure time; see `Options.bracket`.
 
     Raises
     ------
     LimitError
-        If a target lies beyond the stage's travel; nothing was moved.
+        If a target is beyond the stage's travel; nothing was moved.
     """
 
     def __init__(
@@ -63,12 +63,12 @@ class Looker:
         self._exposer.read_region(roi or Roi(0, 0, *sensor.shape))
 
     def __enter__(self) -> Self:
-        """Remember where the stage is."""
+        """Store the position of the stage."""
         self._home = self._stage.position()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Move the stage back to where it was, after an answer or a refusal."""
+        """Move the stage back to its previous position, unless a device failed or the user stopped."""
         if kind is None or issubclass(kind, InputError):
             # near the end of the travel, the approach from one side may be impossible
             with suppress(LimitError):
@@ -80,7 +80,7 @@ class Looker:
         return self._exposer.roi
 
     def go(self, target: Point) -> Point:
-        """Move to ``target``, settle, and return the read-back (µm)."""
+        """Move to ``target`` (x, y, z) (µm), settle, and return the position read back (µm)."""
         try:
             return self._mover.go(target)
         except BaseException:

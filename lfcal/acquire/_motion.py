@@ -27,10 +27,10 @@ class Motion:
     settle_s
         Waiting time after arrival (s).
     tolerance_um
-        Largest difference of read-back and target along x, y, z (µm).
+        Largest difference between read-back and target along x, y and z (µm).
     overshoot_um
-        Every target is approached in the positive direction; moves in the negative direction first go this far beyond
-        it, so that backlash is always taken up in the same direction (µm). 0: approach directly.
+        Distance along x, y and z (µm) by which moves in the negative direction first go beyond the target. Every target
+        is then approached in the positive direction, which makes backlash constant. 0: approach directly.
     timeout_s
         Longest wait for arrival (s).
     """
@@ -64,7 +64,7 @@ def check_limits(targets: NDArray[np.float64], limits: Limits, overshoot_um: tup
 
 
 class Mover:
-    """Drive one stage to targets; it remembers the direction of the last approach.
+    """Control of a stage, which moves it to targets and remembers the direction of the last approach.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Mover:
     motion
         Settings for moving the stage.
     control
-        Requests of the user; checked for an abort while waiting.
+        Requests of the user; waiting ends with `Aborted` if an abort is requested.
     """
 
     def __init__(self, stage: StageDevice, time: TimeSource, motion: Motion, control: Control) -> None:
@@ -86,7 +86,7 @@ class Mover:
         self._last = None
 
     def go(self, target: Point) -> Point:
-        """Move to ``target``, wait, settle, and return the read-back (µm).
+        """Move to ``target`` (x, y, z) (µm), wait for arrival, settle, and return the position read back (µm).
 
         Raises
         ------
@@ -112,7 +112,7 @@ class Mover:
         return here
 
     def check(self, target: Point) -> Point:
-        """Return the read-back, or raise `NotInPosition` if it is out of tolerance (µm)."""
+        """Return the position read back (µm); raise `NotInPosition` if it is out of tolerance."""
         here = self.position()
         for k, tolerance in enumerate(self._motion.tolerance_um):
             # written so that a read-back of NaN fails too
@@ -126,11 +126,11 @@ class Mover:
         return here
 
     def position(self) -> Point:
-        """Return the read-back of the present position (µm)."""
+        """Return the current position read back from the stage (µm)."""
         return self._stage.position()
 
     def _before(self, target: Point) -> Point:
-        """Return where to go first so that every axis arrives in the positive sense."""
+        """Return the position to move to first, so that every axis arrives in the positive direction."""
         last, over = self._last, self._motion.overshoot_um
         if last is None:
             return target[0] - over[0], target[1] - over[1], target[2] - over[2]

@@ -1,4 +1,4 @@
-"""Analyse reference frames: separate effects of the stage, of the lamp and of the sensor."""
+"""Analyse reference frames: separate the effects of the stage, of the lamp and of the sensor."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class References:
     Attributes
     ----------
     seen
-        For each frame: seconds of recording, light above the background (counts), row and column of the light (pixels
+        For each frame: time of recording (s), light above the background (counts), row and column of the light (pixels
         of the frame; NaN if it is too faint), and background (counts).
     hot
         Pixels that became hot after the first frame.
@@ -69,7 +69,7 @@ class References:
         self.seen.append((seconds, float(data.sum()), *place, level))
 
     def moved(self) -> tuple[float, float]:
-        """Return the drift of the light from its first position, and its scatter along an axis (pixels).
+        """Return the drift of the light from its first position, and its scatter per axis (pixels).
 
         The scatter is computed from second differences, which a steady drift or a single jump hardly changes.
         """
@@ -84,10 +84,10 @@ class References:
 
 
 def light_where(energy: NDArray[np.float64], y: int, x: int, moves_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the light of position ``(y, x)`` after displacing its source by ``(n, 2)`` rows and columns.
+    """Return the light of position ``(y, x)`` after its source is displaced by ``moves_px`` ``(n, 2)`` (rows, columns).
 
     ``energy`` ``(ny, nx)`` is the light at the positions of a plane; a source displaced by a pixel is at the next
-    position. The result is NaN where that position was not recorded.
+    position. The result ``(n,)`` is NaN where that position was not recorded.
     """
     from scipy.ndimage import map_coordinates  # slow to import
 
@@ -97,7 +97,7 @@ def light_where(energy: NDArray[np.float64], y: int, x: int, moves_px: NDArray[n
 
 
 def _became_hot(before: NDArray[np.float64], data: NDArray[np.float64], limit: float) -> NDArray[np.bool_]:
-    """Return the pixels ``(rows, columns)`` that alone rose by more than ``limit`` between two frames of one place.
+    """Return a mask of the single pixels whose value rose by more than ``limit`` between two frames of one position.
 
     Light of a source that moves appears at one pixel and vanishes at its neighbour; a lamp changes everywhere.
     """
@@ -113,7 +113,9 @@ def _became_hot(before: NDArray[np.float64], data: NDArray[np.float64], limit: f
 
 
 class HotPixels:
-    """Hot pixels of the dark frames; their signal is not light of the source, and assembly subtracts it.
+    """Hot pixels of the dark frames.
+
+    Their signal is not light of the source, and assembly subtracts it.
 
     Parameters
     ----------
@@ -126,7 +128,7 @@ class HotPixels:
         self._known: dict[float, tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]] = {}
 
     def learn(self, row: int, column: int, exposure_s: float, frame: NDArray[Any]) -> None:
-        """Find hot pixels in a dark frame ``(rows, columns)`` that starts at this sensor pixel."""
+        """Find hot pixels in a dark frame whose first pixel is at this row and column of the sensor."""
         level = float(np.median(frame))
         noise = 1.4826 * float(np.median(np.abs(frame - level)))
         rows, columns = np.nonzero(frame > level + max(HOT_SIGMAS * noise, HOT_SHARE * self._full))
@@ -135,7 +137,7 @@ class HotPixels:
         self._known[exposure_s] = rows + row, columns + column, frame[rows, columns] - level
 
     def within(self, row: int, column: int, exposure_s: float, shape: tuple[int, int]) -> float:
-        """Return the counts of the hot pixels in a frame of this shape and exposure."""
+        """Return the total signal (counts) of the hot pixels in a frame of this shape and exposure."""
         rows, columns, counts = self._known.get(exposure_s, (None, None, None))
         if rows is None or columns is None or counts is None or not len(rows):
             return 0.0

@@ -80,7 +80,7 @@ class PlaneSum:
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """The newest frames of positions: their file and slot there, plane and record, each ``(n,)``."""
+    """The newest frames of positions: their file and slot in it, plane and record, each ``(n,)``."""
 
     files: list[RecordingFile]
     where: NDArray[np.intp]
@@ -180,7 +180,7 @@ class EarlierFrames:
                 self._add_up(z, self._quality, frames, wanted)
 
     def _tell(self, frames: _Frames, most: int, wanted: Callable[[], bool]) -> None:
-        """Pass on the records, with a background that a few frames of each plane are read for."""
+        """Pass on the records, with backgrounds measured in a few frames of each plane."""
         records, levels = frames.records, np.zeros(len(frames.records))
         level_of = _border_level if isinstance(self._quality, LiveQuality) else _frame_level
         planes = np.unique(frames.planes)
@@ -205,7 +205,7 @@ class EarlierFrames:
         self._told = True
 
     def _add_up(self, z: int, quality: LiveQuality, frames: _Frames, wanted: Callable[[], bool]) -> None:
-        """Add the frames of a plane, spread over it, so that a part of them shows the whole."""
+        """Add up frames of a plane in an order spread over it, so that a part of them represents the plane."""
         here = np.flatnonzero(frames.planes == z)
         if not len(here) or not wanted():
             return
@@ -232,7 +232,7 @@ class EarlierFrames:
         self._keep(z, PlaneSum(light - sum(levels.values()), len(levels), len(here), damaged, ended=True))
 
     def _keep(self, z: int, found: PlaneSum) -> None:
-        """Keep a sum; those of other planes go where they take too much memory."""
+        """Store a sum; discard those of other planes if they need too much memory."""
         kept = {other: seen for other, seen in self._sums.items() if other != z}
         while kept and (1 + len(kept)) * found.light.nbytes > MEMORY:
             del kept[next(iter(kept))]
@@ -240,12 +240,12 @@ class EarlierFrames:
 
 
 def _border_level(frame: NDArray[Any]) -> float:
-    """Return the background of a cutout (counts): the spot is in its middle."""
+    """Return the background of a cutout (counts) from its border, because the spot is in the middle."""
     border = np.concatenate([frame[0], frame[-1], frame[1:-1, 0], frame[1:-1, -1]])
     return float(np.median(border))
 
 
 def _frame_level(frame: NDArray[Any]) -> float:
-    """Return the background of a whole frame (counts), most of which is dark."""
+    """Return the background of a whole frame (counts): its median, because most of it is dark."""
     stride = max(1, int(np.sqrt(frame.size / SAMPLE)))
     return float(np.median(frame[::stride, ::stride]))

@@ -278,7 +278,7 @@ class LiveQuality:
         return tuple(alarms)
 
     def _lamp_change(self, references: NDArray[np.float64], moved_px: float) -> float:
-        """Return the largest relative change of the light of the reference frames that is the lamp's."""
+        """Return the largest relative change of the light of the reference frames that is caused by the lamp."""
         change = references[:, 1] / references[0, 1]
         if moved_px <= LIMITS["drift"]:
             return float(np.abs(change - 1).max())
@@ -295,8 +295,8 @@ class LiveQuality:
 def _seam(energy: NDArray[np.float64]) -> float:
     """Return the relative change of light over a plane ``(ny, nx)`` that its period does not explain.
 
-    The pattern repeats after the last row, so that the row after it would be the first again: what it has become
-    meanwhile is the lamp's. Rows are means, and their slope at the seam is taken from both sides of it.
+    The pattern repeats after the last row, where the light of the first row is expected again; a difference is caused
+    by the lamp. Means of rows are compared, and their slope at the seam is estimated from both sides.
     """
     if len(energy) < 4 or not np.isfinite(energy).all():
         return 0.0

@@ -1,4 +1,4 @@
-"""Record step by step: move, arrive, settle, read back, expose, read back, write, acknowledge.
+"""Record step by step: move, wait for arrival, settle, read back, expose, read back, write, acknowledge.
 
 `Taker` carries out a step as scheduled. `Attempts` repeats it if a device failed, and investigates doubtful content.
 `Runner` goes through the schedule.
@@ -183,7 +183,7 @@ class Taker:
 
 
 class _Judged(NamedTuple):
-    """A frame with its content, what is seen of it, and what is doubted after all."""
+    """A frame with its content, the result of its check, and the doubt that remains."""
 
     taken: TakenFrame
     content: Content
@@ -247,7 +247,7 @@ class Attempts:
         return judged.taken
 
     def _looked_into(self, step: ScheduledFrame) -> _Judged:
-        """Return a later frame of ``step`` with the verdict on it."""
+        """Return a later frame of ``step`` with the remaining doubt about it."""
         second = self._again(step)
         if not second.doubt or second.doubt.certain or step.kind is not Kind.POSITION:
             return second
@@ -262,7 +262,7 @@ class Attempts:
         return third._replace(doubt=NO_DOUBT) if steady and not third.doubt.certain else third
 
     def _witness(self) -> Doubt:
-        """Return the doubt about the latest trusted position, taken again."""
+        """Take the latest trusted position again, and return the doubt about it."""
         if self._trusted is None:
             return NO_DOUBT
         step, before = self._trusted
@@ -298,7 +298,7 @@ class Attempts:
         return _Judged(taken, content, seen, seen.doubt)
 
     def _faultless(self, step: ScheduledFrame) -> TakenFrame:
-        """Return the frame of ``step``, retrying after as many device faults as allowed."""
+        """Return the frame of ``step``, after at most the allowed number of device faults."""
         faults = 0
         while True:
             try:
@@ -478,7 +478,7 @@ class Runner:
 
     # -- one step --------------------------------------------------------------------------------------
     def _record(self, step: ScheduledFrame) -> tuple[NDArray[Any], Note]:
-        """Return frame and note of ``step``, and show the frame."""
+        """Return frame and note of ``step``, and display the frame."""
         taken = self._attempts.record(step)
         note = taken.note
         if self._preview is not None:
@@ -495,7 +495,7 @@ class Runner:
 
     # -- around the steps ------------------------------------------------------------------------------
     def _hold(self, writer: Writer) -> Work[None]:
-        """Wait while paused, or while there is trouble that may pass; yields so that a caller sees why."""
+        """Wait while the session is paused or a temporary problem persists; yields progress with the reason."""
         self._acknowledge(writer.collect())
         began = self._rig.time.monotonic()
         while not self.control.stopping:

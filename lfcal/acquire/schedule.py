@@ -1,6 +1,6 @@
-"""Order of all steps of a session, which stays the same after every interruption.
+"""Order of all steps of a session, which is the same after every interruption.
 
-Positions and the additional frames are blocks of one kind each; the schedule stores the steps as arrays.
+Positions, dark, reference and control frames form blocks of one kind each; the schedule stores the steps as arrays.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def _darks(plan: ScanPlan, options: Options, count: int) -> list[Block]:
 
 
 def _controls(plan: ScanPlan, options: Options, count: int) -> list[Block]:
-    """Return control frames of the middle of the cell: one period away, and evenly on to the field's edge."""
+    """Return control frames of the middle of the cell, evenly spaced from one period away to the edge of the field."""
     if not options.controls:
         return []
     nz, ny, nx = plan.shape[:3]
@@ -411,14 +411,14 @@ class _Joined(NamedTuple):
 
 
 def _order(blocks: list[Block], kinds: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Return the order of recording: dark, reference, then the position that they come before."""
+    """Return the order of recording: dark and reference frames come before the position with the same number."""
     rank = np.array([3, 0, 1, 2])[kinds]
     before = np.concatenate([block.before for block in blocks])
     return np.lexsort((np.concatenate([b.slots for b in blocks]), rank, before))
 
 
 def _slots(blocks: list[Block]) -> NDArray[np.int64]:
-    """Return the slots in the files: control frames follow the references in theirs."""
+    """Return the slots in the files; those of control frames follow those of the reference frames."""
     references = sum(len(b.slots) for b in blocks if b.kind is Kind.REFERENCE)
     return np.concatenate([b.slots + (references if b.kind is Kind.CONTROL else 0) for b in blocks]).astype(np.int64)
 

@@ -268,7 +268,7 @@ def check_new(folder: Path) -> None:
 
 
 def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequence[Position]) -> SessionFile:
-    """Return a new session, of ``only`` some positions where they are given."""
+    """Return a new session, of the positions ``only`` if they are not None."""
     aside = tuple(tuple(map(int, p)) for p in kept_aside)
     if only is None:
         return replace(file, kept_aside=aside)
@@ -281,7 +281,7 @@ def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequenc
 def _planned(
     folder: Path, new: SessionFile, *, resume: bool, redo: Sequence[Position] | None
 ) -> tuple[SessionFile, int]:
-    """Return the session, ``new`` if there is none, and the first recording to work on; makes nothing."""
+    """Return the session (``new`` if there is none), and the first recording to work on; creates no files."""
     if not resume and redo is None:
         return new, 0
     file = SessionFile.read(folder)
@@ -294,14 +294,14 @@ def _planned(
 
 
 def _with_recording(file: SessionFile, redo: Sequence[Position]) -> SessionFile:
-    """Return the session with a further recording, of the positions ``redo``; makes nothing."""
+    """Return the session with another recording, of the positions ``redo``; creates no files."""
     positions = tuple(tuple(map(int, p)) for p in redo)
     name = file_name(Kind.POSITION, len(file.recordings))
     return replace(file, recordings=(*file.recordings, name), redo=(*file.redo, positions))
 
 
 def _repaired(folder: Path, file: SessionFile, rig: Rig, options: Options, found: SessionReport) -> Work[SessionFile]:
-    """Return the session ready to take its damaged frames again; those of packed recordings go to a separate one."""
+    """Return the session, ready to take damaged frames again; those of packed recordings go to a separate recording."""
     again = yield from iter_repair(folder, file, found)
     if not again:
         return file
@@ -313,7 +313,7 @@ def _repaired(folder: Path, file: SessionFile, rig: Rig, options: Options, found
 def _check_possible(
     folder: Path, file: SessionFile, run: int, rig: Rig, options: Options
 ) -> tuple[Schedule, np.dtype[Any]]:
-    """Return the steps of recording ``run`` and the type of its frames, or raise for limits, light or disk."""
+    """Return the steps of recording ``run`` and the type of its frames; raise for limits, light or disk space."""
     schedule = file.schedule(run)
     Runner(rig, file.plan, options, schedule, _Nowhere(), np.ones(len(schedule), np.bool_))
     dtype = frame_dtype(file.plan, file.options, file.devices)
@@ -323,7 +323,7 @@ def _check_possible(
 
 
 def _create(folder: Path, file: SessionFile, run: int, rig: Rig, options: Options) -> None:
-    """Lay out recording ``run`` and enter it in ``session.json``, or leave nothing."""
+    """Create the files of recording ``run`` and enter it in ``session.json``; an error leaves no files."""
     schedule, dtype = _check_possible(folder, file, run, rig, options)
     reserve = options.reserve(recording_bytes(schedule, dtype))
     Store.create(folder, run, schedule, dtype, file.attributes(run, schedule), reserve=reserve).close()
@@ -348,7 +348,7 @@ class _Watching(NamedTuple):
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[FolderLock]:
-    """Make the session's folder and keep other programs out of it; a refused session leaves nothing behind."""
+    """Create the session's folder and exclude other programs from it; a refused session leaves no folder behind."""
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     lock = FolderLock(folder)
@@ -372,7 +372,7 @@ def _record_one(
     watching: _Watching,
     found: SessionReport | None,
 ) -> Work[tuple[SessionFile, Outcome]]:
-    """Record what recording ``run`` lacks or ``found`` damaged, and note the stretch in ``session.json``."""
+    """Record missing and damaged frames of recording ``run``, and note the run in ``session.json``."""
     schedule = file.schedule(run)
     dtype = frame_dtype(file.plan, file.options, file.devices)
     store = Store.open(folder, run, schedule, dtype, file.identity, _nothing if found is None else found.slots)
@@ -410,7 +410,7 @@ def _record_one(
 
 
 def _noted_holds(work: Work[R], lock: FolderLock, control: Control) -> Work[R]:
-    """Pass on ``work``, and note in the folder's lock why the session holds, for other programs to read."""
+    """Pass on ``work``, and store the reasons for pauses in the folder's lock, for other programs to read."""
     held = ""
     try:
         while True:
@@ -429,7 +429,7 @@ def _noted_holds(work: Work[R], lock: FolderLock, control: Control) -> Work[R]:
 def _check_origin(
     folder: Path, file: SessionFile, rig: Rig, options: Options, control: Control, found: SessionReport
 ) -> None:
-    """Compare the latest position of the session that is whole with what the camera sees there now."""
+    """Compare the latest intact position of the session with a new frame of that position."""
     if options.origin_tolerance_px is None:
         return
     for name in reversed(file.recordings):
@@ -456,7 +456,7 @@ def _run_noted(folder: Path, file: SessionFile, runner: Runner) -> Work[tuple[Se
 
 
 def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, message: str) -> SessionFile:
-    """Return the session with its last run closed; if a failed run cannot be noted, its own error counts."""
+    """Return the session with its last run ended; after a failed run, an error in writing this is ignored."""
     last = replace(file.runs[-1], ended=_now(), how=how, acknowledged=done, seconds=seconds, message=message)
     file = replace(file, runs=(*file.runs[:-1], last))
     try:
@@ -468,7 +468,7 @@ def _note(folder: Path, file: SessionFile, how: str, done: int, seconds: float, 
 
 
 def _known(folder: Path, file: SessionFile, schedule: Schedule, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
-    """Return frames of earlier runs around the positions that are still to do; whole frames have no neighbours."""
+    """Return frames of earlier runs around the remaining positions; none for whole frames."""
     if file.target is not None:
         return []
     positions = np.zeros(file.positions, np.bool_)
@@ -481,17 +481,17 @@ def _now() -> str:
 
 
 def _nothing(_: str) -> NDArray[np.int64]:
-    """No damaged slots, whatever the file."""
+    """Return no damaged slots for any file."""
     return np.array([], np.int64)
 
 
 class _Nowhere:
-    """A sink that takes nothing."""
+    """A sink that accepts no frames."""
 
     def put(self, *_: Any) -> None:
-        """Refuse."""
+        """Raise an error."""
         raise StorageError("no recording is open; begin a session first")
 
     def sync(self, *_: Any) -> None:
-        """Refuse."""
+        """Raise an error."""
         self.put()

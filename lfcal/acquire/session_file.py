@@ -293,7 +293,7 @@ class SessionFile:
         )
 
     def _comparable(self, devices: Devices) -> Devices:
-        """Return the present ``devices`` without entries that the session lacks, or that change automatically."""
+        """Return the current ``devices`` without entries that the session lacks, or that change automatically."""
         noted = self.devices
         if not noted.optics:  # an older version did not note them
             devices = replace(devices, optics="")
@@ -330,7 +330,7 @@ def _noted(devices: Devices) -> dict[str, Any]:
 
 
 def _runs(runs: Any, recordings: Any) -> Any:
-    """Return the entries of runs with what older ones lack: their recording, the only one or -1, and the stage."""
+    """Return the entries of runs, completed by the entries that older versions lack (recording and stage)."""
     only = 0 if isinstance(recordings, list) and len(recordings) == 1 else -1
     if not isinstance(runs, list):
         return runs

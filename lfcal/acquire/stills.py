@@ -31,7 +31,7 @@ DARK = 0.05
 
 @dataclass(frozen=True)
 class Stills:
-    """Frames that were written: their kind, their files, and the mean level (fraction of the range above black)."""
+    """Frames that were written: their kind, their files, and their brightness (fraction of the range above black)."""
 
     kind: str
     files: tuple[Path, ...]
@@ -104,7 +104,7 @@ def iter_stills(
 
 
 def _checked(mean: NDArray[np.float64], plan: ScanPlan, kind: str) -> float:
-    """Return how bright the frames are; raise `InputError` where they are not what they should be."""
+    """Return the brightness of the mean frame (fraction of the range); raise `InputError` if it is not as required."""
     sensor = plan.camera.sensor
     shares = (mean - sensor.black_level) / (sensor.max_value - sensor.black_level)
     level = float(np.percentile(shares, 99))

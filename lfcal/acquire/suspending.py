@@ -141,7 +141,7 @@ class Suspender:
 
 
 def _trouble(bound: Bound, gauge: Gauge, caller: Caller) -> str:
-    """Return why a reading stops a session; one that cannot be had does, too."""
+    """Return the reason why a reading, or a failure to read, suspends a session; empty if there is none."""
     try:
         value = caller.call("read", gauge.read)
     except DeviceError as error:

@@ -1,4 +1,4 @@
-"""The content guard: each frame is checked before it counts.
+"""The content guard: each frame is checked before it is accepted.
 
 - ``doubts``: possible faults of a frame, with their messages
 - ``content``: detection of content from an earlier exposure, and of light, position of the light, dark level and

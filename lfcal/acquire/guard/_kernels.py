@@ -22,7 +22,7 @@ sample; noise of a pixel in that corner (counts); sum of all samples.
 
 @njit()
 def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
-    """Measure ``frame`` ``(rows, columns)`` into ``out`` ``(7,)``, see `COLUMNS`.
+    """Write the measurements of ``frame`` ``(rows, columns)`` into ``out`` ``(7,)``; see `COLUMNS`.
 
     The darkest of four corners shows the background: a pattern that fills the frame rarely reaches all of them.
     """
@@ -62,10 +62,10 @@ def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
 def learn(
     values: NDArray[np.float64], expected: NDArray[np.float64], ceiling: float, usual: NDArray[np.float64]
 ) -> None:
-    """Update the typical differences ``usual`` ``(4,)`` with those between ``values`` and ``expected``.
+    """Update the typical differences ``usual`` ``(4,)`` by those between ``values`` and ``expected``.
 
-    Units are those of `lfcal.acquire.guard.content.FIRST`. The value grows quickly and shrinks slowly, because
-    patterns with jumps usually have more of them.
+    Units are those of `lfcal.acquire.guard.content.FIRST`. The differences grow quickly and shrink slowly, because a
+    pattern with a jump usually has more jumps.
     """
     light = max(abs(expected[1]), 1e-9)
     for k in range(4):
@@ -112,18 +112,19 @@ def expect(table: NDArray[np.float64], y: int, x: int, pitch: int, out: NDArray[
     Parameters
     ----------
     table
-        ``(ny, nx, 5)`` measurements of a plane, NaN where there are none.
+        Measurements of a plane ``(ny, nx, 5)``; NaN where there are none.
     y, x
         Row and column of the position to predict.
     pitch
-        Distance of the neighbours (positions).
+        Distance of the neighbours (number of positions).
     out
-        ``(5,)``, filled with the prediction.
+        Array ``(5,)`` for the prediction.
 
     Returns
     -------
     int
-        0: the mean of both sides. 1: from three corners of a square. 2: along a line. 3: the nearest.
+        Method: 0: mean of the neighbours on both sides; 1: from three corners of a square; 2: along a line; 3: nearest
+        neighbour.
     """
     ny, nx, n = table.shape
     pairs = 0

@@ -274,7 +274,7 @@ class Neighbours:
         self._asked = None
 
     def _expect(self, position: Position, pitch: int) -> int:
-        """Fill in what is expected at ``position``, unless it was asked for last; return how, see `expect`."""
+        """Predict the measurements at ``position``, unless already predicted; return the method (see `expect`)."""
         if self._whole:
             return -1
         if self._asked is None or self._asked[:2] != (position, pitch):
@@ -299,7 +299,7 @@ def same_place(now: MeasuredFrame, before: MeasuredFrame, sensor: SensorLimits, 
 def _compare(
     now: MeasuredFrame, expected: NDArray[np.float64], limits: tuple[float, ...], gain: float, sensor: SensorLimits
 ) -> Doubt:
-    """Return the doubt where ``now`` differs from ``expected`` ``(5,)`` by more than ``limits`` and its noise."""
+    """Return the findings where ``now`` differs from ``expected`` ``(5,)`` by more than ``limits`` and the noise."""
     sigmas = gain * SIGMAS
     level, light, row, column = expected[:4].tolist()
     got_level, got, got_row, got_column = now.values[:4].tolist()
@@ -425,7 +425,7 @@ class ContentGuard:
             self._reference = seen.now
 
     def _pitch(self, position: Position) -> int:
-        """Return how far away the grids recorded so far have neighbours."""
+        """Return the distance to neighbours on the grids recorded so far (number of positions)."""
         if not self._coarse:
             return 1
         both = position.y | position.x

@@ -49,7 +49,7 @@ class Doubt:
         return bool(self.findings)
 
     def __or__(self, other: Doubt) -> Doubt:
-        """Return both doubts as one."""
+        """Return the findings of both doubts as one."""
         if not other.findings:
             return self
         return Doubt(self.what | other.what, self.findings + other.findings)

@@ -63,7 +63,7 @@ class Made:
 
     @property
     def frame_ends(self) -> NDArray[np.int64]:
-        """Offset of the end of each frame in the file ``(N,)`` (bytes)."""
+        """Offset in the file of the end of each frame, ``(N,)`` (bytes)."""
         layout = self.layout
         return layout.frames_at + layout.frame_bytes * np.arange(1, layout.count + 1, dtype=np.int64)
 
@@ -79,9 +79,9 @@ class Made:
 
 
 def recovered(path: Path, made: Made) -> RecordingFile | None:
-    """Open a recording that HDF5 cannot open, with the expected layout; None if no frame is intact there.
+    """Open a recording that HDF5 cannot open, with the expected layout; None if it contains no intact frame.
 
-    A packed recording may have its records at the same offset, but never a frame.
+    A packed recording may have its records at the same offset, but never its frames.
     """
     try:
         file = RecordingFile(path, made.layout)
@@ -95,7 +95,7 @@ def recovered(path: Path, made: Made) -> RecordingFile | None:
 
 
 def restore(path: Path, made: Made) -> None:
-    """Restore header and size of a recording; existing records and frames are not changed."""
+    """Restore header and size of a recording; records and frames in the file are not changed."""
     with storage_errors(path):
         descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
         try:
@@ -108,7 +108,7 @@ def restore(path: Path, made: Made) -> None:
 
 @contextmanager
 def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFile | None, str]]:
-    """Open a recording as far as possible; return it, or None, and the fault of the file."""
+    """Yield a recording, opened as far as possible (else None), and the fault of the file (empty: none)."""
     fault, file = "", None
     try:
         file = RecordingFile(path)
@@ -135,7 +135,7 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
 
 
 def _in_sentence(error: str) -> str:
-    """Return what was found in place of what, for a sentence that says what to do."""
+    """Return an error's message in the form "found instead of expected", for use in a sentence."""
     found = re.fullmatch(r"(?:[^:]*: )?expected (.+?), got (.+?)(?:; .*)?", error)
     return f"{found[2]} instead of {found[1]}" if found else error
 
@@ -143,8 +143,8 @@ def _in_sentence(error: str) -> str:
 class Slots(NamedTuple):
     """Expected content of the ``N`` slots of one file.
 
-    ``kinds`` ``(N,)``, ``flat`` ``(N,)`` positions of the plan, ``origins`` ``(N, 2)`` sensor (row, column) of the
-    first pixel, as in `Schedule`.
+    ``kinds`` ``(N,)``, ``flat`` ``(N,)`` (positions of the plan) and ``origins`` ``(N, 2)`` (row and column of the
+    first pixel on the sensor) are those of `Schedule`.
     """
 
     kinds: NDArray[np.uint8]
@@ -182,9 +182,9 @@ class RecordedFile:
     slots
         Expected content of each slot.
     records
-        ``(N,)`` record of each frame; if it is lost, the values of the plan.
+        Record of each frame ``(N,)``; the values of the plan if it is lost.
     there
-        ``(N,)`` whether a slot contains or contained a frame.
+        Whether each slot contains or contained a frame, ``(N,)``.
     fault
         Fault of the file itself; empty if there is none.
 
@@ -236,7 +236,7 @@ class RecordedFile:
             )
 
     def read(self, slot: int) -> NDArray[Any]:
-        """Return frame ``slot``; raises `FileFormatError` if it is not what was recorded."""
+        """Return frame ``slot``; raises `FileFormatError` if it differs from what was recorded."""
         if self._file is None:
             raise FileFormatError.expected(
                 self.label(slot), "the recorded bytes", "an unreadable file", "restore it, or record it again"

@@ -1,4 +1,4 @@
-"""Check of every record and frame of a session, which may be intact, damaged, or never taken.
+"""Check of all records and frames of a session, which may be intact, damaged, or never taken.
 
 A damaged recording is repaired so that its damaged frames can be taken again.
 """
@@ -59,7 +59,7 @@ class DamagedFrame:
     """A recorded frame that is damaged.
 
     ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) is the position in
-    the plan; ``what`` describes the damage; ``replaced`` says whether a later recording has an intact frame of the
+    the plan; ``what`` describes the damage; ``replaced`` states whether a later recording has an intact frame of the
     position.
     """
 
@@ -73,7 +73,7 @@ class DamagedFrame:
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """One file of a session: the states of its frames, and the fault of the file (empty: none)."""
+    """Report on one file of a session: the states of its frames, and the fault of the file (empty: none)."""
 
     file: str
     frames: int
@@ -92,7 +92,7 @@ class SessionReport:
     path
         Folder of the session.
     files
-        Every file.
+        Reports on all files.
     damaged
         Frames that were recorded and are damaged or lost, in the order of files and slots.
     never_taken
@@ -114,7 +114,7 @@ class SessionReport:
 
     @property
     def ok(self) -> bool:
-        """Whether no recorded frame is damaged, apart from those recorded again since."""
+        """Whether no recorded frame is damaged, except frames that were recorded again."""
         return not self.lacking and not any(f.fault for f in self.files) and all(d.replaced for d in self.damaged)
 
     @property
@@ -131,7 +131,7 @@ class SessionReport:
 
     @property
     def lost(self) -> int:
-        """Number of frames to take again; a position damaged in several recordings counts once."""
+        """Number of frames to take again; a position that is damaged in several recordings is counted once."""
         return len(self.to_redo) + sum(d.kind != "position" for d in self.damaged)
 
     def lines(self, most: int = 20) -> Iterator[str]:
@@ -148,9 +148,9 @@ class SessionReport:
 
 
 def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionReport]:
-    """Check every record and every frame of a session against its CRC-32.
+    """Check all records and frames of a session against their CRC-32, and return a report.
 
-    Nothing is changed. The session may be recording meanwhile; frames in progress then count as not taken.
+    Nothing is changed. The session may be in progress; frames that are being written are then reported as not taken.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ class _Checked:
         self.states = np.full(len(slots.flat), State.WHOLE, np.uint8)
 
     def look(self, file: RecordingFile, complete: bool, workers: int) -> Iterator[int]:
-        """Determine the states with several threads; yields the number of slots done."""
+        """Determine the states of all slots in several threads; yields the number of slots checked."""
         blank = ~file.records.view(np.uint8).reshape(len(file.records), -1).any(axis=1)
         self.states[~file.taken] = State.RECORD_DAMAGED
         # a recording that was once complete had a record in every slot
@@ -241,7 +241,7 @@ class _Checked:
                 yield min(start + block, len(self.states))
 
     def report(self) -> FileReport:
-        """Return the counts."""
+        """Return the report on the file."""
         count = np.bincount(self.states, minlength=len(State))
         damaged = int(count[State.FRAME_DAMAGED] + count[State.RECORD_DAMAGED] + count[State.LOST])
         never, whole = int(count[State.NEVER_TAKEN]), int(count[State.WHOLE])
@@ -256,7 +256,7 @@ class _Checked:
 
 
 def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> SessionReport:
-    """Put the files together: the newest recording of a position counts."""
+    """Return the report on all files; of several recordings of a position, the newest is used."""
     shape = session.grid
     # the latest recording with an intact frame of the position, and the latest that will still take it
     newest, open_run = np.full(int(np.prod(shape)), -1), np.full(int(np.prod(shape)), -1)
@@ -281,7 +281,7 @@ def _report(folder: Path, session: SessionFile, checked: list[_Checked]) -> Sess
 
 
 def _lacking(session: SessionFile, taken: NDArray[np.bool_]) -> int:
-    """Return how many positions the last run noted as safe that are not there."""
+    """Return the number of positions that the last run acknowledged but that are missing."""
     ended = [run for run in session.runs if run.ended]
     # later recordings number their own positions
     if len(session.recordings) > 1 or not ended:
@@ -290,7 +290,7 @@ def _lacking(session: SessionFile, taken: NDArray[np.bool_]) -> int:
 
 
 def iter_repair(folder: Path, session: SessionFile, report: SessionReport) -> Work[tuple[Position, ...]]:
-    """Prepare files of a session for taking damaged frames again; return positions that need a new recording.
+    """Prepare the files of a session for taking damaged frames again; return the positions that need a new recording.
 
     Header and size of an unpacked file are restored if necessary. Packed dark and check frames are few, so their file
     is written again with the intact frames. A packed recording is not changed; its damaged positions are returned,
@@ -299,7 +299,7 @@ def iter_repair(folder: Path, session: SessionFile, report: SessionReport) -> Wo
     Raises
     ------
     FileFormatError
-        If a file is completely unreadable; restore it.
+        If a file is completely unreadable and must be restored from a copy.
     """
     damaged: set[str] = {found.file for found in report.damaged if not found.replaced}
     faults = {file.file: file for file in report.files if file.fault}
@@ -328,7 +328,7 @@ def _in_place(path: Path) -> bool:
 
 
 def _iter_unpack(path: Path, damaged: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Work[None]:
-    """Lay a packed recording out in place again, without its ``damaged`` slots; the file is replaced whole or not."""
+    """Write a packed recording in place again, without its ``damaged`` slots; an incomplete file never replaces it."""
     with RecordingFile(path) as source, replace_whole(path) as part:
         layout = source.layout
         require_space(path.parent, layout.count * layout.frame_bytes, what=path.name)

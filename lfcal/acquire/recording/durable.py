@@ -116,7 +116,7 @@ class DiskGuard:
         self._why = ""
 
     def __call__(self) -> str:
-        """Return why the session should hold, or an empty string."""
+        """Return the reason why the session should pause; empty if there is none."""
         now = time.monotonic()
         if now >= self._next:
             self._next = now + self._every

@@ -1,9 +1,9 @@
-"""One recording file: laid out once by HDF5, then written in place; readable meanwhile, and after repacking.
+"""One recording file: created by HDF5 without data, then written in place; readable at any time, also after repacking.
 
 ``frames[N, h, w]`` and ``records[N]`` are contiguous, allocated early and never filled, so that the HDF5 file is
 complete before the first frame. Each frame is written at its offset in the HDF5 dataset, followed by its record and
-``fdatasync``; only then is it acknowledged. A frame torn by a crash fails its CRC-32 and counts as not taken. Other
-programs may read the file meanwhile.
+``fdatasync``; only then is it acknowledged. A frame that a crash left incomplete fails the check of its CRC-32, and is
+regarded as not taken. Other programs may read the file at the same time.
 """
 
 from __future__ import annotations
@@ -287,7 +287,7 @@ class RecordingFile:
         return frame
 
     def _frame(self, slot: int) -> NDArray[Any] | None:
-        """Return the samples of frame ``slot`` as they are, or None where HDF5 cannot decode them."""
+        """Return the samples of frame ``slot`` without a check; None if HDF5 cannot decode them."""
         layout = self.layout
         if self._descriptor is not None:
             data = read_at(

@@ -103,7 +103,7 @@ def read_darks(folder: Path, session: SessionFile, schedule: Schedule, *, skip_d
 def _whole(
     file: RecordedFile, slots: list[int], left_out: list[LeftOut], skip_damaged: bool
 ) -> dict[int, NDArray[np.float32]]:
-    """Return the frames that are whole by slot, and note the others."""
+    """Return the intact frames by slot, and add the others to ``left_out``."""
     frames = {}
     for slot in slots:
         try:
@@ -176,7 +176,7 @@ class RecordingSource(Frames):
         self._finalizer = weakref.finalize(self, self._stack.close)  # a released source closes its files
 
     def _newest(self, planes: Sequence[int] | None) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Return file, slot and flat position of the newest frame of every position there is, damaged or not."""
+        """Return file, slot and flat position of the newest frame of every recorded position, damaged or not."""
         count = self._shape3[0] * self._shape3[1] * self._shape3[2]
         where = np.full(count, -1)
         slots = np.zeros(count, np.int64)
@@ -233,12 +233,12 @@ class RecordingSource(Frames):
         )
 
     def _kept_aside(self) -> list[list[int]]:
-        """Return the positions that a fit is not to use, of a session of chosen positions."""
+        """Return the positions to hold out from a fit; empty unless the session records selected positions."""
         whole = self.session.plan.shape == self.plan.shape
         return [list(p) for p in self.session.kept_aside] if whole and self.session.redo[0] else []
 
     def _noise_of_means(self) -> Noise | None:
-        """Return the noise of frames that are means of equal exposures; None for single ones and for brackets."""
+        """Return the noise of frames that are means of equal exposures; None for single and for bracketed exposures."""
         count = self.plan.frames_averaged
         if count < 2 or not self.session.options.plain:
             return None
@@ -274,7 +274,7 @@ class RecordingSource(Frames):
         return [(self._place(k), Suspicion(int(bits[k]))) for k in np.flatnonzero(bits).tolist()]
 
     def _place(self, index: int) -> Position:
-        """Return the position that the session counts frame ``index`` by, of the planes that are taken."""
+        """Return the position of frame ``index``, with the plane's number among the planes of this source."""
         place = position_at(int(self._flat[index]), self._shape3[1:])
         return place._replace(z=self._planes[place.z])
 
@@ -386,7 +386,7 @@ def _checks(folder: Path, run: int) -> Iterator[tuple[Any, NDArray[Any]]]:
 
 
 def _devices(devices: Devices) -> dict[str, Any]:
-    """Return what H says of the devices: their names, and the settings of the camera where it gave any."""
+    """Return the entries on the devices for H: their names, and the camera's settings, if known."""
     more = {"settings": dict(devices.settings), "automatic": list(devices.automatic)}
     return {"camera": devices.camera, "stage": devices.stage} | {key: value for key, value in more.items() if value}
 

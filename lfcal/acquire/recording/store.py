@@ -1,4 +1,4 @@
-"""Common writing of the files of a recording: positions, checks and dark frames."""
+"""Common writing of the files of a recording: positions, check frames and dark frames."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, 
 
 
 def _check_session(file: RecordingFile, wanted: tuple[int, tuple[int, int], np.dtype[Any]], identity: str) -> None:
-    """Raise `FileFormatError` unless ``file`` is one of session ``identity`` with these frames."""
+    """Raise `FileFormatError` unless ``file`` belongs to session ``identity`` and has frames of the expected layout."""
     layout, (count, shape, sample) = file.layout, wanted
     found = layout.attributes.get("session")
     for what, want, got in (

@@ -109,7 +109,7 @@ def iter_exposures(
 def _settle(
     looker: Looker, seconds: float, suggest: Callable[[float, float], float | None], max_value: int, longest_s: float
 ) -> float | None:
-    """Return the exposure for the place the stage stands at, or None."""
+    """Return the exposure (s) for the current position of the stage; None if there is none."""
     for _ in range(TRIES):
         peak = float(looker.expose(seconds).max())
         better = suggest(peak, seconds)

@@ -21,7 +21,7 @@ __all__ = ["Levels", "LiveState", "iter_live", "levels", "predicted_image"]
 
 @njit()
 def _count(data: NDArray[Any], histogram: NDArray[np.int64]) -> None:
-    """Count the samples of ``data`` (rows, columns) by value; the histogram's last entry takes all at or above."""
+    """Count the samples of ``data`` (rows, columns) by value; the histogram's last entry includes higher values."""
     last = histogram.size - 1
     for i in range(data.shape[0]):
         for j in range(data.shape[1]):

@@ -156,9 +156,9 @@ def iter_stage_check(
 
 
 class _Looks(NamedTuple):
-    """Measurements in one plane: read-back (µm), centroid (row, column) and spread (pixels) of each place.
+    """Measurements in one plane: read-back (µm), centroid (row, column) and spread (pixels) at each position.
 
-    ``visits`` are all centroids of the middle, ``still`` those without a move, ``frame`` is its cutout.
+    ``visits`` contains all centroids at the middle, ``still`` those without a move, and ``frame`` its cutout.
     """
 
     stage: NDArray[np.float64]
@@ -199,10 +199,10 @@ def _measured(
 def _centred(
     watch: _Watch, plan: ScanPlan, z: int, places: NDArray[np.float64], look: _Looks, clock: Clock
 ) -> Work[_Looks]:
-    """Return a look at places from which the image is where it was planned, where a scale error put it elsewhere.
+    """Return measurements at positions where the image is at its planned position in spite of a scale error.
 
-    Between whole periods the centroid of a pattern does not move as the source does: a depth scale of 1.1 looked like
-    1.06.
+    At fractions of a period, the centroid of a pattern does not move like the source: a depth scale of 1.1 was measured
+    as 1.06.
     """
     step, objects = plan.camera.step_um(plan.depths_um[z]), plan.stage.to_object(places)
     planned = (objects[:, :2] - objects[0, :2]) / step
@@ -221,11 +221,11 @@ def _centred(
 
 
 class _NoSpot(InputError):
-    """No light stands out."""
+    """No light is significant."""
 
 
 class _Watch:
-    """Look at places one after the other, and again after a fault that may pass."""
+    """Take frames at positions one after the other, and again after a temporary fault."""
 
     def __init__(self, looker: Looker, plan: ScanPlan, options: Options, control: Control) -> None:
         self._looker, self._plan, self._options, self._control = looker, plan, options, control
@@ -237,7 +237,7 @@ class _Watch:
         self._z, self._visits = z, visits
 
     def looks(self, places: NDArray[np.float64], clock: Clock) -> Work[_Looks]:
-        """Return the images at ``places`` ``(5, 3)``; the first place is visited again between the others."""
+        """Return the measurements at ``places`` ``(5, 3)``; the first position is visited again between the others."""
         order = [0] + [k for corner in range(1, 5) for k in ((corner, 0) if self._visits > 1 else (corner,))]
         stage, still = np.zeros((5, 3)), np.zeros((0, 2))
         seen: list[list[Spot]] = [[] for _ in places]
@@ -275,7 +275,7 @@ class _Watch:
         return self._again(lambda: self._looker.expose(seconds))
 
     def _again(self, take: Callable[[], R]) -> R:
-        """Return what is taken, after as many faults of the devices as are allowed."""
+        """Return the result of ``take``, after at most the allowed number of device faults."""
         for left in range(self._options.retries, -1, -1):
             try:
                 return take()
@@ -304,7 +304,7 @@ def _centroids(spots: list[Spot]) -> NDArray[np.float64]:
 
 
 def _scatter(places: NDArray[np.float64]) -> float:
-    """Return the standard deviation of ``places`` ``(n, 2)`` along an axis (pixels)."""
+    """Return the standard deviation of ``places`` ``(n, 2)`` per axis (pixels)."""
     return math.sqrt(float(places.var(axis=0, ddof=1).mean()))
 
 
@@ -320,7 +320,7 @@ def _has_room(plan: ScanPlan) -> bool:
 
 
 def _check_repeat(repeat: float, still: float, notes: list[str]) -> None:
-    """Raise `InputError` if the stage misses a place, or note that the light is too faint to measure it."""
+    """Raise `InputError` if the stage is not repeatable; note if the light is too faint to measure this."""
     if repeat <= REPEAT_PX:
         return
     if repeat <= 3 * still:
@@ -337,7 +337,7 @@ def _check_repeat(repeat: float, still: float, notes: list[str]) -> None:
 
 
 def _judged(plan: ScanPlan, looks: list[_Looks], optics: str, notes: list[str], frames: int) -> StageCheck:
-    """Return the check, or raise `InputError` for what is wrong with the stage."""
+    """Return the result of the check; raise `InputError` if the stage does not move as planned."""
     still, repeat = _scatter(looks[0].still), _scatter(looks[0].visits)
     _check_repeat(repeat, still, notes)
     planes = (0, len(plan.depths_um) - 1)

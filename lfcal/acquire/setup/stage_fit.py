@@ -394,9 +394,10 @@ def depth_fit(
 
 
 def _depth_of(plan: ScanPlan, z: int, spread: NDArray[np.float64]) -> tuple[float, bool]:
-    """Return the depth at which the light spreads as seen, on the plan's side of the focus (µm), and whether it shows.
+    """Return the depth (µm) at which the light spreads as measured, and whether the spread depends on depth.
 
-    Near the focus the spread does not show the depth: it is taken to be the plan's.
+    The depth is on the plan's side of the focus. Near the focus, the spread does not depend on depth, and the planned
+    depth is returned.
     """
     camera, planned = plan.camera, plan.depths_um[z]
     if not camera.has_lattice or rms_radius_px(camera, planned) < camera.pitch_px:
