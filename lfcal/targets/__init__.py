@@ -12,7 +12,7 @@ lenslet array. The steps of using a target, and their modules:
    ``facts`` (contents and cost of its frames).
 4. Simulate its frames: ``camera`` (`TargetCamera`).
 5. Switch its points, if it is a display: ``display`` (plans for its pixels), ``subsets`` (frames that may be shown
-   together), ``coded`` (the image of each frame alone, decoded from frames that show several).
+   together), ``coded`` (single offsets, decoded from frames that show several).
 6. Find its holes in a frame: ``_spots`` (points of light), ``finding`` (positions on a lattice, and the label of each
    hole), ``_pose_fit`` (pose, pitch, distortion), ``_mistakes`` (deviations from the description).
 

@@ -53,16 +53,16 @@ def _mistake(kind: str, detail: str, holes: tuple[tuple[int, int], ...] = ()) ->
 def mistakes_of(
     target: Target, fit: PoseFit, images: HoleImages, found: Index, spots: Spots, seen: tuple[Camera, float, float]
 ) -> tuple[Finding, ...]:
-    """Return the deviations from the description.
+    """Return findings on the deviations of a target from its description.
 
     Parameters
     ----------
     target
         The target as described, at its planned pose.
     fit, images
-        Its fitted pose, and the images of all its holes.
+        The fitted pose of the target, and the images of all its holes.
     found
-        Indices ``(n,)`` in ``images`` of the holes of the spots.
+        Index ``(n,)`` in ``images`` of the hole of each spot.
     spots
         The detected points.
     seen
@@ -84,7 +84,7 @@ def mistakes_of(
 
 
 def _missing(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -> list[Finding]:
-    """Return rows, columns and single holes that should be seen and are not."""
+    """Return findings on rows, columns and single holes that should be visible and are not."""
     gone = there & ~shown
     out = []
     for axis, name in enumerate(("row", "column")):
@@ -143,7 +143,7 @@ def _displaced(holes: Index, away: NDArray[np.float64], fit: PoseFit) -> list[Fi
 
 
 def _pitch(target: Target, fit: PoseFit, camera: Camera, step_um: float) -> list[Finding]:
-    """Return a pitch that is not the described one, where the distance as it is stated does not explain it."""
+    """Return the finding on a pitch that differs from its description, unless an error of the distance explains it."""
     del camera, step_um
     if target.kind == "point":
         return []

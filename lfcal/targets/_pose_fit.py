@@ -46,14 +46,15 @@ class PoseFit:
     Attributes
     ----------
     pose, sigma
-        The pose, and the standard deviation of each value.
+        The pose, and the standard deviations of its values.
     scale, scale_sigma
-        Ratio of the pitch (rows, columns) to the described one, for the described distance.
+        Ratio of the measured to the described pitch (rows, columns), at the described distance, and its standard
+        deviation.
     bend, bend_sigma
-        Displacement divided by the distance from the axis, at the sensor's corner; it grows with the square of the
-        distance.
+        Relative distortion at the sensor's corner (displacement divided by the distance from the axis), and its
+        standard deviation. It grows with the square of the distance.
     rms_px
-        Rms deviation of points from their places, along an axis.
+        RMS deviation of the images from their fitted positions, per axis (pixels).
     """
 
     pose: Pose
@@ -80,11 +81,11 @@ class PoseFit:
 def fit_pose(
     target: Target, camera: Camera, z_um: float, holes: NDArray[np.intp], pixels: Array, *, start: Pose | None = None
 ) -> PoseFit:
-    """Return the pose, pitch and distortion that explain images ``pixels`` ``(n, 2)`` of ``holes`` ``(n, 2)``.
+    """Return the pose, pitch and distortion that best explain the images ``pixels`` ``(n, 2)`` of ``holes`` ``(n, 2)``.
 
-    This is a least-squares fit with the stated pose as a prior. `Target.within` gives the bounds of each value
-    (treated as two standard deviations); angles without a stated value have the uncertainty of a mount. Points far
-    from their places get a lower weight (Huber).
+    This is a least-squares fit with the stated pose as a prior. `Target.within` gives the bounds of each value (treated
+    as two standard deviations); angles without a stated value have the uncertainty of a mount. Points far from their
+    fitted positions have a lower weight (Huber loss).
     """
     from scipy.optimize import least_squares
 
@@ -130,10 +131,10 @@ def fit_pose(
 
 
 def _alike(holes: NDArray[np.intp], off: Array) -> float:
-    """Return by how much variances grow because deviations ``(n, 2)`` of neighbours are alike.
+    """Return the factor by which correlated deviations ``(n, 2)`` of neighbours increase variances.
 
-    Of a sequence whose neighbours correlate by r as many values count as (1 - r) / (1 + r) of independent ones (Bayley
-    and Hammersley 1946), in rows and in columns.
+    If neighbours in a sequence have the correlation r, n values are equivalent to n (1 - r) / (1 + r) independent ones
+    (Bayley and Hammersley 1946). This is applied to rows and to columns.
     """
     at = {tuple(hole): k for k, hole in enumerate(holes.tolist())}
     power, grows = float(np.square(off).mean()), 1.0
@@ -152,7 +153,7 @@ def _values_of(pose: Pose) -> Array:
 
 
 def _prior(target: Target, step_um: float) -> Array:
-    """Return how well each value is known beforehand."""
+    """Return the standard deviation with which each value is known before the fit."""
     known = []
     for name in NAMES:
         stated = getattr(target.within, name) / 2
@@ -163,7 +164,7 @@ def _prior(target: Target, step_um: float) -> Array:
 
 
 def _images(values: Array, target: Target, camera: Camera, z_um: float) -> HoleImages:
-    """Return where the holes of a target with its pitch so changed, lying so, are imaged by a lens that so bends."""
+    """Return the images of a target's holes for fitted values of pose, pitch and distortion."""
     pitch = tuple(p * (1.0 + s) for p, s in zip(target.pitch_um, values[6:8], strict=True))
     seen = replace(target, pose=Pose(*values[:6].tolist()), pitch_um=pitch)
     images = hole_images(seen, camera, z_um)
@@ -174,7 +175,7 @@ def _images(values: Array, target: Target, camera: Camera, z_um: float) -> HoleI
 
 
 def _slopes(values: Array, target: Target, camera: Camera, z_um: float) -> Array:
-    """Return the derivatives ``(n, 2, 9)`` of images by the values."""
+    """Return the derivatives ``(n, 2, 9)`` of the image positions with respect to the fitted values."""
     step = camera.step_um(z_um)
     out = []
     for k, by in enumerate([1e-5, 1e-5, 1e-5, 0.01 * step, 0.01 * step, 1.0, 1e-5, 1e-5, 1e-5]):

@@ -1,4 +1,4 @@
-"""Find points of light in a frame: the centre of a point's micro-images, and its brightness."""
+"""Find points of light in a frame: the centroid and brightness of each point's micro-images."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Spots:
     Attributes
     ----------
     pixels
-        Centroid of the light ``(n, 2)`` as (row, column).
+        Centroid of the light ``(n, 2)`` as (row, column) (pixels).
     light
-        Sum of each pattern above the dark level ``(n,)``.
+        Sum of each pattern above the dark level ``(n,)`` (counts).
     dark
-        Dark level of the frame.
+        Dark level of the frame (counts).
     """
 
     pixels: Array
@@ -47,7 +47,7 @@ class Spots:
         return len(self.pixels)
 
     def only(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Spots:
-        """Return the chosen spots."""
+        """Return the spots selected by a mask ``(n,)``."""
         return Spots(self.pixels[which], self.light[which], self.dark)
 
 
@@ -88,11 +88,11 @@ def find_spots(
     values
         The frame ``(rows, columns)``.
     radius_px
-        Half width of a point's pattern.
+        Half width of a point's pattern (pixels).
     apart_px
-        Smallest distance of neighbouring points.
+        Smallest distance between neighbouring points (pixels).
     valid
-        Mask of valid pixels; saturated ones may be valid, because they are bright.
+        Mask ``(rows, columns)`` of valid pixels; None: all. Saturated pixels may be valid, because they are bright.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def find_spots(
 
 
 def _centred(above: Array, start: Array, reach: float) -> tuple[Array, float]:
-    """Return the centroid of the light within ``reach`` of it, and that light."""
+    """Return the centroid of the light within ``reach`` of the centroid, and the sum of this light."""
     at, total = start, 0.0
     side = math.ceil(reach) + 1
     for _ in range(ROUNDS):

@@ -32,7 +32,7 @@ REGIONS = 256
 
 
 class _Hole(NamedTuple):
-    """A hole in a frame: its image (row, column), how much farther away than the plane (µm), its relative light."""
+    """A hole in a frame: its image (row, column), its distance behind the plane (µm), and its relative light."""
 
     pixel: tuple[float, float]
     farther_um: float
@@ -255,7 +255,7 @@ class TargetCamera(Frames):
             place(out, values, top, left)
 
     def _windows(self, z: int, hole: _Hole, responses: Responses) -> list[Window]:
-        """Return the photoelectrons of a hole, and where on the sensor."""
+        """Return the photoelectrons of a hole in windows, with the positions of the windows on the sensor."""
         factor = np.float32(hole.brightness * self.single.electrons_per_unit(z))
         found = responses.windows(z, hole.farther_um, hole.pixel)
         return [(top, left, factor * values) for top, left, values in found]
@@ -269,7 +269,7 @@ class TargetCamera(Frames):
         return math.floor(pixel[0] / self._side), math.floor(pixel[1] / self._side)
 
     def _region(self, key: tuple[int, int]) -> Responses:
-        """Return the responses of a region, kept for the next frame."""
+        """Return the responses of a region, which are cached for the next frame."""
         with self._lock:
             if key not in self._regions:
                 self._regions[key] = self._made(key)
@@ -281,9 +281,9 @@ class TargetCamera(Frames):
         return Responses(own, self.single.budget, self.single.level, self.single.sampling, like=self._middle)
 
     def _anchor(self, key: tuple[int, int]) -> tuple[float, float]:
-        """Return where the scan's first position is imaged when its cell is in the middle of a region.
+        """Return the image of the scan's first position if its cell is in the middle of a region.
 
-        A region at the rim has the optics of the nearest place at which a scan's cutouts are on the sensor.
+        A region at the rim has the optics of the nearest position at which a scan's cutouts are on the sensor.
         """
         scan, moved = self.plan.scan, []
         for k, at, n, side, own in zip(key, scan.anchor, scan.period, scan.cutout, self.shape, strict=True):
@@ -295,7 +295,7 @@ class TargetCamera(Frames):
         return moved[0], moved[1]
 
     def _depth_errors(self, z: int, away_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much farther away than the plane each hole is, in steps that change no shadow (µm)."""
+        """Return the distance of each hole behind the plane (µm), rounded to steps that change no shadow."""
         camera, depth = self.plan.scan.camera, self.plan.scan.depths_um[z]
         errors = away_um - depth
         widest = float(np.abs(errors).max(initial=0.0))
@@ -313,9 +313,9 @@ class TargetCamera(Frames):
 
 
 def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
-    """Return random relative brightnesses ``(n,)`` of the holes of ``target``, with mean 1.
+    """Return random relative brightnesses ``(n,)`` of the holes of ``target``, normally distributed with mean 1.
 
-    ``spread`` is their relative standard deviation.
+    ``spread`` is the standard deviation; negative values are set to 0.
 
     Examples
     --------

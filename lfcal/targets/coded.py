@@ -104,7 +104,7 @@ class DecodedFrames(SourceView):
         return Samples(np.asarray(values, np.float32), valid, _noise(parts, np.asarray(values)), saturated)
 
     def _parts(self, index: int) -> list[tuple[int, float, float]]:
-        """Return the frames that are summed, each with its weight and whether it shows the offset."""
+        """Return the frames in the sum, each with its weight and whether it shows the offset."""
         z, m = self._frames[index]
         weights, shown, first = self._weights[z][m], self._shown[z][:, m], self._first[z]
         # drop weights of frames in other groups, which are rounding errors
@@ -113,7 +113,7 @@ class DecodedFrames(SourceView):
 
 
 def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise | None:
-    """Return the variance of a sum of frames, as what there is without its own light, and what grows with that."""
+    """Return the variance of a sum of frames: a part without its own light, and a part that grows with that light."""
     total, slope = np.zeros(values.shape), 0.0
     for one, w, shown in parts:
         if one.noise is None:

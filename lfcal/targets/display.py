@@ -126,7 +126,7 @@ def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = 
 
 
 def _on_display(scan: ScanPlan, display: Display, target: Target) -> Target:
-    """Return the target with whole pixels of the display between points, and no more points than the display has."""
+    """Return the target with pitches of whole display pixels, and no more points than fit on the display."""
     pixel = display.pixel_um
     pitch = [math.ceil(one / pixel - 1e-9) for one in target.pitch_um]
     periods = [length * scan.camera.step_um(max(scan.depths_um)) / pixel for length in scan.camera.period_px]

@@ -58,7 +58,7 @@ def facts_of_plan(
 
 
 def _regions(plan: TargetPlan, field: RegionPlan, single: Forecast) -> dict[str, Any]:
-    """Return what each region has of the frames, and what a single point would need for all of them."""
+    """Return the number of points in each region, and the frames that a single point would need for all regions."""
     counts = [region_points(plan, field, z) for z in range(len(plan.scan.depths_um))]
     found = [
         {

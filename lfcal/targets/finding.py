@@ -235,7 +235,7 @@ def matches(
 
 
 def _misses(holes: Index, there: NDArray[np.bool_], shown: NDArray[np.bool_]) -> int:
-    """Return how many holes that should be seen are not; a whole row, or column, of them is one mistake."""
+    """Return the number of holes that should be visible and are not; an empty row or column is counted once."""
     gone, rows = there & ~shown, 0
     for axis in (0, 1):
         for k in np.unique(holes[gone, axis]).tolist():
@@ -389,7 +389,7 @@ def find_points(
 
 
 def _basis(target: Target, step_um: float) -> Array:
-    """Return the two vectors ``(2, 2)`` (rows, columns) of the lattice of images, next row and next hole (pixels)."""
+    """Return the lattice vectors ``(2, 2)`` from an image to that in the next row and to the next one (pixels)."""
     down, right = target.pitch_um
     lean = right / 2 if target.kind == "hexagonal" else 0.0
     flat = np.array([[lean, down], [right, 0.0]])
@@ -400,7 +400,7 @@ def _basis(target: Target, step_um: float) -> Array:
 def _labelled(
     spots: Spots, target: Target, camera: Camera, z_um: float, seen: tuple[Array, float]
 ) -> tuple[Spots, Index]:
-    """Return the spots that are holes, and which."""
+    """Return the spots that are holes, and the numbers of these holes."""
     basis, radius = seen
     lattice = refined_basis(spots.pixels, basis)
     places, has = lattice_labels(spots.pixels, lattice)
@@ -418,12 +418,12 @@ def _labelled(
 
 
 def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: tuple[float, Array, float]) -> Match:
-    """Return the one way in which the lattice lies on the target.
+    """Return the single assignment of the lattice to the holes of the target.
 
     Raises
     ------
     InputError
-        If there is none, more than one, or the target was put in otherwise than it is described.
+        If there is none, or more than one, or the target has another orientation than described.
     """
     z_um, lattice, radius = seen
     on_frame, around = _shown(spots, places, lattice, camera.sensor.shape, radius)
@@ -462,7 +462,7 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
 def _shown(
     spots: Spots, places: Index, lattice: Array, sensor: tuple[int, int], radius: float
 ) -> tuple[NDArray[np.bool_], tuple[int, int]]:
-    """Return which places of the lattice the frame shows whole, and how many there are before its (0, 0)."""
+    """Return the mask of lattice positions that the frame shows completely, and the position of (0, 0) in it."""
     design = np.c_[places, np.ones(len(places))].astype(float)
     if np.linalg.matrix_rank(design) == 3:
         fit = np.linalg.lstsq(design, spots.pixels, rcond=None)[0]
@@ -481,7 +481,7 @@ def _shown(
 
 
 def _within(one: Match, spots: Spots, places: Index, target: Target, seen: tuple[Camera, float, Array]) -> bool:
-    """Return whether a labelling puts the target where it is stated to be."""
+    """Return whether an assignment agrees with the stated position of the target."""
     camera, z_um, lattice = seen
     step = camera.step_um(z_um)
     images = hole_images(replace(target, absent=()), camera, z_um)
@@ -497,7 +497,7 @@ def _within(one: Match, spots: Spots, places: Index, target: Target, seen: tuple
 def _collected(
     spots: Spots, holes: Index, fit: PoseFit, target: Target, seen: tuple[Camera, float, float]
 ) -> FoundPoints:
-    """Return the points by their holes' order, and what is not as described."""
+    """Return the points in the order of their holes, and the deviations from the description."""
     camera, z_um, radius = seen
     images = fit.images(target, camera, z_um)
     order = {tuple(h): k for k, h in enumerate(images.holes.tolist())}

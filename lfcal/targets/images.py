@@ -80,7 +80,7 @@ def whole_at(pixels: NDArray[np.float64], sensor: tuple[int, int], cutout: tuple
 
 
 def _steps(camera: Camera, away_um: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `Camera.step_um` of many depths: it is a straight line, as the chief ray is."""
+    """Return `Camera.step_um` at many depths; it is a linear function of depth."""
     near, far = float(away_um.min()), float(away_um.max())
     first, last = camera.step_um(near), camera.step_um(far)
     if far == near:

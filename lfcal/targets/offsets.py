@@ -252,7 +252,7 @@ def _greedy(phases: Phases, images: HoleImages, tolerance_px: float, most: int |
 
 
 def _product(phases: Phases, images: HoleImages, tolerance_px: float) -> Array | None:
-    """Return all pairs of offsets of rows and of columns that cover each axis alone; None where axes do not part."""
+    """Return all pairs of row and column offsets, each of which cover one axis; None if the axes are not separable."""
     at = phases.at(images.pixels)
     lines = []
     for axis in (0, 1):
@@ -268,7 +268,7 @@ def _product(phases: Phases, images: HoleImages, tolerance_px: float) -> Array |
 
 
 def _counted(phases: Phases, images: HoleImages, offsets: Array, tolerance_px: float) -> Covering:
-    """Return those of ``offsets`` that show anything new, and how much."""
+    """Return the ``offsets`` that show new positions, and the number of new positions of each."""
     missing = np.ones(phases.count, np.bool_)
     kept, shown = [], []
     for offset in offsets:

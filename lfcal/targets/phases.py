@@ -103,7 +103,7 @@ class Phases:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        """Wanted phases, to be found from either side of the period."""
+        """Search tree of the phases of the scan's positions, periodic in both axes."""
         return cKDTree(self.wanted(), boxsize=self.period)
 
 

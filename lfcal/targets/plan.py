@@ -195,7 +195,7 @@ class TargetPlan:
     lit: Lit | None = None
 
     def __post_init__(self) -> None:
-        """Check every value, and that the camera sees the target in every plane."""
+        """Check every value, and that the camera images the target in every plane."""
         check_type("scan", self.scan, ScanPlan)
         check_type("target", self.target, Target)
         check_number("tolerance of a phase (px)", self.tolerance_px, above=0, at_most=0.5)

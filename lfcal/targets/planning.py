@@ -88,7 +88,7 @@ def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: floa
 
 
 def _pitches(length: float, least_px: float) -> list[tuple[float, int]]:
-    """Return pitches of whole periods and whole pixels, and the pixels, from the least one upwards (pixels)."""
+    """Return pitches of whole periods plus whole pixels, and these pixels, from the smallest pitch upwards (pixels)."""
     steps = range(-math.floor(length / 2), math.floor(length / 2) + 1)
     turns = range(math.floor(least_px / length), math.ceil(WIDEST * max(least_px, length) / length) + 1)
     found = [(turn * length + step, step) for turn in turns for step in steps]
@@ -253,7 +253,7 @@ def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
 
 
 def _response(plan: ScanPlan, z: int, effects: Sequence[Effect], window: float, **how: Any) -> PlaneResponse:
-    """Return the response of a plane in a window so many cutouts wide."""
+    """Return the response of a plane in a window of the given width in cutouts."""
     rows, columns = (2 * int(window * n / 2) + 1 for n in plan.cutout)
     return PlaneResponse(plan, z, effects, cutout=(rows, columns), on_sensor=True, **how)
 
@@ -266,9 +266,9 @@ def _light(response: PlaneResponse) -> NDArray[np.float64]:
 
 
 def _light_by_grid(plan: ScanPlan, z: int, effects: Sequence[Effect]) -> NDArray[np.float64] | None:
-    """Return the mean pattern of waves on the finest grid, in the widest window that one holds; None where none does.
+    """Return the mean pattern by waves on the finest grid, in the widest window that fits on one; None if none fits.
 
-    A grid of 4 samples per pixel, which is good enough for spots, lacks a fifth of the light far out.
+    A grid of 4 samples per pixel, which is sufficient for spots, loses a fifth of the light in the far tails.
     """
     for window in WINDOWS:
         steps = steps_for(_response(plan, z, effects, window).scene, "wave")
@@ -411,7 +411,7 @@ def _too_close(
     crosstalk: Sequence[float],
     limit: float,
 ) -> InputError:
-    """Return what says in which plane crosstalk is worst, and how far apart holes keep the limit in all planes."""
+    """Return the error that states the largest crosstalk, and a pitch that meets the limit in all planes."""
     worst = int(np.argmax(crosstalk))
     # the spacing of images of a tilted target varies over the field
     wider = max(light.least_pitch(limit) / _nearest_px(holes) for light, holes in zip(tails, images, strict=True))
@@ -425,7 +425,7 @@ def _too_close(
 
 
 def _nearest_px(images: HoleImages) -> float:
-    """Return how close the closest two images are (pixels), infinite where there is one."""
+    """Return the smallest distance between two images (pixels); infinite for a single image."""
     if len(images) < 2:
         return math.inf
     distances = np.asarray(cKDTree(images.pixels).query(images.pixels, 2)[0])

@@ -127,7 +127,7 @@ def length_um(text: str) -> float:
 
 
 def _angle_rad(name: str, text: str) -> float:
-    """Return an angle that is written in degrees; what it may be is said in degrees as well."""
+    """Return an angle (rad) from a text in degrees; messages state its limits in degrees."""
     angle, what = _number(text), f"{name} (degrees)"
     if name == "rotation":
         check_number(what, angle, at_least=-180, at_most=180)

@@ -1,4 +1,4 @@
-"""Several frames of a target shown together: their number, whether this is better, and the display's plan."""
+"""Several frames of a target shown together: the best number, whether it reduces noise, and the display's plan."""
 
 from __future__ import annotations
 
