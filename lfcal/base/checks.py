@@ -1,4 +1,4 @@
-"""Validation of values from users and files, shared by all packages."""
+"""Validation of values from users and files, for all packages."""
 
 from __future__ import annotations
 

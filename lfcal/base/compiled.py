@@ -45,7 +45,7 @@ def preparing_seconds() -> float:
 
 @contextmanager
 def _preparing() -> Iterator[None]:
-    """Count the CPU time of the block; a kernel compiled for another one is counted once."""
+    """Add the CPU time of the block to the thread's total; nested calls are counted once."""
     if _SPENT.busy:
         yield
         return
@@ -105,8 +105,8 @@ class Kernel(Generic[P, R]):
 def _drop_unreadable_cache(dispatcher: Any) -> None:
     """Empty a kernel's cache on disk if its index cannot be loaded.
 
-    An index of an earlier version may name a record that was renamed since. Numba unpickles the index before it checks
-    whether the source has changed, and would fail at every call.
+    The index of an earlier version may name a record that has been renamed since. Numba unpickles the index before it
+    checks whether the source has changed, and would fail at every call.
     """
     file = _cache_file(dispatcher)
     if file is None:
@@ -176,7 +176,7 @@ def _clear(kept: Path) -> None:
 
 
 def _run_without_cache(dispatcher: Any) -> None:
-    """Run a kernel even if its compiled code cannot be stored: on a full disk it is compiled again the next time."""
+    """Run a kernel even if its compiled code cannot be stored, as on a full disk; it is compiled again next time."""
     cache: Any = getattr(dispatcher, "_cache", None)
     if not hasattr(cache, "save_overload"):
         return
@@ -190,7 +190,7 @@ def _run_without_cache(dispatcher: Any) -> None:
 
 
 def _clock(dispatcher: Any) -> None:
-    """Count the time that numba spends on a kernel for each new combination of argument types."""
+    """Measure the time that numba spends on a kernel for each new combination of argument types."""
     compile_for = dispatcher.compile
 
     def counted(signature: Any) -> Any:

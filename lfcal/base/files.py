@@ -186,7 +186,7 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _check_store(target: Path) -> None:
-    """Raise `StorageError` unless a folder is a store, or empty: other files of the user are never replaced."""
+    """Raise `StorageError` unless a folder is a store or empty: other files of the user are never replaced."""
     if not any((target / name).is_file() for name in (".zgroup", ".zarray", "zarr.json")) and any(target.iterdir()):
         raise StorageError(f"{target}: is a folder with other files; choose another name")
     if not os.access(target, os.W_OK):
@@ -370,7 +370,7 @@ def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[s
 
 
 class _Counted(io.BufferedRandom):
-    """A file that arrays are written to through Python only.
+    """A file to which arrays are written through Python only.
 
     numpy writes to a real file through the C library's buffers, and does not check whether the last kilobytes reached
     the disk.

@@ -166,7 +166,7 @@ class Judgement:
         return " ".join(filter(None, (head, first.sentence, first.remedy, self._remains())))
 
     def _remains(self) -> str:
-        """Return what remains without the first finding; the reason of a doubt is always included."""
+        """Return a text on the findings except the first; reasons for an unknown quality are always included."""
         parts = []
         others = self.findings[1:]
         for merit in dict.fromkeys(one.merit for one in others if one.merit in (others[0].merit, "unknown")):

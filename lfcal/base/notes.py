@@ -34,7 +34,7 @@ class _Lines(logging.Handler):
         self._said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Pass on one line; repeated notes and warnings are reported once, because tasks in a row may repeat them."""
+        """Pass on one line; notes and warnings that several tasks repeat are reported once."""
         if hasattr(record, "plain"):
             self._sink(record.getMessage())
             return

@@ -98,7 +98,7 @@ def _header(file: BinaryIO, source: Path) -> tuple[tuple[int, ...], bool, np.dty
 
 
 def _other(source: Path, text: str) -> FileFormatError:
-    """Return the error for a header that is not that of an array of numbers."""
+    """Return the error for a header that does not describe an array of numbers."""
     if re.match(r"\{\s*'descr':\s*\[", text):
         return UnsafeFileError.expected(str(source), "plain numbers", "records", "save the array itself again")
     return _damaged(source, f"the header {text[:60]!r}")

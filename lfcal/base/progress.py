@@ -186,7 +186,7 @@ def _sign(function: FunctionType, signature: Signature) -> None:
 
 
 def _result_of(work: Callable[..., Any]) -> Any:
-    """Return the annotation of the result of ``work``: R of ``Work[R]``."""
+    """Return the annotation of the result of ``work``, such as R for ``Work[R]``."""
     annotation = work.__annotations__.get("return")
     if isinstance(annotation, str):
         if annotation.startswith("Work["):

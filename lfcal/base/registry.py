@@ -123,7 +123,7 @@ class Registry(Generic[T]):
         return iter(self._found().values())
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a part has this name."""
+        """Return whether there is a part with this name."""
         return name in self._found()
 
     def __len__(self) -> int:

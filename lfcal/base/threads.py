@@ -112,9 +112,9 @@ def _set_environment(values: dict[str, str | None] | dict[str, str]) -> None:
 class _Helpers:
     """Persistent threads: starting new ones for each call would take longer than small problems themselves.
 
-    The number of threads is the largest number that was ever needed at the same time; waiting threads cost nothing.
-    The pool of the standard library would grow forever, because it forgets a waiting thread whose work another one
-    took.
+    The number of threads is the largest number that was needed at the same time; waiting threads cost nothing. The pool
+    of the standard library would grow without limit: it no longer counts a waiting thread as idle if another thread
+    takes the work meant for it.
     """
 
     def __init__(self) -> None:
@@ -218,7 +218,7 @@ def _over(function: Callable[[int, int], R], ranges: list[tuple[int, int]], coun
 
 
 class _Shared(Generic[R]):
-    """Chunks that threads and the caller take in turn; the caller never waits for a thread that has not begun."""
+    """Chunks shared by threads and the caller; the caller never waits for a thread that has not begun."""
 
     def __init__(self, function: Callable[[int, int], R], ranges: list[tuple[int, int]]) -> None:
         self.function, self.ranges = function, ranges
@@ -290,7 +290,7 @@ def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None
 
 
 def _first(under_way: deque[tuple[T, Future[R]]], one: Callable[[T], R]) -> R:
-    """Return the first result; the caller computes it if no thread has begun."""
+    """Return the first result; the caller computes it if no thread has begun to do so."""
     item, result = under_way.popleft()
     try:
         return one(item) if result.cancel() else result.result()

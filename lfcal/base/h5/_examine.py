@@ -1,9 +1,9 @@
 """Read an HDF5 file to its end, in a process that may crash. Run as a script by `lfcal.base.h5.probe`.
 
-Requests are lines of JSON ``[path, seconds, only]`` on standard input. Each is answered by one line of JSON: a text on
-what is wrong, or "". With a list ``only`` of datasets, the others are described without reading their data, and large
-ones in the list are read only in the middle chunk; null: all are read. The script imports nothing from lfcal, so that
-it starts fast.
+Requests are lines of JSON ``[path, seconds, only]`` on standard input. Each is answered by one line of JSON: a text
+that describes the fault, or "". With a list ``only`` of datasets, the others are described without reading their data,
+and large ones in the list are read only in the middle chunk; null: all are read. The script imports nothing from lfcal,
+so that it starts fast.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ HARMLESS_FILTERS = {1, 2, 3}  # deflate, shuffle, fletcher32: safe with damaged 
 
 
 class Examination:
-    """Performs every access that a reader might need; errors that Python raises are left to the reader."""
+    """Access to everything in a file that a reader might need; errors that Python raises are left to the reader."""
 
     def __init__(self, only: list[str] | None = None) -> None:
         self.only = only
@@ -32,7 +32,7 @@ class Examination:
         self.remaining = OBJECTS
 
     def ask(self, question: Any) -> Any:
-        """Return the answer, None if h5py raises."""
+        """Return the result of ``question``; None if h5py raises an error."""
         try:
             return question()
         except Exception as error:
@@ -67,7 +67,7 @@ class Examination:
             self.ask(lambda name=name: owner.attrs[name])
 
     def dataset(self, data: Any) -> None:
-        """Walk the index of chunks; decode all chunks of small data or third-party filters, else first and last."""
+        """Read the index of chunks; decode all chunks of small data or third-party filters, else the first and last."""
         plist = self.ask(data.id.get_create_plist)
         if plist is None or self.ask(plist.get_external_count) or self.ask(plist.get_layout) == h5py.h5d.VIRTUAL:
             return
@@ -100,7 +100,7 @@ class Examination:
 
 
 def examine(path: str, only: list[str] | None = None) -> str:
-    """Return the reason why a file is unreadable besides errors of h5py, or an empty string."""
+    """Return the reason why a file is unreadable, apart from errors of h5py; empty if there is none."""
     found = Examination(only)
     file = found.ask(lambda: h5py.File(path, "r", locking=False))
     if file is not None:

@@ -1,7 +1,7 @@
 """Chunks of a dataset, which are located, read and decoded without HDF5.
 
-HDF5's own look-up and filters can crash the process on a damaged index. Here the index is walked once, and every entry
-must lie within the file. The chunks are read as plain bytes.
+HDF5's own look-up and filters can crash the process on a damaged index. Here the index is read once, and every entry
+must be within the file. The chunks are read as plain bytes.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _fletcher32(data: NDArray[np.uint8]) -> int:
 
 @njit()
 def _shuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
-    """Write all first bytes of the values, then all second ones, and so on, which compresses better."""
+    """Write the first bytes of all values, then all second bytes, and so on, which improves compression."""
     n = data.size // size
     for b in range(size):
         for k in range(n):
@@ -269,7 +269,7 @@ class ChunkTable:
         self._take(found, end, largest)
 
     def _take(self, found: list[Any], end: int, largest: int) -> None:
-        """Add entries of the index; raise for the first that is invalid or was added before."""
+        """Add entries of the index; raise an error for the first that is invalid or a duplicate."""
         if not found:
             return
         # unsigned, as in HDF5: damaged numbers can have any size

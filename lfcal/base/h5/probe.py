@@ -1,4 +1,4 @@
-"""Reading of a file by a child process first: some damaged HDF5 files crash or hang the process that opens them.
+"""Check of a file by a child process: some damaged HDF5 files crash or hang the process that opens them.
 
 A process uses one child, which is started for the first file and restarted after a crash. The start takes a quarter of
 a second, and each file a millisecond.
@@ -77,7 +77,7 @@ def _mark(path: Path) -> Mark:
 
 
 class _Child:
-    """The process that reads files first."""
+    """The child process that reads files before this process does."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -87,7 +87,7 @@ class _Child:
         self._ready = False
 
     def ask(self, path: Path, seconds: int, only: tuple[str, ...] | None = None) -> str:
-        """Return a text on what is wrong with a file; empty if nothing is."""
+        """Return a text that describes the fault of a file; empty if there is none."""
         process = self._started()
         if process is None:
             return ""
@@ -118,7 +118,7 @@ class _Child:
         return f"damaged data that crash the process reading them (status {status})"
 
     def _started(self) -> subprocess.Popen[str] | None:
-        """Return the child, None if none can be started."""
+        """Return the child process; None if none can be started."""
         # after a fork the child still belongs to the parent
         if self._process is not None and (self._owner != os.getpid() or self._process.poll() is not None):
             if self._owner == os.getpid():
@@ -162,7 +162,7 @@ def _words() -> list[str]:
 
 
 def _line(pipe: IO[str], seconds: float) -> tuple[str, bool]:
-    """Return the next line, empty at the end of the pipe, and whether it came within ``seconds``."""
+    """Return the next line (empty at the end of the pipe), and whether it arrived within ``seconds``."""
     found: list[str] = []
     # not every system can wait for a pipe with a time limit; a thread can
     reader = threading.Thread(target=lambda: found.append(pipe.readline()), daemon=True)

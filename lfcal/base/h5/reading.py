@@ -361,7 +361,7 @@ class H5Data:
             )
 
     def _check_stored(self) -> None:
-        """Raise unless all data exist, and every chunk lies within the file."""
+        """Raise an error unless all data exist and every chunk is within the file."""
         if not self.nbytes:
             return
         if self.chunks is None:

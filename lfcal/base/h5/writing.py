@@ -1,8 +1,8 @@
 """New HDF5 files, written so that a failing disk raises an ordinary error.
 
-A write that fails while HDF5 flushes or closes a file can crash the process (SIGSEGV, SIGBUS). Here HDF5 writes
-through an object that records the first failure and keeps everything after it in memory. The file then closes in
-order, and the failure is raised.
+A write that fails while HDF5 flushes or closes a file can crash the process (SIGSEGV, SIGBUS). Here HDF5 writes through
+an object that records the first failure and keeps everything after it in memory. The file is then closed normally, and
+the failure is raised.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class _Bytes:
         return bytes(buffer)
 
     def readinto(self, buffer: Any) -> int:
-        """Fill ``buffer`` from the position on, with zeros beyond the end."""
+        """Fill ``buffer`` from the current position; bytes beyond the end of the file are zeros."""
         view = memoryview(buffer)
         self._file.seek(self._at)
         done = 0
