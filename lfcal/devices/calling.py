@@ -29,7 +29,7 @@ def never() -> bool:
 
 
 class _Call(NamedTuple):
-    """A call, and where its answer or error goes; nothing reads it once the call is abandoned."""
+    """A call, and the queue for its result or error, which is not read once the call is abandoned."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
@@ -127,7 +127,7 @@ class Caller:
         return found
 
     def _returned(self, seconds: float, cancelled: Callable[[], bool]) -> bool:
-        """Wait for an abandoned call, drop its answer, and return whether it came."""
+        """Wait for an abandoned call, discard its result, and return whether the call has ended."""
         assert self._abandoned is not None
         if _taken(self._abandoned, seconds, cancelled) in (None, CANCELLED):
             return False
@@ -135,7 +135,7 @@ class Caller:
         return True
 
     def _running(self) -> SimpleQueue[_Call | None]:
-        """Return the queue of the thread, which begins with the first call and ends with this object."""
+        """Return the queue of the thread, which starts with the first call and ends with this object."""
         if self._thread is None:
             self._thread = threading.Thread(target=_work, args=(self._calls,), name=self.name, daemon=True)
             self._thread.start()
@@ -144,7 +144,7 @@ class Caller:
 
 
 def _taken(answer: SimpleQueue[Any], seconds: float, cancelled: Callable[[], bool]) -> Any:
-    """Return the answer; None after so many seconds, `CANCELLED` where the wait was cancelled."""
+    """Return the result; None after ``seconds``, `CANCELLED` if the wait was cancelled."""
     end = time.monotonic() + seconds
     while True:
         try:

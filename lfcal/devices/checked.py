@@ -39,7 +39,7 @@ REMEDY = "the driver is wrong: correct or update it"
 
 
 def _name(device: object, usual: str) -> str:
-    """Return the name of a device that has not been checked yet."""
+    """Return the name of a device whose answers are not checked yet."""
     with driver_errors(usual):
         name = getattr(device, "name", None)
     if not isinstance(name, str) or not name.strip():
@@ -58,7 +58,7 @@ def _number(value: object) -> bool:
 
 
 class _Checked(Generic[D]):
-    """A device behind the checks; what it has beyond the protocol is reached through this object."""
+    """A device whose answers are checked; its other attributes are available through this object."""
 
     usual: ClassVar[str]
 
@@ -182,7 +182,7 @@ class CheckedCamera(_Checked[CameraDevice]):
 
 
 def _words(got: object) -> str:
-    """Return a value for a message; of an object that cannot say what it is, its type."""
+    """Return the text of a value for a message; its type if the object has no text."""
     try:
         return repr(got)
     except Exception:  # a type of the driver
@@ -201,7 +201,7 @@ def _is_region(roi: Roi) -> bool:
 
 
 def _wrong_frame(frame: object) -> tuple[str, object] | None:
-    """Return the expected value of a wrong part of a frame, and that part; None if all parts are right."""
+    """Return the expected form of a wrong part of a frame, and that part; None if all parts are valid."""
     if not isinstance(frame, Frame):
         return "a Frame", frame
     data = frame.data

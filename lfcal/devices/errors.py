@@ -1,4 +1,4 @@
-"""Errors of devices; the class decides whether an action is tried again."""
+"""Errors of devices; the class determines whether an action is tried again."""
 
 from __future__ import annotations
 
@@ -79,10 +79,10 @@ class driver_errors:
         self._device = device
 
     def __enter__(self) -> None:
-        """Start watching the driver."""
+        """Enter the context."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Raise `DeviceError` instead of the driver's own error, an exit included; lfcal's errors and Ctrl-C pass."""
+        """Raise `DeviceError` instead of the driver's error or exit; lfcal's errors and Ctrl-C are not changed."""
         if isinstance(error, StorageError):
             raise DeviceError(f"{self._device}: {error}") from error
         if isinstance(error, Exception | SystemExit | GeneratorExit) and not isinstance(error, LfcalError):

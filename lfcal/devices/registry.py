@@ -74,7 +74,7 @@ class BackendStatus:
 
 
 def _made(found: Any) -> Backend:
-    """Return the backend that an entry point loads, made where that is a class."""
+    """Return the backend that an entry point loads; if it is a class, return an instance."""
     backend = found() if isinstance(found, type) else found
     if not isinstance(backend, Backend):
         raise TypeError("is not a backend; it needs name, title, has_stage, options, probe and open")

@@ -46,7 +46,7 @@ class Rig:
     switches: bool = False
 
     def __post_init__(self) -> None:
-        """Put the checks between the devices and everything that uses them."""
+        """Wrap the devices in their checks."""
         object.__setattr__(self, "camera", CheckedCamera.of(self.camera))
         object.__setattr__(self, "stage", CheckedStage.of(self.stage))
         if self.light is not None:

@@ -1,1 +1,1 @@
-"""Backends of real devices, one module each; `lfcal.devices.registry` finds them by name."""
+"""Backends of real devices, with one module for each; `lfcal.devices.registry` finds them by name."""

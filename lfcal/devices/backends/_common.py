@@ -1,4 +1,4 @@
-"""Shared by the backends of real cameras: facts of the sensor, fixed settings, and substitutes for a missing stage."""
+"""Common parts of the backends of real cameras: sensor properties, fixed settings, and substitutes for a stage."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
 
 
 class CameraFacts:
-    """Shape and sample range of a camera; the code that opens it sets ``_shape`` and ``_bits``."""
+    """Shape and sample range of a camera's sensor; the backend sets ``_shape`` and ``_bits`` on opening it."""
 
     _shape: tuple[int, int]
     _bits: int
@@ -77,14 +77,15 @@ OFF = ("off", "false", "0", "no", "disable", "disabled", "manual", "none")
 
 
 def off_value(allowed: Sequence[str]) -> str | None:
-    """Return the one of the ``allowed`` values that switches a setting off; None if none is known."""
+    """Return the value among ``allowed`` that switches a setting off; None if none is known."""
     return next((value for word in OFF for value in allowed if value.strip().lower() == word), None)
 
 
 def switch_off(wanted: Mapping[str, str], read: Read, write: Callable[[str, str], None]) -> None:
     """Set every setting that the camera has to its ``wanted`` value.
 
-    ``write`` must not raise an error if a setting is read-only, locked or lacks that value; `read_settings` shows it.
+    ``write`` must not raise an error if a setting is read-only, locked or lacks that value; `read_settings` reports
+    this.
     """
     for name, value, found in _found(wanted, read):
         if value is not None and not _same(value, found):
@@ -92,7 +93,7 @@ def switch_off(wanted: Mapping[str, str], read: Read, write: Callable[[str, str]
 
 
 def read_settings(wanted: Mapping[str, str], noted: Sequence[str], read: Read) -> dict[str, Setting[str | None]]:
-    """Return the camera's settings, each with the requested value (None: any) and the present one."""
+    """Return the camera's settings, each with the requested value (None: any) and the current one."""
     settings: dict[str, Setting[str | None]] = {}
     for name, value, found in _found(wanted, read):
         settings[name] = Setting(value, value if value is not None and _same(value, found) else found)
@@ -103,7 +104,7 @@ def read_settings(wanted: Mapping[str, str], noted: Sequence[str], read: Read) -
 
 
 def _found(wanted: Mapping[str, str], read: Read) -> Iterator[tuple[str, str | None, str]]:
-    """Yield name, wanted and present value of the settings there are; None is wanted where any value will do."""
+    """Yield name, requested value (None: any) and current value of the settings that the camera has."""
     gamma_off = False
     for name, value in wanted.items():
         found = read(name)
@@ -116,7 +117,7 @@ def _found(wanted: Mapping[str, str], read: Read) -> Iterator[tuple[str, str | N
 
 
 def _is_percent(gamma: str) -> bool:
-    """Return whether a gamma is on a scale of the camera's own, where 1 would not be a straight line."""
+    """Return whether a gamma is on a scale of the manufacturer, on which 1 would not be linear."""
     try:
         return float(gamma) > 10
     except ValueError:
@@ -124,7 +125,7 @@ def _is_percent(gamma: str) -> bool:
 
 
 def _same(wanted: str, found: str) -> bool:
-    """Return whether two texts are the same value: names in any case, numbers, or both a word for off."""
+    """Return whether two texts mean the same value: names in any case, equal numbers, or words for off."""
     words = wanted.strip().lower(), found.strip().lower()
     if words[0] == words[1] or (words[0] in OFF and words[1] in OFF):
         return True
@@ -167,7 +168,7 @@ class NoStage:
 
 
 class ExternalStage:
-    """Source that another program or a person moves; it is assumed to be at the last target."""
+    """A source that a person or another program moves; it is assumed to be at the last target."""
 
     name = "moved by another program"
     moved_elsewhere = True

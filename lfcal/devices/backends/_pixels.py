@@ -38,7 +38,7 @@ class PixelFormat:
     group
         Number of pixels and of bytes after which the layout repeats; (1, 1) or (1, 2) if samples are not packed.
     legacy
-        Whether it is the older packing of GigE Vision.
+        Whether the format has the older packing of GigE Vision.
     """
 
     name: str
@@ -111,7 +111,7 @@ class PixelFormat:
         return out
 
     def _unpack(self, groups: NDArray[np.uint8], out: NDArray[np.uint16]) -> None:
-        """Enter the samples of ``groups`` (lines, groups, bytes) into ``out`` (lines, groups, pixels)."""
+        """Write the samples of ``groups`` (lines, groups, bytes) into ``out`` (lines, groups, pixels)."""
         mask = np.uint16((1 << self.bits) - 1)
         for k in range(out.shape[2]):
             if self.legacy:

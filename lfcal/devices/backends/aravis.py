@@ -259,7 +259,7 @@ class _Camera(CameraFacts):
 
     # -- features --------------------------------------------------------------------------------------
     def _read(self, name: str) -> str | None:
-        """Return a feature as text; None where the camera has none of that name."""
+        """Return a feature as text; None if the camera does not have it."""
         lib = self._lib
         if not lib.camera_is_feature_available(self._camera, name.encode()):
             return None
@@ -272,7 +272,7 @@ class _Camera(CameraFacts):
         return UNREADABLE if text is None else str(text.decode(errors="replace"))
 
     def _write(self, name: str, text: str) -> None:
-        """Set a feature, where the camera allows it."""
+        """Set a feature if the camera allows it."""
         try:
             self._lib.gc_feature_node_set_value_from_string(self._node(name), text.encode())
         except AravisError as error:
@@ -304,7 +304,7 @@ class _Camera(CameraFacts):
 
 
 def _grown(start: int, size: int, start_step: int, size_step: int, whole: int) -> tuple[int, int]:
-    """Return the smallest allowed range that holds ``start, size``, or all of it."""
+    """Return the smallest allowed range that contains ``start, size``; the whole range if there is none."""
     first = start // start_step * start_step
     length = -(-(start + size - first) // size_step) * size_step
     return (first, length) if first + length <= whole else (0, whole)

@@ -1,7 +1,7 @@
 """Use files that another program records as frames of a camera, once each file is complete.
 
-For each frame a request file is written: the number, the exposure, and the requested position of the source. The other
-program (or a person) moves the source if lfcal does not, records, and saves one image.
+For each frame, lfcal writes a request file with the number, the exposure, and the requested position of the source. The
+other program (or a person) moves the source if lfcal does not, records a frame, and saves one image.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ class _Camera(CameraFacts):
         return [self._folder / name for name, signature in self._listing().items() if known.get(name) != signature]
 
     def _read(self, path: Path) -> NDArray[Any] | None:
-        """Return the frame if the file is quiet and whole, None while it grows; raises if it is no frame."""
+        """Return the frame if the file is complete, None while it grows; raise an error if it is not a frame."""
         try:
             before = path.stat()
             # size or time of a growing file change

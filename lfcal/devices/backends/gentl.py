@@ -99,7 +99,7 @@ def _chosen(harvester: Any, wanted: str) -> int:
 
 
 def _buffer_value(source: Any, name: str, default: Any) -> Any:
-    """Return what a producer says of a buffer; producers need not know everything, and raise then."""
+    """Return a property of a buffer; ``default`` if the producer does not know it."""
     try:
         return getattr(source, name)
     except Exception:  # GenTL has its own types of errors
@@ -144,7 +144,7 @@ class _Camera(CameraFacts):
         return Setting(seconds, self._exposure if self._exposure > 0 else seconds)
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Keep reading the whole sensor, because the increments of regions differ between makers."""
+        """Return the whole sensor, because the increments of regions differ between manufacturers."""
         # the session crops the region from the whole sensor
         return Setting(roi, Roi(0, 0, *self._shape))
 
@@ -180,7 +180,7 @@ class _Camera(CameraFacts):
 
     # -- frames ----------------------------------------------------------------------------------------
     def _fetch(self, timeout_s: float) -> tuple[Any, str]:
-        """Return the next frame as its own array, and what is wrong with its buffer."""
+        """Return the next frame as a separate array, and the fault of its buffer."""
         try:
             # raw, because harvesters cannot unpack lines with padding or an odd number of pixels
             buffer = self._device.fetch(timeout=timeout_s, is_raw=True)
@@ -196,7 +196,7 @@ class _Camera(CameraFacts):
             buffer.parent.queue_buffer(buffer)
 
     def _samples(self, buffer: Any) -> NDArray[Any]:
-        """Return the samples of a buffer, or of its first part, as a new array: the buffer goes back to the driver."""
+        """Return the samples of a buffer, or of its first part, as a new array; the driver reuses the buffer."""
         part = next(iter(_buffer_value(buffer, "parts", ())), None)
         if part is None:
             names = ("pixel_format", "image_offset", "data_size", "padding_x")
@@ -213,7 +213,7 @@ class _Camera(CameraFacts):
             raise CameraError(f"{self.name}: {error}; check the pixel format") from error
 
     def _format_of(self, number: int) -> PixelFormat:
-        """Return the format of a buffer by its PFNC number (0: not given), which a frame grabber may have changed."""
+        """Return the format of a buffer by its PFNC number (0: unknown), which a frame grabber may have changed."""
         name = self._format_names.get(number)
         found = self._format if name is None else PixelFormat.named(name, self.name)
         if found.bits != self._bits or (number and number >> 16 & 0xFF != found.stored_bits):
@@ -224,7 +224,7 @@ class _Camera(CameraFacts):
 
     # -- features --------------------------------------------------------------------------------------
     def _read(self, name: str) -> str | None:
-        """Return a feature as text; None where the camera has none of that name, or not now."""
+        """Return a feature as text; None if the camera does not have it, or not at present."""
         if not self._nodes.has_node(name):
             return None
         node = self._nodes.get_node(name)
@@ -237,7 +237,7 @@ class _Camera(CameraFacts):
             return UNREADABLE
 
     def _write(self, name: str, text: str) -> None:
-        """Set a feature, where the camera allows it."""
+        """Set a feature if the camera allows it."""
         with contextlib.suppress(CameraError):
             self._set(name, text)
 

@@ -275,7 +275,7 @@ class _Shutter:
 
 
 def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:
-    """Return the properties of a camera that change samples with their value for off, and those only to be recorded."""
+    """Return the properties of a camera that change samples, with their values for off, and those to record only."""
     wanted: dict[str, str] = {}
     noted = []
     for key in core.getDevicePropertyNames(label):

@@ -41,14 +41,14 @@ SPREAD = 64
 
 
 class _Grain(NamedTuple):
-    """Where a frame takes its noise from the field: rows of it, and first columns, for each row of the frame."""
+    """Position of a frame's noise in the noise field: a row, and a first column, for each row of the frame."""
 
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
 
     @classmethod
     def two(cls, draw: int, rows: int) -> tuple[_Grain, _Grain]:
-        """Return the deviates of read noise and of photon noise; they have no sample of the field in common.
+        """Return the positions of read noise and of photon noise, which share no sample of the field.
 
         Each row uses a separate part of the field. With one part for a whole frame, two of 4096 frames would have
         equal noise, unlike any real sensor. Their dark rows would be equal, and the content guard would treat them as
@@ -76,7 +76,7 @@ class LightPatch(NamedTuple):
 class Renderer(Protocol):
     """The light of a point source on the sensor.
 
-    A session records the ``optics`` of a `Rendered` one; for others, it records the name of the class.
+    A session records the ``optics`` of a renderer that is `Rendered`, and otherwise the name of its class.
     """
 
     def render(self, source_um: Point, exposure_s: float, roi: Roi) -> LightPatch:
@@ -96,7 +96,7 @@ class SimLight:
 
 
 class SimCamera:
-    """A camera in a simulated world.
+    """A simulated camera.
 
     The same position and exposure always give the same frame, so that an interrupted session can be compared with an
     uninterrupted one. Further frames without a move have different noise.
@@ -104,7 +104,7 @@ class SimCamera:
     Parameters
     ----------
     description
-        Sensor, noise, bit depth.
+        Description of the camera: sensor, noise and bit depth.
     axes
         Actual motion of the source by the stage's axes.
     stage, time, light
@@ -156,7 +156,7 @@ class SimCamera:
 
     @property
     def optics(self) -> str:
-        """Method of computing the light; a session records it, and real cameras have no such attribute."""
+        """How the light is computed; a session records it, and real cameras do not have this attribute."""
         return self._renderer.optics if isinstance(self._renderer, Rendered) else type(self._renderer).__name__
 
     @property
@@ -182,7 +182,7 @@ class SimCamera:
         return Setting(seconds, self._exposure)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return exposure, gain and gamma as a camera of the GenICam standard does."""
+        """Return exposure mode, gain mode and gamma in the way of a GenICam camera."""
         wrong = {name: AUTOMATIC[name] for name in self._automatic}
         wanted: dict[str, str | None] = {**FIXED, "Gain": None}
         return {name: Setting(value, wrong.get(name, value or "0")) for name, value in wanted.items()}
@@ -236,7 +236,7 @@ class SimCamera:
         """Do nothing."""
 
     def _taken(self, active: frozenset[str]) -> float:
-        """Return the exposure that the camera takes, and says it takes (s)."""
+        """Return the actual exposure time (s), which the camera also reports."""
         return round(CLAMPED * self._asked, 6) if "clamps exposure" in active else self._asked
 
     def _with_faults(self, data: NDArray[Any], active: frozenset[str]) -> NDArray[Any]:
@@ -291,7 +291,7 @@ class SimCamera:
         return frame
 
     def _with_automatic_settings(self, counts: NDArray[Any]) -> NDArray[Any]:
-        """Return light as the settings that stay automatic change it: scaled to the same peak, bent by gamma."""
+        """Return light changed by the automatic settings: scaled to the same peak, and made nonlinear by gamma."""
         peak = float(counts.max(initial=0.0))
         full = self._sensor.max_value - self._sensor.black_level
         if self._automatic - {"Gamma"} and peak > 0:
@@ -301,7 +301,7 @@ class SimCamera:
         return np.asarray(counts, np.float32)
 
     def _add(self, frame: NDArray[Any], patch: LightPatch, grains: tuple[_Grain, _Grain]) -> None:
-        """Enter what the sensor shows of the light of ``patch`` into ``frame``, in place."""
+        """Write the samples for the light of ``patch`` into ``frame``, in place."""
         row, column = patch.row - self._roi.row, patch.column - self._roi.column
         top, left = max(row, 0), max(column, 0)
         bottom = min(row + patch.counts.shape[0], frame.shape[0])

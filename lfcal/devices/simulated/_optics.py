@@ -35,7 +35,7 @@ class PatternRenderer:
     """A fast substitute for plenoptic optics: a blurred disc seen through a periodic mask.
 
     The disc is at the paraxial image of the source and grows with its distance from the native plane. The mask has
-    exactly the plan's period, so the resulting H is periodic. It is for testing a session, not for assessing a PSF.
+    exactly the plan's period, so the resulting H is periodic. Use it to test sessions, not to assess a PSF.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class PatternRenderer:
 
 @functools.lru_cache(maxsize=4096)
 def _profile(middle: float, sigma: float, period: int) -> tuple[int, NDArray[np.float32]]:
-    """Return first pixel and values of a Gaussian about ``middle`` seen through a mask of ``period`` pixels."""
+    """Return first pixel and values of a Gaussian around ``middle``, seen through a mask of period ``period``."""
     half = math.ceil(3 * sigma)
     first = math.floor(middle + 0.5) - half
     pixels = np.arange(first, first + 2 * half + 1)
@@ -97,7 +97,7 @@ class LitFrames(Protocol):
         ...
 
     def patch_of(self, source_um: Point) -> tuple[int, int, NDArray[Any]]:
-        """Return the same as `electrons` for a source at any position (µm)."""
+        """Return the patch for a source at any position (right, down, away) (µm)."""
         ...
 
 
@@ -105,8 +105,8 @@ class FramesRenderer:
     """Use frames of a `FrameSource` (a simulated camera, a recorded session) as the light of the optics.
 
     The frame of the nearest position of the plan is used, shifted by whole periods where necessary, and scaled by the
-    exposure. The camera adds black level and noise. `LitFrames` provide noise-free electrons, between and beyond the
-    planes those of the actual position; other frames should be free of noise.
+    exposure. The camera adds black level and noise. `LitFrames` provide noise-free electrons, computed for the actual
+    position between and beyond the planes. Other frames should be free of noise.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class FramesRenderer:
         return LightPatch(top + shift[0], left + shift[1], light * np.float32(exposure_s / plan.exposures[z]))
 
     def _off_plane(self, depth_um: float, z: int) -> bool:
-        """Return whether the image is another there: its shadow is larger or smaller by `OFF_PLANE_PX`."""
+        """Return whether the image differs from that of the plane: its shadow differs in size by `OFF_PLANE_PX`."""
         camera = self._plan.camera
         there, planned = (half_extent_px(camera, depth) for depth in (depth_um, self._plan.depths_um[z]))
         return abs(there - planned) > OFF_PLANE_PX
@@ -169,14 +169,14 @@ class FramesRenderer:
 
 
 def simulated_optics(plan: ScanPlan, level: str, effects: str = "") -> FramesRenderer:
-    """Return the plenoptic camera of ``plan`` at a level of the simulator, with ideal optics or those of a file.
+    """Return the plenoptic camera of ``plan``, simulated at ``level``, with ideal optics or those of a file.
 
-    It is free of noise: `SimCamera` adds that of the sensor. ``level`` is ``"auto"``, ``"geometric"``, ``"wave"``,
-    ``"grid"`` (slower, and as fine as a fit) or ``"microscope"``. ``effects`` is a JSON file as in
+    The result is free of noise; `SimCamera` adds the noise of the sensor. ``level`` is ``"auto"``, ``"geometric"``,
+    ``"wave"``, ``"grid"`` (slower, and as fine as a fit) or ``"microscope"``. ``effects`` is a JSON file as in
     `lfcal.simulate.effects.described.read_entries`, whose effects on H are simulated together with those that
     `plan_effects` finds necessary; or ``"auto"``: only the latter. Ideal optics focus a point into a single pixel of
-    each micro-image, which cannot be distinguished from a hot pixel. Raises `InputError` if the level does not suit
-    the plan's camera, or the file has no effects.
+    each micro-image, which cannot be distinguished from a hot pixel. Raises `InputError` if the level does not suit the
+    plan's camera, or the file has no effects.
     """
     # imported here, so that the quick pattern does not load the simulator
     from lfcal.simulate import SimulatedCamera

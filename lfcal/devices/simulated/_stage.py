@@ -40,7 +40,7 @@ class VirtualTime:
         return self._wall + self._now
 
     def jump(self, seconds: float) -> None:
-        """Set the computer's clock forward or back, as an operator or a time server may do."""
+        """Move the computer's clock forward or back, as an operator or a time server may do."""
         self._wall += seconds
 
 
@@ -80,7 +80,7 @@ class StageModel:
 
 
 class SimStage:
-    """A stage in a simulated world; see `StageModel`.
+    """A simulated stage; see `StageModel`.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class SimStage:
             self._ends = now
 
     def bump(self, by_um: Point) -> None:
-        """Displace the resting stage (µm), like a knock against the table; its encoders detect it."""
+        """Displace the resting stage (µm), as by a knock against the table; its encoders detect it."""
         x, y, z = (t + d for t, d in zip(self._target, by_um, strict=True))
         self._target = x, y, z
 
@@ -201,7 +201,7 @@ class SimStage:
         return x, y, z
 
     def _settled(self) -> Point:
-        """Return where the motors stand after arrival, ringing left out."""
+        """Return the positions of the motors after arrival, without ringing."""
         # exactly the target, so that places are reproduced bit by bit
         if self._drift == (0.0, 0.0, 0.0):
             return self._target
@@ -210,7 +210,7 @@ class SimStage:
         return x, y, z
 
     def _follow(self, motor: Point) -> Point:
-        """Return the source's place when its motors stand at ``motor``: dragged along at the ends of the backlash."""
+        """Return the source's position for motors at ``motor``: the source is dragged at the ends of the backlash."""
         x, y, z = (min(max(t, m), m + b) for t, m, b in zip(self._true, motor, self.model.backlash_um, strict=True))
         return x, y, z
 

@@ -1,4 +1,4 @@
-"""Place a target of many points in front of the simulated camera: with a quick pattern at every hole, or optics."""
+"""Place a target of many points in front of the simulated camera, with a quick pattern at every hole or with optics."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class TargetPattern:
     target
         The target; the stage position is that of its middle.
     brightness
-        Light of each hole ``(n,)``, in the order of `Target.holes`.
+        Relative light of each hole ``(n,)``, in the order of `Target.holes`.
     """
 
     optics = PatternRenderer.optics
@@ -138,18 +138,18 @@ class SwitchedRenderer:
 def simulated_target(
     plan: ScanPlan, path: str, level: str, effects: str = "", *, spread: float = 0.0, seed: int = 0
 ) -> Renderer:
-    """Return the optics of ``plan`` with a target in front of them.
+    """Return the optics of the plan's camera with a target in front of them.
 
     Parameters
     ----------
     plan
         The scan that the target replaces.
     path
-        JSON file of a target, or of the plan of one.
+        JSON file of a target, or of a target's plan.
     level, effects
         ``"pattern"``, or as in `simulated_optics`.
     spread, seed
-        Relative spread of the brightness of the holes, and its random seed.
+        Relative standard deviation of the brightness of the holes, and random seed.
     """
     target, stated = _target_in(Path(path))
     brightness = uneven(target, spread, seed)

@@ -164,7 +164,7 @@ def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
 
 
 def _target(plan: ScanPlan, level: str, options: Mapping[str, str]) -> Renderer | None:
-    """Return the optics of the target that ``options`` name; None where they name none."""
+    """Return the optics of the target in ``options``; None if there is none."""
     if "target" not in options:
         if "brightness" in options:
             raise InputError.expected("option brightness", "a target with holes", "no target", "give target=FILE")
@@ -205,7 +205,7 @@ def _stage_model(plan: ScanPlan, options: Mapping[str, str]) -> StageModel:
 
 
 def _around(plan: ScanPlan) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Return a generous travel about the plan's positions."""
+    """Return the travel of the stage: the plan's positions with a wide margin."""
     # a thousand places show the extent; a large plan has millions
     places = plan.stage_um(plan.order_indices()[:: max(1, plan.n_positions // 1000)])
     (x0, y0, z0), (x1, y1, z1) = (places.min(axis=0) - 5e5).tolist(), (places.max(axis=0) + 5e5).tolist()
