@@ -62,7 +62,7 @@ class Rung:
     efficient: bool = False
 
     def __post_init__(self) -> None:
-        """Check the numbers: one that is not finite would hide in a chart."""
+        """Check that error and cost are finite and not negative."""
         check_choice("unit of cost", self.unit, UNITS)
         check_number(f"error of {self.label}", self.error, at_least=0)
         check_number(f"cost of {self.label}", self.cost, at_least=0)

@@ -91,7 +91,7 @@ def _panel(axes: Axes, curve: Curve, error: float | None) -> None:
 
 
 def _logarithmic(axes: Axes) -> None:
-    """Make both axes logarithmic, with numbers at 1, 2 and 5 that do not run into each other."""
+    """Make both axes logarithmic, with labels at 1, 2 and 5 that do not overlap."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axes.set_xscale("log")

@@ -45,7 +45,7 @@ class CurveProgress(Progress):
 
 @dataclass
 class _Run:
-    """A measurement at work: what was found, and when it has to end."""
+    """A measurement in progress: its results, and its time limit."""
 
     curve: Curve
     limit: float
@@ -166,7 +166,7 @@ measure_curve = drained(
 
 
 def _followed(measuring: Measuring, run: _Run) -> Work[None]:
-    """Process results of ``measuring`` until it ends or the time is used up."""
+    """Process results of ``measuring`` until it ends or the time limit is reached."""
     try:
         for found in measuring:
             note = run.take(found)

@@ -169,7 +169,7 @@ class Subject:
         return self._patterns[0]
 
     def _chosen(self, ys: NDArray[np.intp], xs: NDArray[np.intp]) -> tuple[NDArray[np.float32], str]:
-        """Return the patterns of positions ys x xs of the middle plane, and how they were got."""
+        """Return the patterns at positions ys x xs of the middle plane, and how they were obtained."""
         z = self.middle
         if self.matrix is not None:
             H = self.matrix
@@ -180,7 +180,7 @@ class Subject:
         return response.rows(ys, xs, self.workers), f"simulated at level {response.level}"
 
     def _read(self, count: int) -> Work[Sample]:
-        """Read planes about the middle one, cropped, row by row."""
+        """Read planes around the middle one, cropped, row by row."""
         assert self.matrix is not None
         H, (nz, ny, nx, nt, ns) = self.matrix, self.matrix.shape
         first = (nz - count) // 2
@@ -198,7 +198,7 @@ class Subject:
         return Sample(made, math.prod(H.shape) / values.size, (_sample_note(made, H.shape, f"of {self.name}"),))
 
     def _simulated(self, count: int) -> Work[Sample]:
-        """Simulate planes about the middle one, cropped."""
+        """Simulate planes around the middle one, cropped."""
         plan = self.planned
         first = (plan.shape[0] - count) // 2
         exposures = plan.exposures[first : first + count]
@@ -227,7 +227,7 @@ def _check_light(values: NDArray[np.float32], what: str) -> None:
 
 
 def _window(shape: tuple[int, int, int, int, int], planes: int) -> tuple[int, int]:
-    """Return the cutout, odd, with which so many planes of H keep to `SAMPLE_BYTES`."""
+    """Return the odd rows and columns of a cutout with which ``planes`` planes of H do not exceed `SAMPLE_BYTES`."""
     _, ny, nx, nt, ns = shape
     side = math.isqrt(max(1, SAMPLE_BYTES // (4 * planes * ny * nx)))
     odd = max(3, side - 1 + side % 2)
@@ -241,7 +241,7 @@ def _sample_note(made: PSFMatrix, whole: tuple[int, ...], how: str) -> str:
 
 
 def _plan_of(matrix: PSFMatrix) -> tuple[ScanPlan | None, str]:
-    """Return the scan plan of H, or why there is none."""
+    """Return the scan plan of H, and the reason if there is none."""
     told = matrix.provenance.get("plan")
     if isinstance(told, dict):
         try:

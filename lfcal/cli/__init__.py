@@ -111,7 +111,7 @@ def _drop_output() -> None:
 
 
 def _system_words(error: OSError) -> str:
-    """Return a message about what the system refused: a long name, a missing folder, a full disk behind the output."""
+    """Return a message on what the system refused: a long name, a missing folder, or output to a full disk."""
     from lfcal.base import StorageError
 
     if error.filename is not None:

@@ -1,4 +1,4 @@
-"""The application: all commands of this package, in the order in which data pass through them."""
+"""The application: all commands of this package, in the order of the data flow."""
 
 from __future__ import annotations
 
@@ -66,5 +66,5 @@ def build_app() -> typer.Typer:
 
 @cache
 def command_line() -> Any:
-    """Return the parser of the whole command line; it is made once."""
+    """Return the parser of the whole command line, which is created once."""
     return typer.main.get_command(build_app())

@@ -40,7 +40,7 @@ def report(message: str) -> None:
 def run_work(work: Work[R], *, quiet: bool = False, seen: Callable[[Any], object] | None = None) -> R:
     """Run ``work`` to its end with a progress bar on standard error (none if ``quiet`` or not a terminal).
 
-    Each record is passed to ``seen``, so that something can be shown even if the work ends early.
+    Each record is passed to ``seen``, so that intermediate results can be printed if the work ends early.
     """
     # bars are noise in a log file, and for a program that reads JSON
     if quiet or not sys.stderr.isatty():
@@ -76,7 +76,7 @@ def run_work(work: Work[R], *, quiet: bool = False, seen: Callable[[Any], object
 
 
 def done_text(record: Progress, speed: float | None) -> str:
-    """Return the number done, the total, and the rate per second, minute or hour."""
+    """Return a text with the number done, the total, and the rate per second, minute or hour."""
     counted = record.count or f"{record.done // record.per}"
     if not speed:
         return counted

@@ -56,7 +56,8 @@ def listed_commands(package: str, order: tuple[str, ...] = ()) -> tuple[Listed, 
 def command_with_parts(package: str, name: str) -> type[CommandWithParts] | None:
     """Return the class of a command ``name`` if modules ``name_*`` define subcommands of it; None otherwise.
 
-    ``lfcal fit SOURCE`` is a command, and so is ``lfcal fit check``, which is imported when it is called.
+    For example, ``lfcal fit SOURCE`` is a command, and ``lfcal fit check`` is a subcommand that is imported when it is
+    called.
     """
     modules = [module for module in _modules(package) if module.startswith(f"{name}_")]
     called = {module: module.removeprefix(f"{name}_").replace("_", "-") for module in modules}
@@ -108,7 +109,7 @@ class LazyCommands(UserDict[str, Any]):
         super().__init__(self.listed)
 
     def __getitem__(self, name: str) -> Any:
-        """Return the command, its module imported and its signature read."""
+        """Return a command; its module is imported, and its signature read."""
         if isinstance(self.data[name], Listed):
             self.data[name] = _load(self.data[name])
         return self.data[name]
@@ -148,7 +149,7 @@ class CommandWithParts(typer.core.TyperCommand):
     parts: LazyCommands
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Return the context of this command, or of the subcommand that the first word names."""
+        """Return the context of this command, or of the subcommand that the first argument names."""
         if args and args[0] in self.parts:
             return self.parts[args[0]].make_context(f"{info_name} {args[0]}", args[1:], parent, **extra)
         return super().make_context(info_name, args, parent, **extra)
@@ -160,7 +161,7 @@ class LazyGroup(typer.core.TyperGroup):
     _listing = False
 
     def headings(self, names: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Yield each heading with the commands under it; a single heading unless a group has more."""
+        """Yield each heading with its commands; by default there is a single heading."""
         yield "Commands", names
 
     def list_commands(self, ctx: Any) -> list[str]:

@@ -77,7 +77,7 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
 
 
 def _run_kept(work: Work[R], *outs: Path, quiet: bool) -> R:
-    """Run work in units with a progress bar; if it ends early, report what is kept, or remove an empty folder."""
+    """Run work in units with a progress bar; if it ends early, report the stored units, or remove an empty folder."""
     try:
         return run_work(work, quiet=quiet)
     except BaseException as error:
@@ -88,7 +88,7 @@ def _run_kept(work: Work[R], *outs: Path, quiet: bool) -> R:
 
 
 def _say_kept(error: BaseException, out: Path) -> None:
-    """Report what is kept of work that ``error`` ended; remove the folder of a run that did nothing."""
+    """Report the stored units of work that ``error`` ended; remove the folder of a run without any."""
     from lfcal.work import PASS, discard, parts_folder, read_events, read_run, unit_files
 
     folder = parts_folder(out)
@@ -111,7 +111,7 @@ def _help(tasks: TaskSet, cls: Any) -> str:
 
 
 def _only(tasks: TaskSet, row: FieldRow) -> str:
-    """Return the kinds of input, or of a nested record, that a field applies to, if not all of them."""
+    """Return the kinds of input, or of a nested record, to which a field applies; empty if it applies to all."""
     if row.only and row.variants is not None:
         every = [row.variants.name_of(kind) for kind in row.variants.kinds]
         return _except([name for name in every if name in row.only], [name for name in every if name not in row.only])

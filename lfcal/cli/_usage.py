@@ -47,7 +47,7 @@ RENAMED: dict[tuple[str, str], str] = {
 def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
     """Raise `InputError` if an option of the parameters ``names`` was given, but has no effect here.
 
-    ``wanted`` is what the options apply to, and ``got`` what was given instead.
+    ``wanted`` is the input to which the options apply, and ``got`` the actual input.
     """
     for one in context.command.params:
         source = context.get_parameter_source(str(one.name))
@@ -58,7 +58,7 @@ def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
 def usage_line(error: Any, words: Sequence[str]) -> str:
     """Return the message for a usage error of the command parser; empty if its help has been printed.
 
-    ``words`` are the command line as typed.
+    ``words`` contains the command line as typed.
     """
     context = getattr(error, "ctx", None)
     unknown = getattr(error, "option_name", None)

@@ -85,7 +85,7 @@ def command(
 def _measured(
     places: list[Place], subject: Subject, seconds: float, share: float, *, quiet: bool
 ) -> tuple[list[Curve], BaseException | None]:
-    """Measure place after place and show each when done; return the exception that ended it, if any."""
+    """Measure part after part, and print each result; return the exception that ended the measurement, if any."""
     from lfcal.accuracy import iter_measure_curve
 
     curves: list[Curve] = []
@@ -111,7 +111,7 @@ def _measured(
 def _subject(
     name: str, planes: tuple[str, str, str], workers: int | None, *, mat_order: str, quiet: bool
 ) -> Iterator[Subject]:
-    """Return the object to measure: H, closed at the end, or a plan."""
+    """Yield the subject to measure: H, which is closed at the end, or a plan."""
     from lfcal.accuracy import Subject
     from lfcal.tasks import planned_scan, tell_assumed
 

@@ -84,7 +84,7 @@ def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft
 
 
 def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
-    """Ask for every geometric value that no option gave; an answer is stated, Enter leaves the value assumed."""
+    """Ask for every geometric value that no option states; an answer is stated, Enter leaves the value assumed."""
     typer.echo(
         "Press Enter to keep the value in brackets; it is then marked as assumed. "
         "Lengths may have a unit: nm, um or mm."
@@ -105,7 +105,7 @@ def _ask(draft: Draft, title: str, given: set[str]) -> Draft:
 
 
 def _with(draft: Draft, title: str, path: str, answer: str) -> Draft:
-    """Return the draft with an answer; raise if the answer is invalid, alone or together with other values."""
+    """Return the draft with an answer; raise an error if the answer is invalid, alone or with other values."""
     pixel = draft.get("sensor.pixel_um")
     value = read_pitch(answer, pixel) if path == "lattice.pitch_um" else read_camera_value(path, answer)
     changed = draft.copy()
@@ -115,7 +115,7 @@ def _with(draft: Draft, title: str, path: str, answer: str) -> Draft:
 
 
 def _answer(draft: Draft, title: str, path: str) -> str | None:
-    """Return the text typed for ``path``, or None for Enter."""
+    """Return the text typed for ``path``; None for Enter."""
     camera = draft.camera(title)
     quantity = next(q for q in quantities_of(camera) if q.path == path)
     label, shown = quantity.label, quantity.text(value_at(camera, path))

@@ -71,7 +71,7 @@ def command(
 
 
 def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dict[str, Any]:
-    """Do all steps, and return the results of the comparisons; matrices are open until ``files`` are closed."""
+    """Carry out all steps, and return the results of the comparisons; matrices are open until ``files`` are closed."""
     from lfcal.camera import ScanPlan
     from lfcal.frames import CorrectionRecipe
     from lfcal.judge import compare

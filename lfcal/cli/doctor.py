@@ -135,7 +135,7 @@ def _remedy(name: str) -> str:
 
 
 def _numba_cache() -> str:
-    """Return where compiled kernels are stored, and whether that folder is writable."""
+    """Return the folder of compiled kernels as text, and whether it is writable."""
     import lfcal
 
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(lfcal.__file__).parent / "__pycache__")

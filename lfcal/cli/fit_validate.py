@@ -1,4 +1,4 @@
-"""``lfcal fit validate``: predict recorded points that were not fitted."""
+"""``lfcal fit validate``: predict recorded points that were not used in the fit."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def show(made: tuple[InspectedMatrix, ...]) -> None:
 
 
 def _show(one: InspectedMatrix) -> None:
-    """Print the verdict, what is not good, one line for the rest, and the comparison."""
+    """Print the verdict, the metrics that are not good, a line for all others, and the comparison."""
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
 

@@ -129,7 +129,7 @@ def _modulators(names: list[str], reference: str | None) -> tuple[list[Modulator
 
 
 def _measured(modulator: Modulator, base: Modulator, trials: int) -> tuple[float | None, ...]:
-    """Return the gain measured at additive and at photon noise; None if a channel cannot be recovered."""
+    """Return the gain measured with additive and with photon noise; None if a channel cannot be recovered."""
     import numpy as np
 
     from lfcal.multiplex import monte_carlo_gain

@@ -39,7 +39,7 @@ def _show_regions(one: Planned) -> None:
 
 
 def _rests(plan: ScanPlan, paths: tuple[str, ...]) -> str:
-    """Return a remark for a figure that depends on assumed values among ``paths``; empty if none is assumed."""
+    """Return a remark for a value that depends on assumed values among ``paths``; empty if it does not."""
     from lfcal.camera import assumed_of
 
     return " (from assumed values)" if assumed_of(plan.camera, paths) else ""
@@ -88,7 +88,7 @@ def _rows(one: Planned) -> list[list[str]]:
 
 
 def _array(plan: ScanPlan) -> list[list[str]]:
-    """Return the rows on the lenslets and their period."""
+    """Return the table rows on the lenslets and their period."""
     camera, (_, ny, nx, *_) = plan.camera, plan.shape
     count = ["positions per plane (x × y)", f"{nx} × {ny} = {nx * ny}"]
     if not camera.has_lattice:

@@ -47,7 +47,7 @@ def command(
 
 
 def _is_whole(path: Path, redo: Path | None, workers: int | None, json: bool) -> bool:
-    """Check a session or an H file, print what was found, and list positions to record again."""
+    """Check a session or an H file, print the result, and return whether it is intact."""
     from lfcal.acquire import RedoList, iter_verify
     from lfcal.judge import judgement_of
     from lfcal.psf import iter_verify as iter_verify_matrix

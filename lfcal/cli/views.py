@@ -119,7 +119,7 @@ def viewed_frame(path: Path, given: GivenLattice, camera: Camera | None, reading
 def _by_white(
     planes: Planes, white: Path, given: GivenLattice, camera: Camera | None, reading: ColourReading
 ) -> ViewedFrame:
-    """Return the result of a white image; its lattice is fitted, unless it was measured before."""
+    """Return the frame with lattice and weights from a white image; the lattice is fitted if no file contains it."""
     from lfcal.lattice import classify_lens_types, cropped, expected_blur, fit_lattice, load_lattice
 
     light = read_planes(white, reading)
@@ -262,7 +262,7 @@ def _save(
     samples: int,
     workers: int | None,
 ) -> None:
-    """Write views, focal stacks and, for lens types together, the image that is in focus over the whole field."""
+    """Write views, focal stacks and, for lens types together, the all-in-focus image."""
     import numpy as np
 
     from lfcal.lattice import (

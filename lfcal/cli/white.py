@@ -92,7 +92,7 @@ def command(
 
 
 def _check_discs(kind: str, pitch: float) -> None:
-    """Raise `InputError` for an option that only a lattice has."""
+    """Raise `InputError` if an option is given that applies only to a lattice."""
     for name, given in (("--kind", bool(kind)), ("--pitch", bool(pitch))):
         if given:
             got = "a Fourier light-field microscope"

@@ -76,7 +76,7 @@ def dark_level(camera: Camera) -> float:
 
 
 def _rung(plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float32], times: float, count: int) -> Rung:
-    """Return the error of the mean of ``count`` frames less the dark level, of ``light`` (patterns, nt, ns)."""
+    """Return the point for the mean of ``count`` frames of ``light`` (patterns, nt, ns), less the dark level."""
     camera, dark = sensor
     total = float(light.sum(dtype=np.float64))
     off = 0.0

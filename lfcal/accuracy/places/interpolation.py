@@ -76,7 +76,7 @@ def _moved(
     at: tuple[int, int],
     shift: tuple[float, float],
 ) -> _Moved:
-    """Return the frame about the same position with everything but the pixels moved by ``shift``."""
+    """Return the frame at the same position, with all optics displaced by ``shift`` relative to the pixels."""
     lattice, pixel = plan.camera.lattice, plan.camera.sensor.pixel_um
     offset = (lattice.offset_um[0] + shift[1] * pixel, lattice.offset_um[1] + shift[0] * pixel)
     camera = replace(plan.camera, lattice=replace(lattice, offset_um=offset))
@@ -91,7 +91,7 @@ def _moved(
 
 
 def _tried(name: str, moved: list[_Moved], true: NDArray[np.float32]) -> tuple[float, float]:
-    """Return the relative L1 error of an interpolation, and its seconds for one pattern."""
+    """Return the relative L1 error of an interpolation, and its time for one pattern (s)."""
     error, took = 0.0, float("inf")
     for one in moved:
         rows, columns = ((n - 1) / 2 for n in one.frame.shape)

@@ -63,14 +63,14 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def _middle(camera: Camera, side: int) -> Camera:
-    """Return the camera with the middle part of its sensor, so many lenslets a side: of the sensor's parity."""
+    """Return the camera with only the middle part of its sensor, ``side`` lenslets wide and of the same parity."""
     wanted = math.ceil(side * camera.pitch_px)
     rows, columns = (min(n, wanted + (n - wanted) % 2) for n in camera.sensor.shape)
     return replace(camera, sensor=replace(camera.sensor, shape=(rows, columns)))
 
 
 def _diameter_px(camera: Camera) -> float:
-    """Return the diameter of a micro-image: the iris's image, or what keeps neighbours apart (pixels)."""
+    """Return the diameter of a micro-image (pixels): that of the iris's image, or the largest without overlap."""
     image = camera.lattice.gap_um / camera.optics.working_f_number / camera.sensor.pixel_um
     return min(image, FILL * camera.pitch_px)
 

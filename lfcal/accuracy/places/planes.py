@@ -61,7 +61,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def _pattern(plan: ScanPlan, depth: float, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
-    """Return the middle position's pattern at a depth, ``(nt, ns)``."""
+    """Return the pattern of the middle position at a depth, ``(nt, ns)``."""
     ny, nx = plan.period
     anchor = (plan.anchor[0] + ny // 2, plan.anchor[1] + nx // 2)
     one = replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0], period=(1, 1), anchor=anchor, resample=False)

@@ -88,7 +88,7 @@ class PointByPoint:
 
 @dataclass(frozen=True, eq=False)
 class _Test:
-    """Points to be right at, and dense arrays to be timed with."""
+    """Points at which results are compared, and dense arrays for measuring time."""
 
     truth: PointByPoint
     voxels: list[tuple[int, int, int]]
@@ -143,7 +143,7 @@ def _test(H: PSFMatrix, shape: tuple[int, int]) -> _Test:
 def _tried(
     H: PSFMatrix, shape: tuple[int, int], test: _Test, setting: tuple[str, bool, float], workers: int | None
 ) -> tuple[tuple[str, bool, float], Rung]:
-    """Return the setting with the method that was used, and its point."""
+    """Return the point of a setting, and the setting with the method that was used."""
     method, double, threshold = setting
     start = time.perf_counter()
     P = Projector(

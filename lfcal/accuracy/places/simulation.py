@@ -76,7 +76,7 @@ def _rung(
 
 
 def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneResponse) -> float:
-    """Return the CPU-seconds of the whole H: of the probe of each plane, the tables and all positions."""
+    """Return the CPU time (s) for the whole H: for the probe of each plane, the tables, and all positions."""
     start = engine_clock()
     response.engine()
     probe = engine_clock() - start
@@ -92,7 +92,7 @@ def _responses(response: PlaneResponse, places: Sequence[tuple[int, int]]) -> ND
 
 
 def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
-    """Return positions spread over the period: even in rows, by the golden ratio in columns."""
+    """Return positions spread over the period: equally spaced in rows, by the golden ratio in columns."""
     ny, nx = period
     return [(int(ny * (k + 0.5) / count), int(nx * ((k + 1) * 0.6180339887498949 % 1))) for k in range(count)]
 

@@ -57,7 +57,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup: float, seconds: float) -> Measuring:
-    """Yield a point at every iteration of `SHOWN` that one solver reaches in its time."""
+    """Yield a point at every iteration of `SHOWN` that a solver reaches within the time limit."""
     work = iter_reconstruct(P, image, SolverChoice(name, SHOWN[-1]))
     start = time.perf_counter()
     try:

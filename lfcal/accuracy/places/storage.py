@@ -66,7 +66,7 @@ def _write(path: Path, values: NDArray[np.float32], dtype: str, compression: str
 
 
 def _half(patterns: Patterns) -> Rung:
-    """Return what float16 would be: scaled to its range, each pattern coded as a chunk of an H file."""
+    """Return the point for float16: values scaled to its range, each pattern encoded as a chunk of an H file."""
     values = patterns.values
     top = float(np.abs(values).max()) or 1.0
     # scaled to half of the largest value: nothing overflows, and small values keep the most digits
