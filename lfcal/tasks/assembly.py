@@ -201,7 +201,7 @@ class AssembleRegions(_Assemble):
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage", without=("store_tolerance",))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
-        """Make H of each region, and one file with all of them."""
+        """Assemble H of each region, and write all of them to one file."""
         from lfcal.campaign import read_regions, save_parts, temporary_parts
 
         known = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -289,7 +289,7 @@ class Assemble(AssembleRegions):
 
     @property
     def source(self) -> ScanFrames:
-        """Settings for opening the frames."""
+        """The settings with which the frames are opened."""
         from lfcal.frames import parse_origin
 
         names = (
@@ -307,7 +307,10 @@ class Assemble(AssembleRegions):
         return ScanFrames(**{name: getattr(self, name) for name in names}, origin=parse_origin(self.origin))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the task's files. A manifest's frames are in its folder; each colour has its own H file."""
+        """Return the files of the task.
+
+        The frames of a manifest are in its folder. Each colour has its own H file.
+        """
         files, beside = super().files(way), self.source.beside
         if way == "out":
             return () if self.channel == "each" else files
@@ -368,7 +371,7 @@ class Assemble(AssembleRegions):
         return replace(made, name=name, seconds=time.perf_counter() - start)
 
     def iter_used(self, frames: FrameSource, workers: int | None = None) -> Work[FrameSource]:
-        """Return the frames to assemble, without damaged frames and without positions to leave out, if requested."""
+        """Return the frames to assemble, without damaged frames and positions to leave out if this is requested."""
         from lfcal.frames import iter_undamaged, without_positions
 
         if self.skip_damaged:
@@ -377,7 +380,7 @@ class Assemble(AssembleRegions):
 
     @property
     def positions_left_out(self) -> tuple[Position, ...]:
-        """Positions whose frames are not used; raises `FileFormatError` if their file holds no such list."""
+        """Positions whose frames are left out; raises `FileFormatError` if the file of the list is not valid."""
         from lfcal.acquire import RedoList
 
         return () if self.leave_out is None else RedoList.read(self.leave_out).positions
@@ -385,18 +388,18 @@ class Assemble(AssembleRegions):
     def iter_part(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, view: CorrectedSource, how: AssemblyRun
     ) -> Work[Assembled]:
-        """Make one H from open, corrected frames.
+        """Assemble one H from open, corrected frames.
 
         Parameters
         ----------
         part
             The frames as read, the plan of this H, and the file to write.
         scan
-            The plan of the whole scan; a colour of a mosaic has only a part of it.
+            The plan of the scan of all colours, of which a colour of a mosaic contains only a part.
         recipe, view
             Corrections of the frames, and the corrected frames.
         how
-            The executor.
+            Executor, how other processes open the frames, and number of threads.
         """
         from lfcal.frames import check_turned_colours, oriented, with_partners
         from lfcal.psf import iter_assemble_plan, iter_upright
@@ -448,7 +451,7 @@ class Assemble(AssembleRegions):
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
-    """Return the planes of an H as another process computes them, from the task and from facts about its frames.
+    """Return the planes of an H in another process, from the task and facts about its frames in ``values``.
 
     Each process searches for defective pixels again.
     """
@@ -480,7 +483,7 @@ def _no_other(colour: str) -> Frames:
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of assembly that the frames need."""
+    """Return the class of the task that assembles the ``given`` frames."""
     from lfcal.campaign import is_regions
     from lfcal.tasks.target_frames import wanted_target
 

@@ -15,24 +15,24 @@ __all__ = ["assumed_in_words", "is_camera_file", "load_camera", "load_file", "pr
 
 
 def preset_names() -> tuple[str, ...]:
-    """Return the names of cameras that need no file."""
+    """Return the names of the cameras that are built in, and so need no file."""
     from lfcal.camera import PRESETS
 
     return tuple(PRESETS)
 
 
 def is_camera_file(name: str) -> bool:
-    """Return whether a camera given by ``name`` is a file."""
+    """Return whether ``name`` refers to a camera file instead of a preset."""
     from lfcal.camera import PRESETS
 
     return name not in PRESETS
 
 
 def load_camera(name: str, *, light: bool = True, without_lattice: Collection[str] | None = None) -> Camera:
-    """Return the camera of a preset, or of a file in any known format; report assumed and implausible values.
+    """Return the camera of a preset or of a file in any known format, and report assumed and implausible values.
 
-    With ``light=False``, assumed values of light and noise are not reported: the result does not depend on them. For a
-    camera without a lattice, ``without_lattice`` lists the paths of all values on which the result depends.
+    With ``light=False``, assumed values of light and noise are not reported, because the result does not depend on
+    them. For a camera without a lattice, ``without_lattice`` lists the paths of all values on which the result depends.
     """
     from lfcal.camera import PRESETS, preset
 
@@ -44,7 +44,7 @@ def load_camera(name: str, *, light: bool = True, without_lattice: Collection[st
 
 
 def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, tuple[str, ...]]:
-    """Return the camera of a file, and the remarks of its reader."""
+    """Return the camera of the file ``name``, and the remarks of the reader of its format."""
     from lfcal.camera import CAMERA_FORMATS, PRESETS, import_camera
 
     path = Path(name)
@@ -77,7 +77,7 @@ def tell(
 
 
 def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False, light: bool = True) -> None:
-    """Report the assumed values of the camera in ``where``, the name of a plan or an H."""
+    """Report the assumed values of the camera in a plan or an H, with the name ``where``; not if ``quiet``."""
     if camera is not None and not quiet and (words := assumed_in_words(camera, light=light)):
         note(f"{where}: assumed of the camera: {words}")
 
@@ -107,7 +107,11 @@ def _remedy(camera: Camera, path: Path, only: Collection[str] | None = None) -> 
 
 
 def assumed_in_words(camera: Camera, *, light: bool = True, only: Collection[str] | None = None) -> str:
-    """Return the assumed values of ``camera`` as one line, or an empty text; those of ``light`` are only counted."""
+    """Return the assumed values of ``camera`` as one line; empty if there are none.
+
+    Assumed values of light and noise are only counted, or ignored with ``light=False``. ``only`` contains the paths of
+    the values to consider; None: all.
+    """
     from lfcal.camera import value_at
 
     found = _assumed(camera, only)

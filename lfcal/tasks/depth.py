@@ -33,9 +33,10 @@ BYTES_PER_PIXEL = 70
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredDepth(TaskResult):
-    """A depth map, the source of the lattice, and the source of metric depths (empty: there are none).
+    """A measured depth map, with the source of its lattice and of its metric depths (empty: there are none).
 
-    ``out`` and ``cloud`` are the files, None before `written`. ``points`` is the number of points in the cloud.
+    ``out`` and ``cloud`` are the files of the map and the point cloud, None before `written` or without a cloud.
+    ``points`` is the number of points in the cloud.
     """
 
     found: DepthMap
@@ -47,7 +48,7 @@ class MeasuredDepth(TaskResult):
     points: int | None = None
 
     def written(self, out: Path, cloud: Path | None) -> MeasuredDepth:
-        """Write the map and, if there is a name for it, the point cloud; return the result with its files."""
+        """Write the map and, if ``cloud`` is not None, the point cloud; return the result with its files."""
         from lfcal.lattice import save_depth, save_points
 
         start = time.perf_counter()
@@ -57,7 +58,7 @@ class MeasuredDepth(TaskResult):
         return replace(self, out=out, cloud=cloud, points=points, seconds=seconds)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values."""
+        """Return the result as plain JSON types."""
         import numpy as np
 
         known = self.found.known
@@ -184,7 +185,7 @@ class Depth(Task):
         return (measured.written(self.out, self.cloud),)
 
     def iter_measured(self, camera: Camera | None = None, workers: int | None = None) -> Work[MeasuredDepth]:
-        """Read the frame and measure its depths without writing them; ``camera``: in place of the one in the file."""
+        """Read the frame and measure its depths without writing them; ``camera`` replaces that of the file."""
         from lfcal.lattice import iter_depth_map
 
         start = time.perf_counter()
@@ -199,7 +200,7 @@ class Depth(Task):
         return MeasuredDepth(found=found, lattice=scene.source, scale=scale, seconds=time.perf_counter() - start)
 
     def forecast(self, camera: Camera | None = None) -> DepthForecast:
-        """Return the expected time and memory; frames are read, so that whatever they lack is found here."""
+        """Return the expected time and memory; the frames are read, so that problems with them are found in advance."""
         from lfcal.lattice import depth_seconds
 
         scene = self._scene(self._known(camera))

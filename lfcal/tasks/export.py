@@ -305,7 +305,7 @@ KINDS: tuple[type[_Export], ...] = (ExportMat, ExportH5, ExportNpy, ExportTiff, 
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the format that the suffix of the file selects."""
+    """Return the class of the export, by the name of a code if one is given, or else by the suffix of the file."""
     suffix = Path(given["out"]).suffix.lower()
     if given.get("code"):
         return ExportFor

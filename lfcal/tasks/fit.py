@@ -41,9 +41,10 @@ FOLDER = Path("fit")
 class FitOutcome(TaskResult):
     """One fitted camera.
 
-    ``field`` is the fit of several regions or parts of the field; then ``fit`` and ``source`` are those of the first.
-    ``hybrids`` describes, by region, what the hybrid H adds to the model; the name of a single region is empty. Of a
-    target, ``points`` are the points in its frames, and ``holes`` is the fitted size of its holes.
+    ``field`` is the fit of several regions or parts of the field, None for a single region. With it, ``fit`` and
+    ``source`` are those of the first region. ``hybrids`` describes, by region, what the hybrid H adds to the model; the
+    name of a single region is empty. For a target, ``points`` are the points found in its frames, and ``holes`` is the
+    fitted size of its holes as text.
     """
 
     fit: Fit
@@ -81,7 +82,7 @@ class FittedPatterns(NamedTuple):
 
 
 def read_unknowns(text: str) -> str:
-    """Return the groups of unknowns in a text, separated by commas; ``auto`` and an empty text stay unchanged."""
+    """Return the groups of unknowns in ``text``, checked and separated by commas, or ``auto``."""
     from lfcal.fit import GROUPS
 
     if text == "auto":
@@ -229,7 +230,7 @@ class FitMatrix(_Fit):
             raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, including those in the folder of the fit; H is the first."""
+        """Return the files of the task; outputs are those in the folder of the fit."""
         from lfcal.fit import field_outputs, fit_outputs
 
         if way == "in":
@@ -237,7 +238,7 @@ class FitMatrix(_Fit):
         return tuple(fit_outputs(self.out) if len(self.sources) == 1 else field_outputs(self.out, self._names))
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return each H that is computed in units; if only some of several were begun, these."""
+        """Return the path of each H that is computed in units, or only of those that a stopped run has begun."""
         from lfcal.work import parts_folder
 
         if self.hybrid or not self.write_h:
@@ -297,7 +298,7 @@ class FitMatrix(_Fit):
         return ((yield from self.iter_write(found, run.workers, choice)),)
 
     def iter_fit(self, workers: int | None = None) -> Work[FittedPatterns]:
-        """Fit the camera to the patterns of a single source; nothing is written."""
+        """Fit the camera to the patterns of a single source, without writing anything."""
         from lfcal.camera import NoLatticeError
         from lfcal.fit import iter_fit_camera
 
@@ -311,7 +312,7 @@ class FitMatrix(_Fit):
     def iter_write(
         self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Write the result of `iter_fit` into its folder; ``choice`` states whether H is computed in units, and how."""
+        """Write the result of `iter_fit` into the folder of the fit; with ``choice``, H is computed in units."""
         from lfcal.fit import iter_write_fit
 
         self._check_folder()
@@ -379,7 +380,7 @@ class FitFrames(FitMatrix):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of fit that the sources need."""
+    """Return the class of the task that fits the ``given`` sources."""
     sources = [Path(one) for one in given["sources"]]
     if len(sources) == 1 and wanted_target(sources[0], given.get("plan")) is not None:
         return FitTarget

@@ -136,7 +136,7 @@ def _iter_frames(H: PSFMatrix, source: Path, task: CheckMatrix, stack: ExitStack
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of check that the frames need."""
+    """Return the class of the task that checks H with the ``given`` frames."""
     return CheckMatrixByScan if any(Path(one).is_dir() for one in given["frames"]) else CheckMatrix
 
 

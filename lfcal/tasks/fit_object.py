@@ -22,7 +22,7 @@ __all__ = ["FIT_OBJECT", "PredictObject", "PredictedObject"]
 
 @dataclass(frozen=True, kw_only=True)
 class PredictedObject(TaskResult):
-    """The measured frame of a known object, compared with its prediction."""
+    """Result of comparing the measured frame of a known object with its prediction."""
 
     compared: Compared
 

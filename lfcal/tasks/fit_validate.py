@@ -28,9 +28,9 @@ __all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated"]
 
 @dataclass(frozen=True, kw_only=True)
 class Validated(TaskResult):
-    """Errors of a fit's predictions for points that were not fitted.
+    """Errors of the predictions of a fit for points that were not fitted.
 
-    ``name`` is the name of the region, or of the other recording; it is empty for a fit of one region.
+    ``name`` is the name of the region, or of the other recording; it is empty for a fit of a single region.
     """
 
     name: str
@@ -74,7 +74,7 @@ class ValidateFit(Task):
         return (*self.sources, *((one,) if (one := numbers_file(self.fit)) else ()))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Validated, ...]]:
-        """Predict the points of each region in turn, and write numbers and a picture into its folder."""
+        """Predict the points of each region in turn, and write numbers and a plot into the folder of the region."""
         from lfcal.fit import iter_write_validation, validation_outputs
 
         made, patterns, parts = [], [], self._parts()
@@ -141,7 +141,7 @@ class ValidateFitByFrames(ValidateFit):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of source to predict."""
+    """Return the class of the task that predicts the points of the ``given`` source."""
     return ValidateFit if all(map(is_matrix, map(Path, given["sources"]))) else ValidateFitByFrames
 
 

@@ -30,9 +30,10 @@ RATE = 200e6
 
 @dataclass(frozen=True, kw_only=True)
 class InspectedMatrix(TaskResult):
-    """Quality of an H. Its file is closed.
+    """Quality of an H, whose file is closed.
 
-    ``loss`` is the loss between regions, if H has several. ``page`` is the path of the report.
+    ``loss`` contains the differences between regions, None if H has only one. ``page`` is the path of the report, None
+    if there is none.
     """
 
     task: Inspect
@@ -44,7 +45,7 @@ class InspectedMatrix(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether H had to be good and is not."""
+        """Whether H was required to be good or fair (``strict``), and is not."""
         return self.task.strict and self.found.merit not in ("good", "fair")
 
     def to_dict(self) -> dict[str, Any]:
@@ -136,7 +137,7 @@ class Inspect(MatrixTask):
         return (*report_files(self.report), self.report / REGIONS_PICTURE)
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the report's folder; planes of a stopped run are kept next to it."""
+        """Return the folder of the report, next to which the planes of a stopped run are stored."""
         return () if self.report is None else (self.report,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:

@@ -29,7 +29,7 @@ EARLIER = "earlier_tasks"
 
 
 def mat_order_field(**more: Any) -> str:
-    """Declare the field ``mat_order`` of a task that reads H; ``more`` as of `lfcal.records.opt`."""
+    """Declare the field ``mat_order`` of a task that reads H; ``more`` are further arguments of `lfcal.records.opt`."""
     return opt(
         "",
         "Order of the axes of H in a .mat file that does not state the order. rows-first: H(t,s,y,x,z). "
@@ -68,7 +68,7 @@ class CopyTask(MatrixTask):
     )
 
     def opened(self, *, quiet: bool = False) -> PSFMatrix:
-        """Open H of the region; raises `InputError` if the file has several regions and none is chosen."""
+        """Open H of the chosen region; raises `InputError` if the file has several regions and none is chosen."""
         from lfcal.psf import regions_of
 
         if not self.region and len(names := regions_of(self.source)) > 1:
@@ -79,7 +79,7 @@ class CopyTask(MatrixTask):
 
 
 def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
-    """Return the provenance of a task that reads ``matrices``: this task, and those that made the matrices."""
+    """Return the provenance of the output of ``task``: the task itself, and the tasks that made ``matrices``."""
     earlier: list[Any] = []
     for matrix in matrices:
         known = matrix.provenance
@@ -98,10 +98,10 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
     path, region
         As in `lfcal.psf.open_psf`.
     mat_order
-        As in `lfcal.psf.open_psf`, but ignored unless the file is a ``.mat`` file: a command with several files passes
-        it for all; see `check_mat_files`.
+        As in `lfcal.psf.open_psf`, but ignored unless the file is a ``.mat`` file, because a command passes it for all
+        of its files; see `check_mat_files`.
     quiet
-        Report nothing; for workers, whose command has already reported it.
+        Whether to report nothing, as in worker processes, whose command has already reported it.
     """
     from lfcal.psf import open_psf
 
@@ -112,7 +112,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
 
 
 def tell_opened(matrix: PSFMatrix) -> None:
-    """Report how the file of H was read if another code wrote it."""
+    """Report how the file of H was read, if another code wrote it."""
     from lfcal.psf import opening_notes
 
     for one in opening_notes(matrix):
@@ -129,7 +129,7 @@ def report_missing(matrix: PSFMatrix) -> int:
 
 
 def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
-    """Return the planes of ``matrix`` without light, and report them."""
+    """Return the indices of the planes of ``matrix`` without light, and report them."""
     from lfcal.psf import dark_planes
 
     dark = dark_planes(matrix)
@@ -140,7 +140,7 @@ def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
 
 
 def check_mat_files(mat_order: str, *paths: Path | None) -> None:
-    """Raise `InputError` if ``--mat-order`` is unknown, or none of the files is a ``.mat`` file."""
+    """Raise `InputError` if ``mat_order`` is unknown, or is given although none of the files is a ``.mat`` file."""
     from lfcal.psf import check_mat_order
 
     check_mat_order(mat_order)

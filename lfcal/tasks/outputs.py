@@ -20,7 +20,8 @@ __all__ = ["check_output", "check_outputs"]
 def check_output(out: Path | None, *inputs: Path | str | None, force: bool) -> None:
     """Raise an error unless ``out`` can be written, is not one of ``inputs``, and does not exist (or ``force`` is set).
 
-    ``inputs`` are files, folders of frames, sessions, or names that are not paths (presets). None means no output.
+    ``inputs`` are files, folders of frames, sessions, or names of presets. If ``out`` is None, there is no output, and
+    nothing is checked.
 
     Raises
     ------

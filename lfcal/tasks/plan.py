@@ -246,7 +246,7 @@ class PlanRecorded(_Plan):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Read the list. If the frames exist, also find in them the direction in which the light moves."""
+        """Read the list and plan the scan. If the frames exist, also find in which direction their light moves."""
         from lfcal.frames import named_orientation, parse_origin
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
@@ -382,7 +382,7 @@ class PlanScan(_PlanOfCamera):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of plan that the values need."""
+    """Return the class of the task for the ``given`` values."""
     if given.get("positions"):
         return PlanRecorded
     return PlanRegions if given.get("regions") else PlanScan

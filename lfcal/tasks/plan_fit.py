@@ -31,7 +31,7 @@ def _groups() -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class PositionsPlanned(Planned):
-    """Positions chosen for a fit, possibly in addition to those of an earlier one, with the expected error of H."""
+    """Positions chosen for a fit, with the expected error of H; ``earlier`` is the fit that they supplement, if any."""
 
     plan: PositionDesign
     earlier: Earlier | None
@@ -116,7 +116,7 @@ class PlanFit(PlanTask):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[PositionsPlanned, ...]]:
-        """Choose positions, and write the list and the picture."""
+        """Choose the positions, and write their list and the plot."""
         from lfcal.acquire import RedoList
         from lfcal.fit import Expected, Spread, draw_design, iter_next_positions, read_earlier
 

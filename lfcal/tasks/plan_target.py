@@ -36,8 +36,8 @@ def _is_file(source: str) -> bool:
 class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
-    ``verdict`` states whether showing several frames together, in a code, reduces noise; None: there are too few
-    frames.
+    ``verdict`` states whether showing the points of several frames at once, in coded frames, reduces noise; None: there
+    are too few frames.
     """
 
     plan: TargetPlan
@@ -224,7 +224,7 @@ class PlanDisplay(_PlanTarget):
     )
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; in a folder of pictures, those of an earlier plan are replaced."""
+        """Return the files of the task; the images of an earlier plan in the same folder are replaced."""
         from lfcal.targets import pictures_in
 
         files, folder = super().files(way), self.patterns
@@ -251,7 +251,7 @@ class PlanDisplay(_PlanTarget):
         return (yield from iter_plan_display(scan, self.display, self.wishes))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TargetPlanned, ...]]:
-        """Plan the frames, and write the pictures of the display."""
+        """Plan the frames, and write the images that the display shows."""
         from lfcal.targets import write_pictures
 
         (made,) = yield from super().work(run)
@@ -261,7 +261,7 @@ class PlanDisplay(_PlanTarget):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of target to plan."""
+    """Return the class of the task that plans the ``given`` target."""
     return PlanDisplay if str(given["source"]).strip().startswith(DISPLAY) else PlanTarget
 
 

@@ -53,11 +53,11 @@ class PlanTask(Task):
 
     @property
     def unread(self) -> str:
-        """Remark to append to a time in messages, with a leading blank; empty if readout is counted."""
+        """Remark to append to a time in messages, with a leading space; empty if readout is counted."""
         return f" {WITHOUT_READOUT}" if self.frame_rate is None else ""
 
     def forecast(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Forecast:
-        """Return the forecast cost of the scan, or of some of its ``positions``."""
+        """Return the forecast of the scan, or of its ``positions`` ``(n, 3)`` as (z, y, x) if given."""
         from lfcal.camera import Forecast
 
         return Forecast.of(plan, **self.rates, positions=positions)
@@ -67,7 +67,8 @@ class PlanTask(Task):
 class Planned(TaskResult):
     """A plan of any kind, with its cost.
 
-    ``forecast`` is the cost of one region with a single point. ``facts`` describes the whole plan.
+    ``forecast`` is the cost of scanning one region with a single point. ``facts`` describes the plan as plain JSON
+    types.
     """
 
     task: Any
@@ -86,9 +87,10 @@ def planned_scan(
     virtual_depths: tuple[float, ...] = (),
     cutout: tuple[int, int] | None = None,
 ) -> ScanPlan:
-    """Return the plan in a JSON file, or the plan for a camera (preset or file) with planes.
+    """Return the plan in a JSON file, or the plan of a scan with a camera (preset or file).
 
-    For a plan of several regions, this is the plan that they share.
+    ``camera`` is the file of the plan, or the camera. Depths are in µm. For a plan of several regions, the plan that
+    they share is returned.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def planned_scan(
 
 
 def scan_of(path: Path) -> ScanPlan:
-    """Return the scan plan in a file; raises `InputError` if it is a camera or another kind of file."""
+    """Return the scan plan in a file; raise `InputError` if the file is a camera or of another kind."""
     from lfcal.camera import ScanPlan
 
     named = not is_camera_file(str(path))
@@ -127,7 +129,7 @@ def scan_of(path: Path) -> ScanPlan:
 
 
 def ready_regions(path: str) -> RegionPlan | None:
-    """Return the plan of several regions in a JSON file, or None for another file."""
+    """Return the plan of several regions in a JSON file, or None if the file is of another kind."""
     from lfcal.camera import RegionPlan
 
     found = _ready(path)
@@ -147,6 +149,6 @@ def _ready(path: str) -> ScanPlan | RegionPlan | None:
 
 
 def write_plan(plan: ScanPlan | RegionPlan | TargetPlan, out: Path | None) -> None:
-    """Write a plan if a file is named."""
+    """Write ``plan`` to the file ``out``; None: do not write it."""
     if out is not None:
         write_text(out, plan.to_json())

@@ -67,14 +67,14 @@ SOLVER_KINDS = Variants(OWN_SOLVERS, "name", _find, _names)
 
 
 def solver_settings(name: str, **values: Any) -> SolverFields:
-    """Return the settings of a solver by its name, including those from other distributions.
+    """Return the settings of a solver, which may come from another distribution.
 
     Parameters
     ----------
     name
         Name of the solver.
     **values
-        Fields of its record.
+        Values of the settings; others have their defaults.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def solver_settings(name: str, **values: Any) -> SolverFields:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstructed(TaskResult):
-    """Reconstructed volumes, and the file of each by the name of its frame."""
+    """Results of reconstructing frames, and the file of each volume by the name of its frame."""
 
     method: str
     forecast: str
@@ -121,7 +121,7 @@ class Reconstructed(TaskResult):
 
 @dataclass(frozen=True)
 class ReconstructionForecast(TaskResult):
-    """Forecast cost of the reconstruction that ``run`` would do."""
+    """Forecast of the time and memory of the reconstruction ``run``."""
 
     run: FrameRun
 
@@ -262,11 +262,11 @@ class Reconstruct(_Reconstruct):
     )
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the output; volumes of a stopped run are kept next to it."""
+        """Return the output, next to which the volumes of a stopped run are stored."""
         return (self.out,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
-        """Reconstruct frame by frame; one volume is in memory at a time."""
+        """Reconstruct frame by frame, with one volume in memory at a time."""
         return self._iter_volumes(run or RunSettings(), "", warm=False)
 
     def _iter_volumes(self, run: RunSettings, suffix: str, *, warm: bool) -> Work[tuple[Reconstructed, ...]]:
@@ -306,18 +306,18 @@ class ReconstructSeries(Reconstruct):
         return self.out.suffix.lower() in SUFFIXES
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; those in a folder of volumes depend on the frames."""
+        """Return the files of the task, without those in a folder of volumes, which depend on the frames."""
         return () if way == "out" and not self._whole() else super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
-        """Reconstruct frame by frame; one volume is in memory at a time."""
+        """Reconstruct frame by frame, with one volume in memory at a time."""
         if self.format != ".tif" and self._whole():
             raise InputError.expected("--format", "a folder as --out", self.out.name, "leave --format out")
         return self._iter_volumes(run or RunSettings(), "" if self._whole() else self.format, warm=self.warm)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of reconstruction that the values need."""
+    """Return the class of the task for the ``given`` values."""
     if given.get("forecast"):
         return ReconstructForecast
     from lfcal.reconstruct import is_series

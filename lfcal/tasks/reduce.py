@@ -33,7 +33,7 @@ class ReducedFile(TaskResult):
 
     @property
     def bound(self) -> Any:
-        """Largest fraction of its light that a pattern loses, by plane: by truncation, by rounding, and in total."""
+        """Largest fraction (L1) that a pattern of each plane loses by truncation, by rounding, and in total."""
         return self.matrix.facts.known()["bound"]
 
     @property
@@ -86,7 +86,7 @@ class Reduce(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReducedFile, ...]]:
-        """Write H with the coarsest rounding that the tolerance allows."""
+        """Write H to the new file with the coarsest rounding that the tolerance allows."""
         from lfcal.psf import iter_save, open_psf
 
         start, run = time.perf_counter(), run or RunSettings()

@@ -31,7 +31,7 @@ TASKS = {
 
 
 def task_set(name: str) -> TaskSet:
-    """Return the kinds of a command's task; raises `InputError` for an unknown name."""
+    """Return the set of tasks of the command ``name``; raise `InputError` if the name is unknown."""
     if name not in TASKS:
         raise InputError.expected("task", " or ".join(TASKS), repr(name), choose(name, TASKS))
     module, _, attribute = TASKS[name].partition(":")

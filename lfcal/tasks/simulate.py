@@ -54,14 +54,14 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationForecast(TaskResult):
-    """Effects that matter for a plan, with the reason and the cost of each."""
+    """Effects selected for the simulation of a plan, with the reason and the cost of each."""
 
     plan: ScanPlan
     effects: EffectSelection
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """Accuracy of the computed planes of H, as lines of text."""
+        """Accuracy of the computed planes of H, as lines of text; empty for a forecast."""
         return ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -69,7 +69,7 @@ class SimulationForecast(TaskResult):
         return {**self.effects.to_dict(), "assumed": self.plan.camera.marks.paths("assumed")}
 
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
-        """Return a description of a file or folder that was written."""
+        """Return a description of the file or folder ``path`` that was written, as plain JSON types."""
         names = [effect.name for effect in self.effects.effects]
         assumed = self.plan.camera.marks.paths("assumed")
         return {"path": path, "what": what, **more, "effects": names, "assumed": assumed}
@@ -77,10 +77,10 @@ class SimulationForecast(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedH(SimulationForecast):
-    """One simulated H. If it is one region of several, its matrix is already closed.
+    """One simulated H; if it is one of several regions, its matrix is already closed.
 
-    ``stored`` is the relative L1 error that writing the file may add to each pattern. ``light`` is the fraction of each
-    plane's light inside the cutout.
+    ``stored`` is the relative L1 error that writing the file may add to each pattern; None: it adds none. ``light`` is
+    the fraction of the light of each plane that is inside the cutout.
     """
 
     out: Path
@@ -90,7 +90,7 @@ class SimulatedH(SimulationForecast):
 
     @property
     def errors(self) -> tuple[float, ...]:
-        """Relative L1 error of each plane: omitted effects, computation and storage together."""
+        """Relative L1 error of each plane due to omitted effects, computation and storage together."""
         return tuple(float(error) for error in self.matrix.facts.known()["error"])
 
     @property
@@ -107,7 +107,7 @@ class SimulatedH(SimulationForecast):
 
     @property
     def reached(self) -> tuple[str, ...]:
-        """Text on the accuracy of the planes. Omitted effects are estimated, and the computation is checked."""
+        """Error of the planes, how they were computed, and their light in the cutout, as lines of text."""
         lowest, highest = 100 * min(self.errors), 100 * max(self.errors)
         error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
         what = "including that of storage" if self.stored is not None else "of omitted effects and of the computation"
@@ -359,7 +359,7 @@ class SimulateH(_OfOnePlan):
     )
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedH]:
-        """Choose the effects and compute H."""
+        """Choose the effects, and compute and write H."""
         return self.iter_matrix(plan, self.out, run, stored=self.store_tolerance)
 
 
@@ -380,7 +380,7 @@ class SimulatePasses(_OfOnePlan):
     )
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedH]:
-        """Compute H by rays, then more accurately."""
+        """Compute H in passes, of which each is more accurate than the previous one, and write it after each."""
         whole: list[str] = []
 
         def tell(matrix: PSFMatrix) -> None:
@@ -485,7 +485,7 @@ class SimulateForecast(_OfOnePlan):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the kind of simulation, by the output and by whether the plan has several regions."""
+    """Return the class of the task for the ``given`` output and plan."""
     if given.get("plan_only"):
         return SimulateForecast
     if bool(given.get("out")) == bool(given.get("frames")):

@@ -17,7 +17,7 @@ __all__ = ["left_words", "opened_target", "wanted_target"]
 
 
 def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
-    """Return the plan of the target that the frames show, recorded or named; None for frames of a scan."""
+    """Return the plan of the target that frames show, from ``plan`` or stored with them; None for frames of a scan."""
     from lfcal.acquire import NAME
     from lfcal.targets import read_target_plan
 
@@ -41,7 +41,7 @@ def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
 def opened_target(
     source: Path, plan: TargetPlan, recipe: CorrectionRecipe, *, skip_damaged: bool = False
 ) -> Iterator[FrameSource]:
-    """Open the frames of a target with their dark level subtracted."""
+    """Open the corrected frames of a target, decoded if several of them were shown together."""
     from lfcal.acquire import NAME
     from lfcal.frames import corrected_view, open_frames
     from lfcal.targets import decoded, open_target_frames
@@ -55,7 +55,7 @@ def opened_target(
 
 
 def left_words(left: int, count: int, plan: TargetPlan) -> str:
-    """Return a message with the number of points that show no position, and the reason why they are not resampled."""
+    """Return a message on the ``left`` of ``count`` points that match no position, and why they are not resampled."""
     from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"

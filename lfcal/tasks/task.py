@@ -31,7 +31,7 @@ def _executors() -> tuple[str, ...]:
 
 @record
 class RunSettings:
-    """How a task is run, and whether existing files are replaced; nothing here changes the result.
+    """Settings for how a task is run, and whether it replaces existing files; they do not change its result.
 
     Examples
     --------
@@ -55,7 +55,7 @@ class RunSettings:
     force: bool = opt(False, "Replace existing files.")
 
     def choice(self, out: Path, seconds: float = 0.0, units: str = "plane by plane") -> RunChoice | None:
-        """Return how ``out`` is made in units, or None if the work is short and units were not requested.
+        """Return how to compute ``out`` in units; None if the work is short and units were not requested.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class RunSettings:
         seconds
             Forecast processor time (s).
         units
-            Words for the units in messages.
+            How the units are described in messages.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class RunSettings:
 
 
 def may_replace(out: Path, run: RunSettings) -> bool:
-    """Return whether an existing ``out`` may be replaced: with ``force``, or because a resumed run was writing it."""
+    """Return whether an existing ``out`` may be replaced, by ``force`` or because a resumed run was writing it."""
     from lfcal.work import was_joining
 
     return run.force or (run.resume and was_joining(out))
@@ -103,7 +103,7 @@ class TaskResult:
         return False
 
     def exit_code(self) -> int:
-        """Return the exit code of a command that has shown the result; raise an error that occurred later."""
+        """Return the exit code of the command: 1 if ``failed``, otherwise 0."""
         return int(self.failed)
 
     def to_dict(self) -> dict[str, Any]:
@@ -111,7 +111,7 @@ class TaskResult:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Close the files that are still open; by default there are none."""
+        """Close the files of the result that are still open."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,11 +123,11 @@ class Task:
     name
         Name of the command.
     input_words
-        Words for the input or output that distinguish the tasks of one command, such as ``"frames"`` and ``"H"``.
+        Description of the input or output that distinguishes the tasks of one command, such as ``"frames"`` or ``"H"``.
     in_units
-        Whether other processes can do parts of the task, and a stopped run can continue.
+        Whether the task can be done in units by other processes, and continued after a stop.
     resumes
-        Whether a stopped run can continue although the task is not done in units.
+        Whether the task can be continued after a stop although it is not done in units.
     """
 
     name: ClassVar[str]
@@ -143,29 +143,29 @@ class Task:
         check_record(self)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
-        """Do the task: yield progress, and return its result."""
+        """Do the task, yielding progress, and return its results."""
         raise NotImplementedError
 
     def run(self, run: RunSettings | None = None) -> Any:
-        """Do the task, and return its result."""
+        """Do the task, and return its results, a tuple of `TaskResult`."""
         return drain(self.work(run))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, each marked ``"in"`` or ``"out"``."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``)."""
         given = [(row, value_at(self, row)) for row in rows_of(self) if row.opt.file == way]
         return tuple(path for row, value in given for path in row.paths_of(value))
 
     @classmethod
     def takes(cls, name: str) -> bool:
-        """Return whether a field of `RunSettings` applies to tasks of this kind."""
+        """Return whether the field ``name`` of `RunSettings` applies to tasks of this class."""
         return cls.in_units or name not in UNITS or (name == "resume" and cls.resumes)
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the outputs next to which units of a stopped run are kept."""
+        """Return the outputs next to which the units of a stopped run are stored."""
         return self.files("out") if self.in_units else ()
 
     def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:
-        """Return the task with all its fields as plain JSON types, for a job, for provenance, or for another process.
+        """Return the task with all its fields as plain JSON types.
 
         Parameters
         ----------
@@ -189,18 +189,18 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskSet:
-    """The kinds of a task; the given values decide which one is run.
+    """The tasks of one command; the given values determine which of them is run.
 
     Attributes
     ----------
     name
         Name of the command.
     kinds
-        One class for each kind of input.
+        Classes of the tasks, one for each kind of input or output.
     choose
-        Function that returns the kind for given values by field name; it may read files.
+        Function that returns the class for given values by field name; it may read files.
     example
-        A command line, for the help.
+        A command line to show in the help.
     help
         What the command does; empty: the docstring of the first kind.
     """
@@ -217,7 +217,7 @@ class TaskSet:
         Raises
         ------
         InputError
-            If this kind of task does not have a field, or a required field has no value.
+            If a value is given for a field that this task does not have, or a required field has no value.
         """
         for row in rows(self.kinds[0]):
             # the choice of the kind may depend on these

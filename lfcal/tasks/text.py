@@ -29,7 +29,7 @@ FACES = {
 
 
 def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
-    """Return the words of the command line after ``lfcal``; values equal to the defaults are left out."""
+    """Return the arguments of the command line after ``lfcal``, without values that equal the defaults."""
     inputs, options = [], []
     for row, value in [(row, value_at(one, row)) for one in (task, run) if one for row in rows_of(one)]:
         if row.opt.argument:
@@ -45,7 +45,7 @@ def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
 
 
 def command_of(task: Task, run: RunSettings | None = None) -> str:
-    """Return the equivalent command line.
+    """Return the command line that is equivalent to a task.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def command_of(task: Task, run: RunSettings | None = None) -> str:
 
 
 def python_of(task: Task, run: RunSettings | None = None, imported: Collection[str] = ()) -> str:
-    """Return the equivalent Python code; ``imported`` are the modules whose names the script has already imported.
+    """Return Python code that is equivalent to a task; ``imported`` are modules that the script has already imported.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def _literal(value: Any, names: set[tuple[str, str]]) -> str:
 
 
 def job_of(task: Task, run: RunSettings | None = None) -> str:
-    """Return the text of a job file (TOML) with all values; `read_job` reads it back.
+    """Return the text of a job file (TOML) with all values of a task, from which `read_job` restores it.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def _toml(value: Any) -> str:
 
 
 def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[Task, RunSettings]:
-    """Return the task of a job, or of an H file's provenance; its paths are relative to ``root``.
+    """Return the task and the run settings of a job or a provenance; paths in it are relative to ``root``.
 
     Raises
     ------
@@ -182,7 +182,9 @@ def _made_by(path: Path) -> Any:
 
 
 def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tuple[Task, RunSettings]:
-    """Return the job in a file (.toml, .json), or the job that made an H or volume file (.h5), changed by ``more``.
+    """Return the job in a file (.toml, .json), or the job that made an H or volume file (.h5).
+
+    Entries of ``more`` replace those of the job.
 
     Raises
     ------

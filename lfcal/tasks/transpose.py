@@ -22,8 +22,8 @@ RATE = 150e6
 class TransposedFile(TaskResult):
     """The transposed file that was written.
 
-    ``bytes`` is the size of H in memory. ``missing`` is the number of positions that were neither recorded nor
-    filled. ``made`` is ``"HT"``, or ``"H"`` if the source was HT.
+    ``bytes`` is the size of H in memory. ``missing`` is the number of positions that were neither recorded nor filled.
+    ``made`` is what the file contains: ``"HT"``, or ``"H"`` if the source was HT.
     """
 
     out: Path
@@ -69,7 +69,7 @@ class Transpose(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TransposedFile, ...]]:
-        """Write the transpose plane by plane, because H may be far larger than the memory."""
+        """Write the transpose plane by plane, because H may not fit into memory."""
         from lfcal.psf import iter_transpose_file
 
         start, run = time.perf_counter(), run or RunSettings()
