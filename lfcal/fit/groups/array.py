@@ -27,8 +27,8 @@ STEP_GAP = 0.002
 def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:
     """Return the lattice rotated and scaled about a point (x, y), so that a lenslet there does not move.
 
-    Otherwise, an error of rotation or pitch would also cause an error of the offset, in proportion to the distance
-    from the sensor's centre.
+    ``turn_rad`` is the rotation and ``grow`` the relative increase of the pitch. If the lattice were rotated and scaled
+    about the centre of the sensor, an error of rotation or pitch would also cause an error of the offset at the point.
     """
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     away = np.array(lattice.offset_um) - point_um
@@ -53,7 +53,7 @@ class Geometry(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return gap, rotation about the region's middle, and the change of the offset."""
+        """Return the gap, the rotation about the middle of the region, and the change of the offset."""
         if not setup.camera.has_lattice:
             return ()
         lattice, pixel = setup.camera.lattice, setup.camera.sensor.pixel_um
@@ -67,7 +67,7 @@ class Geometry(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this gap, rotation and offset of the array."""
+        """Return the setup with the gap, rotation and offset of the array in ``values``."""
 
         def placed(camera: Camera) -> Camera:
             lattice = about(camera.periodic, frame.middle_um, values["rotation_rad"] - camera.lattice.rotation_rad, 0.0)
@@ -95,7 +95,7 @@ class Pitch(Group):
         return (Unknown("pitch_um", self.name, "µm", pitch, scale, None, 0.8 * pitch, 1.25 * pitch),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the array scaled about the region's middle; the lenslets' fill factor is unchanged."""
+        """Return the setup with the array scaled about the middle of the region, with an unchanged fill factor."""
 
         def grown(camera: Camera) -> Camera:
             grow = values["pitch_um"] / camera.lattice.pitch_um - 1.0
@@ -114,7 +114,7 @@ class ArrayTiltGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the increase of the gap down the rows and along the columns."""
+        """Return the tilt as the slope of the gap down the rows and along the columns (rad)."""
         if not setup.camera.has_lattice:
             return ()
         own, camera = setup.effect(ArrayTilt), setup.camera
@@ -127,7 +127,7 @@ class ArrayTiltGroup(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the array tilted; a tilt of 0 adds no effect."""
+        """Return the setup with the tilt of the array in ``values``; a tilt of 0 adds no effect."""
         del frame
         tilt = ArrayTilt(values["tilt_rows_rad"], values["tilt_columns_rad"])
         if tilt == ArrayTilt(0.0, 0.0):

@@ -36,7 +36,7 @@ def _changed(setup: Setup, **values: object) -> Setup:
 
 
 class PupilLensletPlaces(Group):
-    """Place of each lenslet on the sensor; its centre from the optical axis follows from that and the axis."""
+    """Position of each lenslet on the sensor, from which its centre relative to the optical axis follows."""
 
     name = "lens_centres"
     title = "centre of each lenslet"
@@ -45,7 +45,7 @@ class PupilLensletPlaces(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the place (x, y) of each lenslet, from the sensor's centre."""
+        """Return the position (x, y) of each lenslet, relative to the centre of the sensor."""
         del frame
         lenslets, px = lenslets_of(setup), setup.camera.sensor.pixel_um
         if lenslets is None:
@@ -59,7 +59,7 @@ class PupilLensletPlaces(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the lenslets at these places."""
+        """Return the setup with the lenslets at the positions in ``values``."""
         del frame
         lenslets = lenslets_of(setup)
         assert lenslets is not None
@@ -68,9 +68,9 @@ class PupilLensletPlaces(Group):
 
 
 class AxisPlace(Group):
-    """Where the optical axis meets the sensor; lenslets stay at their places on the sensor.
+    """Intersection of the optical axis with the sensor; the lenslets keep their positions on the sensor.
 
-    A pattern is the same everywhere in the field, so only a source on the axis shows where the axis is.
+    Because patterns are the same everywhere in the field, only a source on the axis shows where the axis is.
     """
 
     name = "optical_axis"
@@ -80,7 +80,7 @@ class AxisPlace(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the place (x, y) of the axis, from the sensor's centre."""
+        """Return the position (x, y) of the axis, relative to the centre of the sensor."""
         del frame
         lenslets, px = lenslets_of(setup), setup.camera.sensor.pixel_um
         if lenslets is None:
@@ -92,7 +92,7 @@ class AxisPlace(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this axis, and with the source on it."""
+        """Return the setup with the optical axis in ``values``, and with the source on it."""
         del frame
         lenslets = lenslets_of(setup)
         assert lenslets is not None
@@ -106,7 +106,7 @@ class AxisPlace(Group):
 
 
 class PupilLength(Group):
-    """One length of the lenslets, such as their gap.
+    """A length of a Fourier light-field microscope, such as the gap between lenslets and sensor.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ class PupilLength(Group):
     field
         Name of the length in `lfcal.camera.PupilLenslets`, and of the unknown.
     share
-        Noticeable change, as a fraction of the length.
+        Noticeable change of the length, as a fraction of it.
     gauge
-        What is fixed, because patterns do not distinguish it from this length.
+        Quantities that are fixed because patterns do not distinguish them from this length.
     """
 
     core = True
@@ -127,7 +127,7 @@ class PupilLength(Group):
         self.name, self.title, self.rank, self.field, self.share, self.gauge = name, title, rank, field, share, gauge
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the length."""
+        """Return the length (µm); none for a camera with a lattice."""
         del frame
         lenslets = lenslets_of(setup)
         if lenslets is None:
@@ -137,13 +137,13 @@ class PupilLength(Group):
         return (Unknown(self.field, self.name, "µm", now, scale, None, 0.5 * now, 2 * now, gauge=self.gauge),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this length."""
+        """Return the setup with the length in ``values``."""
         del frame
         return _changed(setup, **{self.field: values[self.field]})
 
 
 class TravelTilt(Group):
-    """Tilt of the source's travel in depth against the optical axis."""
+    """Tilt of the travel of the source in depth relative to the optical axis."""
 
     name = "travel_tilt"
     title = "tilt of the source's travel against the optical axis"
@@ -152,7 +152,7 @@ class TravelTilt(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the tilt down the rows and along the columns."""
+        """Return the tilt down the rows and along the columns (rad)."""
         del frame
         if lenslets_of(setup) is None:
             return ()
@@ -162,7 +162,7 @@ class TravelTilt(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with this tilt."""
+        """Return the setup with the tilt in ``values``."""
         del frame
         return replace(setup, travel_rad=(values["travel_rows_rad"], values["travel_columns_rad"]))
 
