@@ -217,7 +217,7 @@ def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last
     shape, dtype
         Expected shape of the region of interest, and sample type of the camera.
     last_number
-        Number of the last frame seen.
+        Number of the previous frame.
     arrived_s
         Time at which the stage had arrived and settled, on the rig's clock (s).
 

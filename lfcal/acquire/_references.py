@@ -51,7 +51,7 @@ class References:
         self.hot = 0
 
     def add(self, seconds: float, frame: NDArray[Any], border: NDArray[np.bool_]) -> None:
-        """Add a frame ``(rows, columns)``; its ``border`` shows the background."""
+        """Add a frame ``(rows, columns)``; the mask ``border`` selects the pixels that show the background."""
         data = frame.astype(np.float64)
         level, noise = float(np.median(data[border])), float(data[border].std())
         data -= level

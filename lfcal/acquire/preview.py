@@ -1,4 +1,4 @@
-"""A bounded queue of frames for a window; only here may frames be dropped, oldest first."""
+"""A bounded queue of frames for a window; only here may frames be discarded, the oldest first."""
 
 from __future__ import annotations
 
@@ -68,13 +68,13 @@ class Preview:
         self.dropped = 0
 
     def put(self, frame: LiveFrame) -> None:
-        """Add a frame; a full queue drops its oldest."""
+        """Add a frame; if the queue is full, its oldest frame is discarded."""
         with self._lock:
             self.dropped += len(self._items) == self._items.maxlen
             self._items.append(frame)
 
     def latest(self) -> LiveFrame | None:
-        """Return the newest frame and drop the others; None if there is none."""
+        """Return the newest frame and discard all others; None if there is none."""
         with self._lock:
             if not self._items:
                 return None

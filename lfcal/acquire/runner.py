@@ -367,7 +367,7 @@ class Runner:
     known
         Frames of earlier runs around the remaining steps.
     whole_frames
-        Whether frames are whole frames that show many points of a target.
+        Whether frames cover the whole sensor and show many points of a target.
 
     Raises
     ------

@@ -236,7 +236,8 @@ class Neighbours:
     sensor
         Limits of the sensor.
     whole
-        Whether frames are whole frames with many points; each is then compared only with the latest accepted one.
+        Whether frames cover the whole sensor and show many points; each is then compared only with the latest accepted
+        one.
     """
 
     def __init__(self, shape: tuple[int, int, int], sensor: SensorLimits, *, whole: bool = False) -> None:
@@ -367,7 +368,8 @@ class ContentGuard:
     recorded
         See `Repeats`.
     whole
-        Whether frames are whole frames with many points, which differ in the positions of light but have similar sums.
+        Whether frames cover the whole sensor and show many points; such frames differ in the positions of light but
+        have similar sums.
     """
 
     def __init__(

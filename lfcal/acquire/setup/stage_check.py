@@ -85,7 +85,7 @@ class StageCheck:
 
     @property
     def words(self) -> str:
-        """The result as one line, the form stored in ``session.json``."""
+        """The result as one line, as it is stored in ``session.json``."""
         if not self.fits:
             return "; ".join(self.notes) or "stage not checked: check_stage is off"
         right, down = self.fits[0].scale
