@@ -97,7 +97,7 @@ def find_spots(
     Raises
     ------
     InputError
-        If there is no point.
+        If no point is found.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter
 

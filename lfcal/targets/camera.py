@@ -137,7 +137,7 @@ class TargetCamera(Frames):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """uint16 for sample values, or float32 if they are not rounded."""
+        """Sample type: uint16, or float32 if sample values are not rounded."""
         return self.single.dtype
 
     @cached_property

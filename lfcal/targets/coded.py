@@ -69,7 +69,7 @@ class DecodedFrames(SourceView):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """float32, because frames are weighted sums."""
+        """Sample type: float32, because frames are weighted sums."""
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:

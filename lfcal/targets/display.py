@@ -66,7 +66,9 @@ class Display:
 
 
 def parse_display(text: str) -> Display | None:
-    """Parse ``"display:ROWSxCOLUMNS@PITCH"``, with the pitch in µm unless it ends in mm; None: not a display.
+    """Return the display in a text ``"display:ROWSxCOLUMNS@PITCH"``; None if it does not begin with ``display``.
+
+    The pitch is in µm unless it ends in mm.
 
     Raises
     ------
@@ -224,7 +226,7 @@ def pictures_in(folder: Path) -> list[Path]:
 
 
 def write_pictures(plan: TargetPlan, display: Display, folder: Path) -> list[Path]:
-    """Write the image for each frame as PNG, in the order of the plan; return the paths.
+    """Write the image on the display for each frame as PNG, in the order of the plan; return the paths.
 
     Images of an earlier plan are removed, because a program that shows all files would also show them.
     """

@@ -56,7 +56,7 @@ class ErrorForecast:
 def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
     """Return the expected ``sum |noise| / sum light`` of one recorded pattern of plane ``z``.
 
-    It includes photon noise and read noise of the pixels of a cutout as Gaussian noise, for which the mean of ``|x|``
+    Photon noise and read noise of the pixels of a cutout are included as Gaussian noise, for which the mean of ``|x|``
     is ``sqrt(2 / pi)`` times the standard deviation. Exposures are those of a simulated session, whose brightest pixel
     reaches 0.8 of the range.
     """

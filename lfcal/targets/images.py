@@ -46,7 +46,7 @@ class HoleImages:
     def whole(
         self, sensor: tuple[int, int], cutout: tuple[int, int], offset_px: tuple[float, float] = (0.0, 0.0)
     ) -> NDArray[np.bool_]:
-        """Return a mask ``(n,)`` of the holes whose cutouts about the nearest pixel are completely on the sensor."""
+        """Return a mask ``(n,)`` of the holes whose cutouts around the nearest pixel are completely on the sensor."""
         return whole_at(self.moved(np.array(offset_px)), sensor, cutout)
 
     def only(self, which: NDArray[np.bool_]) -> HoleImages:

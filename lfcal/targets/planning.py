@@ -204,7 +204,7 @@ class Tails:
         Raises
         ------
         InputError
-            If there is no such spacing within two cutouts.
+            If there is no such pitch below two cutouts.
         """
         first, last = (max(self.cutout) - 1) // 2, 2 * max(self.cutout)
         for pitch in range(first, last):

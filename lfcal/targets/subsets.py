@@ -75,7 +75,7 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
     Raises
     ------
     InputError
-        If ``signal_e`` exceeds the full well.
+        If ``signal_e`` is not above 0, or exceeds the full well.
     """
     at = len(plan.scan.depths_um) // 2 if z is None else z
     order = group_order(len(plan.offsets_px[at]))
