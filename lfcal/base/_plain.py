@@ -40,9 +40,9 @@ def plain(value: Any) -> Any:
 def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: bool = True) -> Any:
     """Return the value of JSON ``text``; ``what`` names it in messages.
 
-    Stricter than `json.loads`, whose result may cause errors far from here. NaN, infinity, numbers beyond 64 bits,
-    duplicate entries, nesting beyond `MAX_NESTING` levels, and invalid Unicode are refused. With ``finite`` false, NaN
-    and infinity are accepted.
+    The parser is stricter than `json.loads`, so that invalid values are found here and not later. NaN, infinity,
+    numbers beyond 64 bits, duplicate entries, nesting beyond `MAX_NESTING` levels, and invalid Unicode are refused.
+    With ``finite`` false, NaN and infinity are accepted.
 
     Raises
     ------

@@ -69,7 +69,7 @@ class UnsafeFileError(FileFormatError):
 
 
 class StorageError(LfcalError, OSError):
-    """The disk cannot read or write as requested: it is full, read-only, or the file is missing."""
+    """A file cannot be read or written: the disk is full or read-only, or the file is missing."""
 
 
 class Cancelled(LfcalError):

@@ -198,7 +198,7 @@ def replace_store(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty scratch folder next to ``path``; move it into place when the block succeeds, else remove it.
 
     It works like `replace_whole`, for outputs that are folders (`STORES`). An existing folder is moved aside between
-    two renames. If the program is killed at that moment, the next one restores the folder.
+    two renames. If the program is killed at that moment, the next program that writes the folder restores it.
 
     Raises
     ------
@@ -339,7 +339,7 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bo
     StorageError
         If the file cannot be read, or is not a file on a disk.
     FileFormatError
-        If the file is larger, or is not text.
+        If the file is larger than ``limit``, or is not text.
     """
     source = Path(path)
     check_regular(source)

@@ -124,7 +124,7 @@ def sync_file(path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in ``folder`` durable if the system supports it."""
+    """Flush the names of the files in ``folder`` to disk, if the system supports it."""
     if not hasattr(os, "O_DIRECTORY"):  # folders cannot be opened on this system
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | OPEN_FLAGS)
@@ -182,7 +182,7 @@ def on_network(path: str) -> bool:
 
 
 def too_long(path: object) -> bool:
-    """Return whether a path may be longer than Windows allows, which then reports that the file does not exist."""
+    """Return whether a path may be too long for Windows, which then reports that the file does not exist."""
     # 259 characters, some of which are needed for the names of scratch files
     return sys.platform == "win32" and len(str(path)) > 235 and not str(path).startswith("\\\\?\\")
 

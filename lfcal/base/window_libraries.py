@@ -1,4 +1,4 @@
-"""System libraries that the window needs on Linux and no Python package provides: missing ones, and the remedy."""
+"""Check for system libraries that the window needs on Linux and that no Python package provides."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class H5File:
     Raises
     ------
     StorageError
-        If the file does not exist or must not be read.
+        If the file does not exist, or there is no permission to read it.
     FileFormatError
         If the file is not an HDF5 file, or is damaged.
     """
