@@ -91,7 +91,7 @@ class Caller:
         DeviceLost
             If the driver does not return in time, or still hangs in an earlier call.
         DeviceError
-            The driver's error: one of lfcal's errors, or any other exception with the device's name.
+            If the driver raises an error; errors of lfcal are passed on unchanged, others with the device's name.
         """
         if self._direct:
             try:  # about ten calls per frame: a context manager for each would take longer than the checks

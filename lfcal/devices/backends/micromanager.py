@@ -65,7 +65,7 @@ class MicroManagerBackend:
         return f"pymmcore {pymmcore.__version__}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Load the configuration and return its camera and stages."""
+        """Load the configuration file, and return a rig with its camera and stages."""
         import pymmcore
 
         limits = limits_option(options)

@@ -222,7 +222,7 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
 
 
 class SimGauge:
-    """Gauge with a constant reading, which differs during a fault."""
+    """Gauge with a constant reading, and with another one during a fault."""
 
     def __init__(
         self, name: str, unit: str, values: tuple[float, float], fault: str, faults: Iterable[DeviceFault]
