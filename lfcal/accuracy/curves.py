@@ -42,7 +42,7 @@ class Rung:
     Raises
     ------
     InputError
-        If error or cost are not finite, or are below 0.
+        If the error or the cost is not finite, or below 0.
 
     Examples
     --------

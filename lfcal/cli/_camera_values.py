@@ -48,7 +48,7 @@ def stated(
         None, "--set", help="Any other value as PATH=VALUE, e.g. sensor.full_well_e=20000; may be repeated."
     ),
 ) -> dict[str, Any]:
-    """Return the values of the options by path; an empty option gives none.
+    """Return the values of the options by path; empty options are left out.
 
     Raises
     ------

@@ -34,7 +34,7 @@ MOST_POSITIONS = 4
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of positions simulated with each tolerance, compared with a reference with all effects."""
+    """Yield the error of positions simulated with each tolerance, relative to a reference with all effects."""
     plan, z = subject.planned, subject.middle
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
     places = _places(plan.period, count)
