@@ -23,7 +23,7 @@ MIN_VALUES = 16
 def find_shift(source: FrameSource) -> int:
     """Return the number of bits by which the samples of ``source`` are left-aligned; 0 if they are not.
 
-    A few frames, evenly spread over the source, are read completely: all their samples must be multiples of ``2^bits``.
+    Six frames, evenly spread over the source, are read completely. All their samples must be multiples of ``2^bits``.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def find_shift(source: FrameSource) -> int:
 
 
 def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
-    """Return the number of bits to shift by, for ``"auto"`` or a number as text, and a note if one is needed."""
+    """Return the number of bits to shift down, as stated in ``text`` or found for ``"auto"``, and a note or ``""``."""
     if text != "auto":
         try:
             bits = int(text)
@@ -106,9 +106,9 @@ class ShiftedSource(SourceView):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it."""
+        """Return frame ``index``, or only the part of it in ``region``."""
         return shifted(self.source.read(index, region), self.bits, self.info(index).label)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the shifted samples."""
+        """Return the samples of frame ``index`` or a part of it, shifted down."""
         return Frames.samples(self, index, region)

@@ -49,7 +49,7 @@ def cfa_from(cfa: str, origin: tuple[int, int]) -> str:
 
 
 def phases(cfa: str) -> list[tuple[slice, slice]]:
-    """Return the strided slices that select each position of the pattern, by rows; one for monochrome frames."""
+    """Return, for each position of the pattern by rows, the strided row and column slices that select its pixels."""
     side = pattern_side(cfa)
     return [(slice(r, None, side), slice(c, None, side)) for r in range(side) for c in range(side)]
 
@@ -106,12 +106,12 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
 
 
 def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
-    """Raise an error if the two greens of a Bayer mosaic differ more than its red and blue do.
+    """Raise an error if the Bayer tag of a RAW file appears to exchange the greens with red and blue.
 
-    RAW readers do not check the Bayer tag. If the tag exchanges greens with red and blue, the supposed greens differ
-    in the brightest 1 % of the cells, while the other two agree. An error requires that the difference of the greens
-    is more than 2.5 times that of the others, and more than 5 % of the light. An exchange of red and blue is not
-    found, and neither is a wrong tag in a grey scene.
+    RAW readers do not check this tag. If it is wrong, the supposed greens differ in the brightest 1 % of the cells,
+    while the other two colours agree. The error is raised if the difference between the greens exceeds 2.5 times that
+    between the other two colours, and 5 % of the light. An exchange of red and blue is not detected, and neither is a
+    wrong tag in a grey scene.
 
     Raises
     ------

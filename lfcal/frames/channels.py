@@ -28,10 +28,10 @@ __all__ = [
 
 
 class ChannelSource(SourceView):
-    """Frames of one position of the colour filter pattern, with half the rows and columns for Bayer.
+    """Frames that contain only the pixels at one position of the colour filter pattern.
 
     Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain ``channel_phase`` (r0,
-    c0) and ``pixel_step``; drifts are in pixels of the channel.
+    c0) and ``pixel_step`` (step, 2 for Bayer). Drifts are in pixels of the channel.
     """
 
     def __init__(self, source: FrameSource, channel: str) -> None:
@@ -93,7 +93,7 @@ class ChannelSource(SourceView):
         return np.ascontiguousarray(self.source.read(index, (rows, columns))[:: self._step, :: self._step])
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the channel's samples."""
+        """Return the samples of the channel in frame ``index``, or in a part of it."""
         return Frames.samples(self, index, region)
 
 
@@ -139,12 +139,12 @@ class BalancedSource(SourceView):
         return part
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the balanced samples; the mosaic decides which of them are saturated."""
+        """Return the balanced samples; whether one is saturated is decided by its value in the mosaic."""
         return self.source.samples(index, region)._replace(values=self.read(index, region), noise=None)
 
 
 def channel_source(source: FrameSource, channel: str) -> ChannelSource:
-    """Return one colour of a mosaic, e.g. ``"R"``, ``"G1"``, ``"G2"``, ``"B"``, as a frame source.
+    """Return one colour of a mosaic, such as ``"R"``, ``"G1"``, ``"G2"`` or ``"B"``, as a frame source.
 
     Greens are numbered by rows of the pattern: in ``GRBG`` G1 is the first pixel.
 
@@ -190,16 +190,17 @@ def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -
 
 @dataclass(frozen=True)
 class ColourScan:
-    """The part of a scan that a channel of a colour filter sees, in steps of channel pixels.
+    """The part of a scan that is recorded by one colour channel, in units of channel pixels.
 
     Attributes
     ----------
     channel
         Name of the channel.
     plan
-        Plan of the channel, with a camera of larger pixels, fewer positions and a smaller cutout.
+        Plan of the channel, with larger camera pixels, fewer positions and a smaller cutout.
     first
-        First row and first column of the scan's positions that belong to the channel; every ``step``-th one follows.
+        First y and first x of the scan positions that belong to the channel; every ``step``-th position after them also
+        belongs to it.
     step
         Side of the filter's pattern (pixels).
     """
@@ -211,7 +212,7 @@ class ColourScan:
 
 
 def colours_of(source: FrameSource, plan: ScanPlan) -> tuple[str, ...]:
-    """Return the channels of the frames, from their metadata or else the plan's sensor; empty if monochrome."""
+    """Return the names of the frames' colour channels, from their metadata or the plan's sensor; empty: monochrome."""
     return channel_names(_filter(source, plan))
 
 
@@ -221,12 +222,12 @@ def _filter(source: FrameSource, plan: ScanPlan) -> str:
 
 
 def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan | None:
-    """Return the part of a mosaic's scan that ``channel`` sees; None if ``plan`` is already that of the channel.
+    """Return the part of a mosaic's scan that ``channel`` records; None if ``plan`` is already the channel's plan.
 
-    A step that moves the image by one pixel of the mosaic is half a pixel of a Bayer channel. H needs whole steps, so
-    each channel uses the positions whose image is on one of its pixels: a quarter of them. After one cell of the
-    lenslet array the pattern repeats, but on the same colour only if the cell is an even number of pixels. Otherwise
-    two cells must be scanned.
+    A step that moves the image by one pixel of the mosaic moves it by half a pixel of a Bayer channel. H needs steps of
+    whole pixels, so each channel uses a quarter of the positions: those whose image is centred on one of its pixels.
+    The light pattern repeats after one cell of the lenslet array, but on the same colour only if the cell is an even
+    number of pixels. Otherwise two cells must be scanned.
 
     Raises
     ------
@@ -281,7 +282,7 @@ def _camera(plan: ScanPlan, phase: tuple[int, int], step: int) -> Any:
 
 
 class ThinnedSource(SourceView):
-    """The frames at the positions of a colour's plan, with the numbering of that plan."""
+    """The frames at the positions that belong to one colour, with the position numbers of that colour's plan."""
 
     def __init__(self, source: FrameSource, scan: ColourScan) -> None:
         super().__init__(source)
@@ -317,7 +318,7 @@ class ThinnedSource(SourceView):
         return replace(info, points=(Position(z, (y - y0) // step, (x - x0) // step),))
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it."""
+        """Return frame ``index``, or only the part of it in ``region``."""
         return self.source.read(self._kept[index], region)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:

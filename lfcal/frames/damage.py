@@ -22,7 +22,7 @@ BLOCK = 64
 
 @contextmanager
 def frame_errors(label: str, position: Position) -> Iterator[None]:
-    """Add to the error of an unreadable frame its name and position, and how to continue without it."""
+    """Add the name and position of an unreadable frame to its error, and how to continue without the frame."""
     try:
         yield
     except (FileFormatError, StorageError) as error:
@@ -50,24 +50,24 @@ class SelectedSource(SourceView):
         return len(self.chosen)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts of frame ``index``."""
+        """Return the facts about frame ``index``."""
         return self.source.info(int(self.chosen[index]))
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it."""
+        """Return frame ``index``, or only the part of it in ``region``."""
         return self.source.read(int(self.chosen[index]), region)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples."""
+        """Return the samples of frame ``index``."""
         return self.source.samples(int(self.chosen[index]), region)
 
     def repeats(self) -> FrameSource | None:
-        """Return the source's repeated frames."""
+        """Return the repeated frames of the source; None if it has none."""
         return self.source.repeats() if isinstance(self.source, Frames) else None
 
 
 def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[SelectedSource]:
-    """Read every frame once, in threads, and return the source without the unreadable frames.
+    """Read every frame once, in several threads, and return the source without the unreadable frames.
 
     Parameters
     ----------

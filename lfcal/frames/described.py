@@ -16,13 +16,13 @@ __all__ = ["DescribedSource", "sensor_noise", "stated_noise"]
 
 
 def sensor_noise(sensor: Sensor) -> Noise:
-    """Return the variance of raw samples due to read, quantization and photon noise, from the sensor's description."""
+    """Return the noise of raw samples due to reading, quantization and photons, from the sensor's description."""
     gain = sensor.electrons_per_count
     return Noise((sensor.read_noise_e / gain) ** 2 + 1 / 12, 1 / gain, sensor.black_level)
 
 
 def stated_noise(camera: Camera) -> Noise | None:
-    """Return the variance of raw samples of ``camera``, or None if its noise was only assumed."""
+    """Return the noise of raw samples of ``camera``; None if its read noise or full well is only assumed."""
     marks = camera.marks
     if "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
         return None
@@ -33,10 +33,10 @@ def stated_noise(camera: Camera) -> Noise | None:
 
 
 class DescribedSource(SourceView):
-    """Frames with the plan's exposures and the facts of its sensor, if they do not state their own.
+    """Frames completed with the exposures and sensor facts of the plan where they do not state their own.
 
-    The facts of the sensor are added only to raw samples, which are integers with enough bits for the sensor's bit
-    depth. Floats have been processed before.
+    Sensor facts are added only to raw samples: integers with enough bits for the sensor's bit depth. Frames of floats
+    are taken as already processed.
     """
 
     def __init__(self, source: FrameSource, plan: ScanPlan) -> None:
@@ -70,7 +70,7 @@ class DescribedSource(SourceView):
         return info
 
     def repeats(self) -> FrameSource | None:
-        """Return the source's repeated frames, with the facts of the plan."""
+        """Return the repeated frames of the source, completed from the plan; None if it has none."""
         found = self.source.repeats() if isinstance(self.source, Frames) else None
         return None if found is None else DescribedSource(found, self.plan)
 

@@ -17,7 +17,7 @@ __all__ = ["HalfCellSource", "with_partners"]
 
 
 class HalfCellSource(SourceView):
-    """The frames of ``source``, followed by copies for positions that were not recorded, half a period away.
+    """The frames of ``source``, followed by copies that fill the unrecorded positions half a period away.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class HalfCellSource(SourceView):
         return len(self.source) + len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``; a copy is placed on the sensor as if it had been recorded there."""
+        """Return the facts about frame ``index``; a copy has the position and sensor origin of the filled position."""
         extra = index - len(self.source)
         if extra < 0:
             return self.source.info(index)
@@ -74,11 +74,11 @@ class HalfCellSource(SourceView):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it."""
+        """Return frame ``index``, or only the part of it in ``region``."""
         return self.source.read(self._frame(index), region)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples."""
+        """Return the samples of frame ``index``."""
         return self.source.samples(self._frame(index), region)
 
     def _frame(self, index: int) -> int:
@@ -87,12 +87,12 @@ class HalfCellSource(SourceView):
 
 
 def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
-    """Return the frames of a half-cell scan as those of the complete scan.
+    """Return the frames of a half-cell scan, completed to those of the scan of a full cell.
 
     Raises
     ------
     InputError
-        If the pattern half a period away differs (`lfcal.camera.half_cell`), or no position needs filling.
+        If the light pattern half a period away differs (`lfcal.camera.half_cell`), or no position needs filling.
     """
     found = HalfCellSource(source, half_cell(plan), plan.shape[:3])
     if not len(found.filled):

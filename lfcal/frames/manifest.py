@@ -38,14 +38,14 @@ COLUMNS = ("file", "page", "z", "y", "x", "exposure_s", "dy", "dx")
 
 @dataclass(frozen=True, slots=True)
 class FrameEntry:
-    """One frame of a session.
+    """A frame of a session: its file, scan position and exposure.
 
     Attributes
     ----------
     file
         Path below the session folder, with ``/`` between folders.
     position
-        Position of the source.
+        Scan position (z, y, x) of the point source.
     page
         Page of a multi-page file, or index into a stack, counted from 0.
     exposure_s
@@ -89,7 +89,7 @@ class FrameEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """All frames of a session, with properties that every one of them must have.
+    """All frames of a session, with the properties that every frame must have.
 
     Frames may be in any order; positions may be missing or repeated, but each page of a file must occur only once.
 
@@ -102,9 +102,9 @@ class Manifest:
     shape, dtype
         Rows and columns, and sample type, that every frame must have; None and empty: those of the first frame.
     bit_depth
-        Bits used of each sample; no value may exceed them. None: not checked.
+        Number of bits that a sample may use. None: not checked.
     cfa
-        Colour filter pattern by rows that the frames must have; empty: not checked.
+        Colour filter pattern, by rows, that the frames must have; empty: not checked.
 
     Raises
     ------
@@ -166,8 +166,7 @@ class Manifest:
     def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
         """Return the positions without a frame, and those with several frames.
 
-        If ``plan_shape`` is unknown, missing positions are sought in the box from (0, 0, 0) that contains all
-        positions.
+        If ``plan_shape`` is unknown, the scan is taken as the smallest box from (0, 0, 0) that contains all positions.
         """
         box = self.plan_shape or tuple(1 + max(e.position[k] for e in self.entries) for k in range(3))
         check_plan_shape(box)
@@ -181,12 +180,12 @@ class Manifest:
     def from_names(
         cls, names: Iterable[str], pattern: str | NamePattern, *, plan_shape: tuple[int, int, int] | None = None
     ) -> Manifest:
-        """Return the manifest of those relative paths ``names`` that match ``pattern``; the others are ignored.
+        """Return the manifest of the relative paths in ``names`` that match ``pattern``; others are ignored.
 
         Raises
         ------
         InputError
-            If none matches.
+            If no path matches.
         """
         form = NamePattern(pattern) if isinstance(pattern, str) else pattern
         # natural order, so that img10 comes after img9
@@ -204,14 +203,14 @@ class Manifest:
     def from_order(
         cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str, *, early: bool = False
     ) -> Manifest:
-        """Return the manifest of ``pages`` (file, page) recorded in scan order.
+        """Return the manifest of ``pages``, given as (file, page) in the scan order ``order``.
 
-        With ``early``, there may be fewer pages than positions: those of a scan that stopped early.
+        If ``early`` is true, there may be fewer pages than positions, because the scan stopped early.
 
         Raises
         ------
         InputError
-            If the number of pages differs from that of the positions, because the order does not show which are
+            If the number of pages differs from the number of positions, because the order does not show which pages are
             missing.
         """
         pages, positions = list(pages), scan_positions(plan_shape, order)
@@ -230,9 +229,9 @@ class Manifest:
 
 
 def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:
-    """Return the files ``names`` below ``root`` with links resolved; all must exist and be inside ``root``.
+    """Return the path of each of ``names`` below ``root`` with links resolved; all must be files inside ``root``.
 
-    The content that git-annex keeps in the repository of the folder counts as inside.
+    Content that git-annex stores in the repository that contains ``root`` also counts as inside.
 
     Raises
     ------
@@ -300,7 +299,7 @@ def number(text: object, what: str, *, integer: bool = False) -> Any:
 
 
 def entry_from(record: Mapping[str, Any], where: str) -> FrameEntry:
-    """Return the entry of a row or object with the columns of a manifest; ``where`` names it in messages."""
+    """Return the entry defined by a row or JSON object of a manifest; messages refer to it as ``where``."""
     unknown = sorted(str(key) for key in record if key not in COLUMNS)
     missing = [key for key in ("file", "z", "y", "x") if record.get(key) in (None, "")]
     if unknown or missing:
@@ -375,9 +374,9 @@ def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
     Raises
     ------
     InputError
-        If the suffix is another one, or CSV is requested for a manifest with common properties.
+        If the suffix is neither, or CSV is requested for a manifest with common properties.
     StorageError
-        If it cannot be written.
+        If the file cannot be written.
 
     Examples
     --------

@@ -53,10 +53,10 @@ def open_frames(
 ) -> Frames:
     """Open the frames of a folder, a file, a recorded session or a scan plan, with their metadata.
 
-    A recorded session (its folder) and a scan plan (its file, recorded by the simulated camera) are self-contained.
-    For other files, positions come from exactly one source: a manifest, the file names, the scan order, or the file
-    itself (axes of a 5-D stack, or ``positions`` in the same group of an HDF5 file). Guesses made on the way are
-    listed in the metadata as ``notes``, one line each.
+    The folder of a recorded session needs no further arguments. Neither does the file of a scan plan, whose frames are
+    simulated. For other files, positions come from exactly one source: a manifest, the file names, the scan order, or
+    the file itself (axes of a 5-D stack, or ``positions`` in the same group of an HDF5 file). Whatever had to be
+    guessed is listed in the metadata as ``notes``, one line each.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ def open_frames(
         folder of its files; a file of many frames (multi-page TIFF, ``.npy``, HDF5, also with the dataset:
         ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
     manifest
-        Manifest or its file; ``manifest.json`` or ``manifest.csv`` in a folder is found automatically.
+        A manifest or its path; ``manifest.json`` or ``manifest.csv`` in a folder is found automatically.
     pattern
-        File names with the position, e.g. ``"z{z}_y{y}_x{x}.png"``.
+        Pattern of file names that contain the position, such as ``"z{z}_y{y}_x{x}.png"``.
     order
         ``"serpentine"`` or ``"raster"``: frames in the natural order of names and pages; needs ``plan_shape``.
     plan_shape
@@ -77,18 +77,19 @@ def open_frames(
     nan, blank
         As in `lfcal.frames.FolderSource`.
     skip_damaged
-        Whether to open sources with damaged frames, because `lfcal.frames.iter_undamaged` removes them later; damaged
-        dark frames of a recorded session are left out of their mean.
+        Whether to open sources with damaged frames, which `lfcal.frames.iter_undamaged` then removes. Damaged dark
+        frames of a recorded session are left out of the mean dark.
     columns
-        Assignment of a list's columns, ``"file=Name,y_um=PosY,x_um=PosX"``; others are guessed from their names.
+        Assignment of a list's columns, such as ``"file=Name,y_um=PosY,x_um=PosX"``. The roles of other columns are
+        guessed from their names.
     first
         Number of the first position in names or lists, 0 or 1; None: detected.
     plan
-        Scan plan to compare the stage coordinates of a list with; it also gives ``plan_shape``.
+        Scan plan to compare the stage coordinates of a list with; it also defines ``plan_shape``.
     orientation
-        Orientation of the frames (`lfcal.frames.orientation.ORIENTATIONS`), used if their light determines the axes of
-        a list's stage coordinates. ``"check"`` or ``"auto"``: unknown, see `lfcal.frames.lists.motion`. This function
-        does not turn frames; `lfcal.frames.oriented` does.
+        Orientation of the frames (`lfcal.frames.orientation.ORIENTATIONS`), used where the light in the frames
+        determines the axes of stage coordinates. ``"check"`` or ``"auto"``: unknown, see `lfcal.frames.lists.motion`.
+        This function does not turn frames; use `lfcal.frames.oriented`.
     origin
         Row and column, on the sensor as delivered, of the first pixel of frames that show a part of it (a camera's
         region of interest); dark and white frames show the same part or the whole sensor.
@@ -150,14 +151,14 @@ T = TypeVar("T")
 
 
 def open_component(opened: Callable[..., T], channel: str) -> T:
-    """Return the result of ``opened()``, or of ``opened(colour=component)`` for colour images.
+    """Return the result of ``opened()``; for colour images, that of ``opened(colour=component)``.
 
     Parameters
     ----------
     opened
         Function that opens frames.
     channel
-        Name of a colour of a mosaic or an image; ``"each"`` uses green first.
+        Name of a colour channel, which becomes ``component``; for ``"each"``, this is green.
 
     Raises
     ------
@@ -178,7 +179,7 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def datasets_in(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
-    """Return name and axes of the datasets of an HDF5 file that may contain frames; nothing for other files."""
+    """Return the names and shapes of HDF5 datasets that may contain frames; empty for a file of another format."""
     file, _ = split_dataset(path)
     if not file.is_file():
         return {}
@@ -189,7 +190,7 @@ def datasets_in(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
 
 
 def files_of(source: Path | str | None) -> list[Path]:
-    """Return an input file, or the frames, tables and recordings that commands read from an input folder."""
+    """Return the files that a command may read from ``source``: itself, or the images and data files in a folder."""
     if source is None or not str(source):
         return []
     path, _ = split_dataset(source)

@@ -27,16 +27,16 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """A flip or rotation that makes delivered frames upright: first the transposition, then the flips.
+    """A flip or rotation that makes delivered frames upright: a transposition, followed by flips.
 
     Attributes
     ----------
     name
-        Name of the operation on the array, see `ORIENTATIONS`.
+        Name of the operation on the array, one of `ORIENTATIONS`.
     words
-        Description of the frames that need it, such as "turned by 180°".
+        Description of the frames that need the operation, such as "turned by 180°".
     transposed, flip_rows, flip_columns
-        Whether rows and columns are exchanged, and whether the order of the new rows or columns is reversed.
+        Whether rows and columns are exchanged, and whether the order of rows or of columns is reversed after that.
 
     Examples
     --------
@@ -54,17 +54,17 @@ class Orientation:
 
     @property
     def option(self) -> str:
-        """The name as written on the command line, without spaces."""
+        """The name as written on the command line, with hyphens instead of spaces."""
         return self.name.replace(" ", "-")
 
     @property
     def inverse(self) -> Orientation:
-        """The inverse orientation."""
+        """The orientation that undoes this one."""
         # all except the quarter turns are their own inverse
         return ORIENTATIONS[{"rot90": "rot270", "rot270": "rot90"}.get(self.name, self.name)]
 
     def apply(self, array: NDArray[Any]) -> NDArray[Any]:
-        """Return a view of ``array`` with its first two axes flipped and rotated."""
+        """Return a view of ``array`` whose first two axes are flipped or rotated by this orientation."""
         turned = array.swapaxes(0, 1) if self.transposed else array
         return turned[:: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
 
@@ -73,7 +73,7 @@ class Orientation:
         return (shape[1], shape[0]) if self.transposed else shape
 
     def places(self, places: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """Return the positions ``(..., 2)`` (row, column) of pixels of a frame of ``shape`` after `apply`."""
+        """Return the positions ``(..., 2)`` (row, column) that `apply` assigns to those in a frame of ``shape``."""
         at = np.array(places, np.float64)
         if self.transposed:
             at = at[..., ::-1].copy()
@@ -85,11 +85,11 @@ class Orientation:
         return at
 
     def moves(self) -> NDArray[np.float64]:
-        """Return the matrix ``(2, 2)`` that converts moves (down, right) in a frame to those after `apply`."""
+        """Return the matrix ``(2, 2)`` that converts a displacement (down, right) in a frame to that after `apply`."""
         return self.places(np.eye(2), (1, 1)).T
 
     def region(self, region: Region, shape: tuple[int, int]) -> Region:
-        """Return the region of a frame of ``shape`` that `apply` moves to ``region``; bounds must be explicit."""
+        """Return the region of a frame of ``shape`` that `apply` maps to ``region``; all slices need start and stop."""
         rows, columns = self.shape(shape)
         down = _reversed(region[0], rows) if self.flip_rows else region[0]
         right = _reversed(region[1], columns) if self.flip_columns else region[1]
@@ -131,10 +131,11 @@ f[:, ::-1]; ``"mirror y"`` f[::-1]; ``"transpose"`` f.T; ``"anti-transpose"`` f[
 
 
 def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
-    """Return the orientation of frames in which the image moves by ``moves``, and the distance from its ideal motion.
+    """Return the orientation that makes frames upright whose image moves by ``moves``, and a residual.
 
-    ``moves`` ``(2, 2)`` are (down, right) pixels for each planned pixel down and right: the unit matrix for upright
-    frames. The distance is the root of the sum of squared differences.
+    The columns of ``moves`` ``(2, 2)`` are the observed motion (down, right) for one planned pixel down and for one
+    planned pixel right: the unit matrix for upright frames. The residual is the Frobenius norm of the difference
+    between ``moves`` and the matrix of exactly oriented frames.
 
     Examples
     --------
@@ -150,7 +151,7 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
 
 
 def named_orientation(name: str) -> Orientation:
-    """Return the orientation called ``name``, written with spaces or hyphens; raises `InputError` for other names.
+    """Return the orientation called ``name``, written with spaces or hyphens; raises `InputError` for unknown names.
 
     Examples
     --------
@@ -169,8 +170,8 @@ def named_orientation(name: str) -> Orientation:
 class OrientedSource(SourceView):
     """The frames of ``source`` turned by ``turn``; reading a region reads only that region.
 
-    This view is applied last: frames, darks and whites of one camera have the same orientation and are combined as
-    delivered, and only the corrected result is turned. Positions of cutouts are turned with the ``sensor``.
+    Apply this view last. Frames, darks and whites of one camera have the same orientation and are combined as
+    delivered; only the corrected result is turned. The positions of cutouts are turned together with the sensor.
 
     Parameters
     ----------
@@ -179,7 +180,7 @@ class OrientedSource(SourceView):
     turn
         The orientation that makes them upright.
     sensor
-        Rows and columns of the sensor as delivered; None: those of the frames, which then show the whole sensor.
+        Rows and columns of the sensor as delivered; None: the frames show the whole sensor.
     """
 
     def __init__(self, source: FrameSource, turn: Orientation, sensor: tuple[int, int] | None = None) -> None:
@@ -189,18 +190,18 @@ class OrientedSource(SourceView):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame, turned."""
+        """Rows and columns of every frame after turning."""
         return self.turn.shape(self.source.shape)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the source's frames, without facts about single delivered pixels."""
+        """Return the metadata of the turned frames, without facts that refer to pixels as delivered."""
         origin = self.info(0).origin if known.origin is not None and len(self.source) else known.origin
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``, with origin and mask turned.
+        """Return the facts about frame ``index``, with its origin and mask turned.
 
-        Drifts refer to the plan's upright image.
+        The drift stays unchanged, because it refers to the plan's upright image.
         """
         info = self.source.info(index)
         # the pixel that becomes the first is at the corner nearest to that of the turned sensor
@@ -222,7 +223,7 @@ class OrientedSource(SourceView):
         return self._turned(self.source.read(index, self._behind(region)))
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples with their masks, turned."""
+        """Return the samples of frame ``index``, with validity and noise, turned upright."""
         found = self.source.samples(index, self._behind(region))
         return found._replace(
             values=self._turned(found.values),
@@ -231,7 +232,7 @@ class OrientedSource(SourceView):
         )
 
     def repeats(self) -> FrameSource | None:
-        """Return the source's repeated frames, turned."""
+        """Return the repeated frames of the source, turned upright; None if it has none."""
         found = self.source.repeats() if isinstance(self.source, Frames) else None
         return None if found is None else OrientedSource(found, self.turn, self.sensor)
 
@@ -254,7 +255,7 @@ def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) ->
     turn
         The orientation that makes them upright.
     sensor
-        Rows and columns of the upright sensor, with which the positions of cutouts are turned.
+        Rows and columns of the upright sensor; the positions of cutouts are turned together with it.
 
     Examples
     --------

@@ -29,7 +29,7 @@ Place = tuple[int, int]
 
 
 def parse_origin(text: str) -> Place | None:
-    """Return row and column in ``"120,64"``; None for an empty text. Raises `InputError` for anything else."""
+    """Return (row, column) from a text such as ``"120,64"``; None if it is empty. Raises `InputError` otherwise."""
     if not text.strip():
         return None
     fields = [field.strip() for field in text.split(",")]
@@ -40,7 +40,7 @@ def parse_origin(text: str) -> Place | None:
 
 
 def check_origin(origin: Sequence[int]) -> Place:
-    """Return row and column of the first pixel on the sensor after checking them.
+    """Return ``origin``, the row and the column of the frames' first pixel on the sensor, after checking it.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def check_origin(origin: Sequence[int]) -> Place:
 
 
 def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
-    """Return column, row, width and height of a camera's region, from ``"8-5-80-78"`` or four numbers; else None."""
+    """Return (column, row, width, height) from a text such as ``"8-5-80-78"`` or four numbers; otherwise None."""
     parts: Iterable[Any] = value if isinstance(value, list | tuple) else re.split(r"[-,; ]+", str(value).strip(" []()"))
     try:
         numbers = [int(part) for part in parts]
@@ -65,14 +65,14 @@ def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
 
 
 def stated_origin(roi: tuple[int, int, int, int] | None, shape: Place) -> Place | None:
-    """Return row and column of a camera's region; None if its shape is not that of the frames."""
+    """Return (row, column) of the first pixel of a camera's region; None if ``shape`` is not that of the region."""
     if roi is None or (roi[3], roi[2]) != shape:
         return None
     return roi[1], roi[0]
 
 
 def binned(sensor: Place, shape: Place) -> int:
-    """Return the binning factor of frames of ``shape`` on a ``sensor``; 0 if they are not binned."""
+    """Return the binning factor (2 to 8) of frames of ``shape`` from a sensor of shape ``sensor``; 0 if not binned."""
     for times in range(2, 9):
         if all(side // times <= length <= -(-side // times) for side, length in zip(sensor, shape, strict=True)):
             return times
@@ -80,7 +80,7 @@ def binned(sensor: Place, shape: Place) -> int:
 
 
 def is_part_of_sensor(shape: Place, camera: Camera) -> bool:
-    """Return whether frames of ``shape`` show a part of the camera's sensor, whose size is stated."""
+    """Return whether frames of ``shape`` show a part of the camera's sensor; False if its size is only assumed."""
     sensor = camera.sensor.shape
     if shape == sensor or binned(sensor, shape) or camera.marks["sensor.shape"] == "assumed":
         return False
@@ -100,7 +100,7 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
 
 
 def check_stated(source: FrameSource, camera: Camera) -> None:
-    """Raise `InputError` if frames extend beyond the sensor, or their metadata state that they show a part of it."""
+    """Raise `InputError` if frames extend beyond the sensor, or show a part of it whose origin is not confirmed."""
     known = source.metadata
     if known.channel:  # one colour of a mosaic has fewer pixels than the sensor
         return
@@ -111,7 +111,7 @@ def check_stated(source: FrameSource, camera: Camera) -> None:
 
 
 def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, why: str) -> InputError:
-    """Return the error for frames of a part of the sensor at an unstated position; ``origin`` is the one found."""
+    """Return the error for frames of a part of the sensor whose position was not stated."""
     got, words = f"{shape[0]} x {shape[1]} px", "ROW,COLUMN"
     if origin is not None:
         row, column = (max(0, math.floor(n + 0.5)) for n in origin)

@@ -31,7 +31,7 @@ _FIELD = re.compile(r"\{([^{}]*)\}|\*")
 
 
 def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list[Position]:
-    """Return all positions of a scan of ``(nz, ny, nx)`` in the order in which they are recorded.
+    """Return all positions (z, y, x) of a scan of shape ``(nz, ny, nx)`` in the order in which they are recorded.
 
     ``"raster"`` varies x fastest, then y, then z, always in the same direction. ``"serpentine"`` reverses the
     direction after each row and each plane, so that every move is one step, as in `lfcal.camera.ScanPlan`.
@@ -77,9 +77,9 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 
 def missing_numbers(names: Sequence[str]) -> list[int]:
-    """Return the numbers that are missing between the first and the last of numbered files.
+    """Return the numbers that are missing in a series of numbered file names.
 
-    The result is empty if the names differ in more than their last number, or if more numbers are missing than present.
+    The result is empty if the names differ in more than their last number, or if more numbers are missing than exist.
     """
     parts = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", Path(name).stem) for name in names]
     found = [part for part in parts if part is not None]
@@ -92,12 +92,12 @@ def missing_numbers(names: Sequence[str]) -> list[int]:
 
 
 def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.intp] | None = None) -> int:
-    """Return the number of the first position, 0 or 1.
+    """Return whether positions are numbered from 0 or from 1, as the number of the first position.
 
     Parameters
     ----------
     numbers
-        Position numbers ``(N, axes)`` in names or lists.
+        Position numbers ``(N, axes)`` found in names or lists.
     counts
         Number of positions along each axis; None: the number of different values.
     """
@@ -116,18 +116,18 @@ def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.i
 
 @dataclass(frozen=True)
 class NamePattern:
-    """File names that contain the position, e.g. ``"z{z}_y{y}_x{x}.png"`` or ``"plane{z:02d}/y{y}_x{x}.tif"``.
+    """Pattern of file names that contain the scan position, such as ``"plane{z:02d}/y{y}_x{x}.tif"``.
 
     Attributes
     ----------
     template
-        Path below the session folder. ``{z}``, ``{y}`` and ``{x}`` are the position, ``{page}`` is the page; all are
-        whole numbers, possibly with leading zeros. A width such as ``{z:03d}`` applies when names are made. ``*`` is
-        any text without a slash. ``z`` may be omitted for a single plane.
+        Path below the session folder. ``{z}``, ``{y}`` and ``{x}`` are the position and ``{page}`` is the page. All are
+        whole numbers, possibly with leading zeros. A width such as ``{z:03d}`` is used only when names are created.
+        ``*`` matches any text without a slash. ``z`` may be omitted for a single plane.
     first
         Number of the first position in the names, 0 or 1.
     expression
-        Regular expression of the names, computed from ``template``.
+        Regular expression that matches the names; computed from ``template``.
 
     Raises
     ------
@@ -192,7 +192,7 @@ class NamePattern:
         return re.compile("".join(parts))
 
     def parse(self, name: str) -> tuple[Position, int] | None:
-        """Return position and page in the relative path ``name``, or None if it does not match the pattern.
+        """Return the position and the page from the relative path ``name``; None if it does not match the pattern.
 
         Raises
         ------
@@ -211,7 +211,7 @@ class NamePattern:
         return Position(z, y, x), found.get("page", 0)
 
     def name(self, position: Position, page: int = 0) -> str:
-        """Return the path of the frame at ``position``.
+        """Return the relative path of the frame at ``position``.
 
         Raises
         ------
@@ -243,17 +243,18 @@ _DIGITS = re.compile(r"[0-9]+")
 
 @dataclass(frozen=True)
 class NameGuess:
-    """Patterns found in file names.
+    """Patterns that the names of files may follow.
 
     Attributes
     ----------
     templates
-        Matching patterns in the form of `lfcal.frames.NamePattern`: one if it is unambiguous, several if the numbers
-        have no names and the scan does not distinguish them, none if names contain no position.
+        Matching patterns in the form of `lfcal.frames.NamePattern`. There is one if it is unambiguous, and none if
+        names contain no position. There are several if no words precede the numbers and their counts do not distinguish
+        the axes.
     numbered
-        Whether names differ in only one number, so that files may be numbered in scan order.
+        Number of names that differ in only one number, so that files may be numbered in scan order; else 0.
     fitting, names
-        Number of matching names, and number of all names.
+        Number of names of the most frequent form, and number of all names.
     """
 
     templates: tuple[str, ...]
@@ -268,11 +269,11 @@ class NameGuess:
 
 
 def guess_pattern(names: Sequence[str], plan_shape: Sequence[int] | None = None) -> NameGuess:
-    """Return the pattern that ``names`` follow.
+    """Return the patterns that ``names`` may follow.
 
-    Numbers are identified by the preceding word (``x012``, ``row-3``, ``plane1``). Numbers without such a word are
-    identified by how many different values they have, if these equal the scan's numbers of planes, rows and columns,
-    and all three differ.
+    Numbers are identified by the preceding word (``x012``, ``row-3``, ``plane1``). Without such words, numbers are
+    identified by how many different values they have. These must equal the scan's numbers of planes, rows and columns,
+    which must all differ.
 
     Parameters
     ----------

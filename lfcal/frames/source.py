@@ -37,12 +37,12 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """Facts about one frame that are known without reading it. None means not measured.
+    """Facts about one frame that are known without reading it. None means unknown.
 
     Attributes
     ----------
     points
-        Scan positions of the point sources that the frame shows: one for a single point.
+        Scan positions of the point sources that the frame shows.
     origin
         Row and column on the sensor of the frame's first pixel; (0, 0) for frames of the whole sensor.
     exposure_s
@@ -50,11 +50,11 @@ class FrameInfo:
     drift
         Displacement of the paraxial image from its planned position (rows, columns; pixels).
     saturated
-        Number of saturated pixels of the frame, if they were counted during recording.
+        Number of saturated pixels in the frame, if they were counted during recording.
     label
         Short name for messages, such as that of the file.
     mask
-        True at pixels with a measurement, ``(rows, columns)``; None: all pixels, as far as known.
+        True at pixels with a measurement, ``(rows, columns)``; None: no pixel is known to lack one.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class FrameInfo:
 
     @property
     def position(self) -> Position:
-        """The scan position of a frame of one point; raises `InputError` for frames of several points."""
+        """The scan position (z, y, x) of a frame of one point; raises `InputError` for frames of several points."""
         if len(self.points) != 1:
             raise InputError.expected(
                 self.label or "frame",
@@ -87,7 +87,7 @@ class FrameInfo:
 
 
 class LeftOut(NamedTuple):
-    """A damaged frame that was left out: name, scan position (None for a dark frame), and the damage."""
+    """A damaged frame that was left out: its name, scan position (None for a dark frame), and damage."""
 
     label: str
     position: Position | None
@@ -100,9 +100,9 @@ Number: TypeAlias = float | NDArray[np.float64]
 class Noise(NamedTuple):
     """The variance of a sample of value v, ``constant + slope * max(v - black, 0)``, in squared sample values.
 
-    A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12``
-    (quantization) and ``slope = 1 / g`` (photon noise). Both are numbers, or arrays ``(rows, columns)`` with a value
-    for every sample. ``black`` is the sample value without light; None: unknown, and treated as 0.
+    A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12`` (quantization)
+    and ``slope = 1 / g`` (photon noise). Each is a number, or an array ``(rows, columns)`` with a value for every
+    sample. ``black`` is the sample value without light; None: unknown, and treated as 0.
 
     Examples
     --------
@@ -132,16 +132,16 @@ class Noise(NamedTuple):
         return Noise(constant, slope, self.black)
 
     def variance(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the variance of each of ``values``."""
+        """Return the variance of each sample of ``values``, in squared sample values."""
         light = np.maximum(np.asarray(values, np.float64) - (self.black or 0.0), 0.0)
         found: NDArray[np.float64] = self.constant + self.slope * light
         return found
 
     def typical(self, values: NDArray[Any]) -> Noise:
-        """Return the constant and the slope that best describe the variance of all ``values``, as two numbers.
+        """Return noise with a single constant and slope, and a black level of 0, that best describes all ``values``.
 
-        If constant and slope differ between samples, as after division by a white image, they come from a
-        least-squares fit. The mean variance is kept, and its growth with the signal is approximated.
+        If constant and slope differ between samples, as after division by a white image, single values are found by a
+        least-squares fit. It preserves the mean variance and approximates its growth with the signal.
         """
         if not isinstance(self.constant, np.ndarray) and not isinstance(self.slope, np.ndarray):
             if not self.black:
@@ -161,7 +161,7 @@ class Noise(NamedTuple):
 class DarkNoise:
     """Noise of a subtracted dark frame that is the mean of ``count`` frames, each with ``variance`` per sample.
 
-    The variance (squared sample values) is None if it is unknown, or not that of corrected samples.
+    The variance is in squared values of corrected samples; None if it is unknown.
     """
 
     count: int
@@ -170,25 +170,25 @@ class DarkNoise:
 
 @dataclass(frozen=True)
 class FrameMetadata:
-    """Facts about all frames of a source. None, an empty value, or the default below means unknown.
+    """Facts about all frames of a source. None, an empty value, or the default means unknown.
 
-    A view returns the record of its source, changed by `dataclasses.replace`.
+    A view returns the metadata of its source, changed by `dataclasses.replace`.
 
     Attributes
     ----------
     bit_depth
-        Number of bits of a sample.
+        Number of bits that a sample may use.
     saturation
         Sample value at which a pixel is saturated; None also if it differs between pixels.
     black_level
-        Sample value without light; a tuple has one value for each position of the colour filter pattern, by rows.
+        Sample value without light, or a tuple with one value for each position of the colour filter pattern, by rows.
     cfa
         Colour filter pattern by rows, from the first pixel of the frames, such as ``"RGGB"``; empty also for monochrome
         frames.
     gains
-        White balance of the camera, one factor for each position of the pattern, by rows; for a channel, a single one.
+        White-balance factors of the camera for the positions of the pattern, by rows; for a single channel, one number.
     noise
-        Noise of the raw samples.
+        Noise of the samples before any correction.
     darks
         Dark frames recorded with the frames, by exposure (s).
     lost_darks
@@ -196,24 +196,24 @@ class FrameMetadata:
     left_out
         Damaged frames that were left out.
     codec
-        Compression of samples in the files: ``{"name": "lzw", "lossless": True}``. Stored with H.
+        Compression of the samples in the files, such as ``{"name": "lzw", "lossless": True}``. Stored with H.
     colour
         Component of colour images that the frames show, one of `lfcal.frames.opening.COMPONENTS`.
     pixel_um
-        Size of a pixel in object space as the files state it (µm).
+        Size of a pixel in object space, as stated by the files (µm).
     path
         File or folder that the frames come from.
     notes
-        What was guessed when the frames were opened, one line each.
+        Guesses made when the frames were opened, one line each.
     plan
         Scan plan with which the frames were recorded or simulated.
     plan_shape
         Number of positions ``(nz, ny, nx)`` of the scan.
     origin
-        Row and column of the first pixel on the sensor as delivered, if all frames show the same part of it. Stored
+        Row and column of the frames' first pixel on the sensor as delivered, if all frames show the same part. Stored
         with H.
     stated_origin
-        The same as stated by the files, not yet confirmed.
+        The origin that the files state, which has not been confirmed.
     channel
         The only channel of the colour filter pattern that the frames show, such as ``"G1"``; empty: all, or monochrome.
     channel_phase
@@ -237,15 +237,15 @@ class FrameMetadata:
     orientation
         Name of the orientation that made the frames upright (`lfcal.frames.ORIENTATIONS`); None: as delivered.
     session
-        Identity of the recorded session. Stored with H.
+        Identifier of the recorded session. Stored with H.
     devices
-        Names of camera and stage, and camera settings, of a recorded session. Stored with H.
+        Names of the camera and the stage of a recorded session, and the camera's settings. Stored with H.
     optics
-        Level of simulation, if the camera is simulated. Stored with H.
+        Method of simulation, if the camera is simulated: ``"pattern"``, or a level of `lfcal.simulate`. Stored with H.
     simulated
         ``effects``, ``level`` and ``seed`` of simulated frames. Stored with H.
     suspect
-        Positions whose content was suspicious during recording, and the reason: ``[z, y, x, words]``. Stored with H.
+        Positions whose frames appeared suspect during recording, with the reason: ``[z, y, x, reason]``. Stored with H.
     kept_aside
         Positions ``[z, y, x]`` held out from a fit. Stored with H.
     earlier_tasks
@@ -253,13 +253,13 @@ class FrameMetadata:
     target
         Plan of the target that the frames show (`lfcal.targets.TargetPlan`).
     target_frames
-        Plane and offset number of each frame of a target.
+        Plane number and offset number of each frame of a target.
     decoded
         Whether sums of several offsets of a target were decoded into single offsets.
     points_left_out
-        Number of points in a target's frames that show no position of the scan.
+        Number of points in a target's frames that correspond to no position of the scan.
     other
-        Facts of a special kind of source, such as a plug-in; lfcal does not read them.
+        Facts from a special kind of source, such as a plug-in; lfcal does not use them.
 
     Examples
     --------
@@ -313,9 +313,9 @@ class FrameMetadata:
 
     @classmethod
     def of(cls, known: FrameMetadata | Mapping[str, Any]) -> FrameMetadata:
-        """Return the metadata record of a source; entries of a mapping that have no field are kept in ``other``.
+        """Return the metadata of a source as a record; entries of a mapping without a field are stored in ``other``.
 
-        Sources of earlier plug-ins return a mapping, in which None means unknown, like a missing entry.
+        Older plug-ins return their metadata as a mapping, in which None means unknown, like a missing entry.
 
         Raises
         ------
@@ -333,12 +333,12 @@ class FrameMetadata:
         return cls(**stated, other={key: value for key, value in known.items() if key not in names})
 
     def stated(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return the fields ``names`` that are not empty, in order and in the form stored with H."""
+        """Return those of the fields ``names`` that are not empty, in the given order and in the form stored with H."""
         return {name: value for name in names if (value := getattr(self, name))}
 
 
 class Samples(NamedTuple):
-    """Samples of a frame or a part of it, as they were read.
+    """Samples of a frame or of a part of it, with their validity and noise.
 
     Attributes
     ----------
@@ -369,7 +369,7 @@ class Samples(NamedTuple):
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """Protocol of a set of equally shaped 2-D frames; subclass `Frames` to implement it.
+    """Protocol of a source of equally shaped 2-D frames; subclass `Frames` to implement it.
 
     Frames may be in any order; a position may be missing or occur several times. Reading is thread-safe. ``metadata``
     does not change while the source is open.
@@ -458,7 +458,7 @@ class Frames(ABC):
         return found if mask is None else masked(found, mask if region is None else mask[region])
 
     def repeats(self) -> FrameSource | None:
-        """Return further frames of one position, taken repeatedly with the same settings; None if there are none."""
+        """Return additional frames of one position, recorded repeatedly with the same settings; None if unavailable."""
         return None
 
     def close(self) -> None:  # noqa: B027  most sources keep nothing open
@@ -474,10 +474,11 @@ class Frames(ABC):
 
 
 def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None = None) -> Samples:
-    """Return raw ``values`` with those at ``saturation`` (sample value) or above marked as not valid.
+    """Return raw ``values``, in which those at or above the sample value ``saturation`` are marked as invalid.
 
-    Without ``saturation``, only the highest value of an integer type is certainly saturated. If no sample has it, the
-    number of saturated samples is unknown, because the sensor may saturate below the end of its sample type.
+    Without ``saturation``, only the highest value of an integer type is certainly saturated. If no sample has that
+    value, the number of saturated samples is unknown, because the sensor may saturate at a lower one. Only 8-bit
+    samples are then known to be unsaturated.
     """
     # floats have no natural upper end: without a level none can be called saturated
     if saturation is None and values.dtype.kind == "f":
@@ -500,7 +501,7 @@ def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None
 
 
 def masked(found: Samples, mask: NDArray[np.bool_]) -> Samples:
-    """Return the samples with those outside ``mask`` marked as not valid, and not counted as saturated."""
+    """Return the samples, in which those where ``mask`` is false are marked as invalid and not counted as saturated."""
     if found.valid is None:
         return found if mask.all() else found._replace(valid=np.array(mask))
     count = None if found.saturated is None else int(np.count_nonzero(mask & ~found.valid))
@@ -508,7 +509,7 @@ def masked(found: Samples, mask: NDArray[np.bool_]) -> Samples:
 
 
 def check_index(index: int, count: int) -> int:
-    """Return ``index``; raise `InputError` unless it is that of one of ``count`` frames."""
+    """Return ``index``; raise `InputError` unless it is at least 0 and less than ``count``."""
     if not 0 <= index < count:
         raise InputError.expected("frame index", f"0 … {count - 1}", index, "choose an existing frame")
     return int(index)

@@ -15,9 +15,9 @@ __all__ = ["SourceView"]
 
 
 class SourceView(Frames):
-    """Base class of views of the frames of ``source``.
+    """Base class of frame sources that show the frames of another source in changed form.
 
-    Metadata are those of the source, with the changes that a view makes in `derived`.
+    The metadata of a view are those of ``source`` with the changes made by `derived`.
     """
 
     def __init__(self, source: FrameSource) -> None:
@@ -44,7 +44,7 @@ class SourceView(Frames):
         return self.derived(self.known)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of this view; ``known`` are those of the viewed frames."""
+        """Return the metadata of this view, given those of the viewed frames, ``known``."""
         return known
 
     def __len__(self) -> int:
@@ -56,11 +56,11 @@ class SourceView(Frames):
         return self.source.info(index)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples; a view that changes pixels or levels overrides this."""
+        """Return the samples of frame ``index`` in the source; a view that changes pixels or levels overrides this."""
         return self.source.samples(index, region)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the source's pixels."""
+        """Return the pixels of frame ``index`` in the source, or only those in ``region``."""
         return self.source.read(index, region)
 
     def close(self) -> None:

@@ -36,16 +36,17 @@ EQUAL_PX = 0.3
 
 @dataclass(frozen=True, slots=True)
 class TurnedWhite:
-    """Orientations in which a white image matches its camera, if it does not match as delivered.
+    """Orientations in which a white image matches its camera, although it does not match as delivered.
 
     Attributes
     ----------
     turns
         Orientations that make it upright, the best first; several if they are equally good.
     away_px, as_is_px
-        Distance of its micro-images from those of the camera in the best orientation, and as delivered (px rms).
+        Rms distance of the micro-images from those of the camera in the best orientation, and as delivered (px).
     sigmas
-        Significance of a reversed order of the lens types, in standard errors; None: no evidence.
+        Significance, in standard errors, of the finding that the order of the lens types is reversed; None: no such
+        finding.
     """
 
     turns: tuple[Orientation, ...]
@@ -55,7 +56,7 @@ class TurnedWhite:
 
     @property
     def words(self) -> str:
-        """Description of the orientation, with the evidence."""
+        """Description of the orientation and of the evidence for it."""
         ways = " or ".join(turn.words for turn in self.turns)
         places = f"{self.away_px:.2f} px from the camera's lattice then, {self.as_is_px:.2f} px as delivered"
         return f"{ways} ({f'{self.sigmas:.0f} σ; ' if self.sigmas is not None else ''}{places})"
@@ -74,10 +75,10 @@ class _Compared:
 
 
 def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> TurnedWhite | None:
-    """Return the orientations in which a white image matches ``camera``; None if it matches as delivered, or in none.
+    """Return the orientations in which a white image matches ``camera``; None if it matches as delivered or in none.
 
-    The comparison uses the order of the lens types, and the rotation of the lattice and its offset, unless the offset
-    is only assumed.
+    The comparison uses the order of the lens types, the rotation of the lattice, and its offset unless that is only
+    assumed.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) 
     fit
         Lattice of the white image.
     types
-        Lens types, if there are three.
+        Lens types of the white image, if there are three; else None.
     """
     typed = types is not None and types.sigmas >= CERTAIN_SIGMAS and camera.marks["lattice.type_step"] != "assumed"
     index = fit.index[:: max(1, len(fit.index) // MAX_LENSLETS)]
@@ -111,7 +112,7 @@ def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) 
 
 
 def compared_orientations(check: CameraCheck, camera: Camera) -> tuple[CameraCheck, TurnedWhite | None]:
-    """Return a check with a line on the orientation of the white image, if it is flipped or turned."""
+    """Return ``check`` with a line added if the white image is flipped or turned, and the finding (or None)."""
     found = None if check.fit is None or check.camera is None else find_turned_white(camera, check.fit, check.types)
     if found is None:
         return check, None

@@ -61,14 +61,14 @@ QUICK_S = 2e-3
 
 @dataclass(frozen=True, slots=True)
 class AssemblyProgress(Progress):
-    """Progress of an assembly. Each record contains the light of all patterns assembled so far.
+    """Progress of an assembly, with the total light of every pattern assembled so far.
 
     Attributes
     ----------
     plane
         Number of the current plane.
     energy
-        ``(nz, ny, nx)`` sum of each pattern (counts); NaN if there is none yet.
+        Sum of each pattern, ``(nz, ny, nx)`` (counts); NaN if it has not been assembled.
     """
 
     plane: int = field(kw_only=True)
@@ -83,18 +83,18 @@ class Assembly:
     source
         The frames, in any order; their samples are used unchanged.
     shape
-        Number of positions ``(nz, ny, nx)`` of the plan.
+        Number of positions ``(nz, ny, nx)`` in the plan.
     cutout
-        The shifting cutout.
+        The cutout, which moves with the source.
     drift
         ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
         stated by the source, which may come from its manifest.
     strict
         Whether to treat missing and repeated positions as errors.
     noise
-        Noise of the samples, if the frames do not state it.
+        Noise of the samples, used with ``measured``.
     measured
-        Whether ``noise`` was already measured, so that it is not measured here.
+        Whether ``noise`` (None: unknown) has already been measured; otherwise it is measured here.
 
     Raises
     ------
@@ -140,12 +140,12 @@ class Assembly:
 
     @property
     def recorded(self) -> int:
-        """Number of recorded frames; those of a half-cell scan represent two positions each."""
+        """Number of recorded frames, without the copies that complete a half-cell scan."""
         copied = self.source.metadata.half_cell
         return len(self.source) - (0 if copied is None else copied["frames"])
 
     def history(self, provenance: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Return the provenance of H: how it was assembled."""
+        """Return the provenance of H, a record of how it was assembled, with the entries of ``provenance``."""
         known, cutout = self.source.metadata, self.cutout
         found = {
             "frames": {"count": self.recorded, **known.stated(FRAME_FACTS)},
@@ -167,14 +167,14 @@ class Assembly:
         camera: Camera | None = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> Header:
-        """Return the description of H without its values; `history` is added to ``provenance``."""
+        """Return the header of H; its provenance is `history`, with the entries of ``provenance``."""
         shape = (*self.shape, *self.cutout.shape)
         return Header(shape, depths, camera, self.cutout.anchor, self.history(provenance))
 
     def iter_plane(
         self, z: int, clock: Clock, *, values: NDArray[np.float32], before: int = 0, workers: int | None = None
     ) -> Work[Facts]:
-        """Assemble plane ``z`` by rows in threads; yields progress in frames as `AssemblyProgress`.
+        """Assemble plane ``z`` row by row in several threads; yields progress in frames and returns facts on positions.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Assembly:
         clock, before
             Clock that counts frames, and the number of frames in the planes before this one.
         values
-            Array of zeros ``(ny, nx, nt, ns)`` to fill with values.
+            Array of zeros ``(ny, nx, nt, ns)`` that is filled with the values of the plane.
         workers
             Number of threads; None: all processors.
 
@@ -218,7 +218,7 @@ class Assembly:
         return plane.facts()
 
     def report(self, matrix: PSFMatrix) -> AssemblyReport:
-        """Return notes for the user on the assembled H."""
+        """Return the report on the assembled H."""
         known = self.source.metadata
         found = AssemblyReport.of(matrix, self.recorded, self.missing, self.repeated, self.padded, self.residual_px)
         return replace(found, left_out=known.left_out, orientation=known.orientation or AS_IS)
@@ -234,11 +234,11 @@ class AssembledPlanes(PlaneSource):
     header
         Description of H, besides its values.
     fill
-        Source of missing positions, which stay marked as never recorded; None: they are 0.
+        Function that fills missing positions, which stay marked as never recorded; None: their patterns are 0.
     reopening
-        How other processes open the same frames; None: H cannot be made in units.
+        How other processes open the same frames; None: H cannot be assembled in units of a run.
     close
-        Function that closes the frames, if they were opened for these planes.
+        Function that closes the frames if they were opened only for these planes.
     """
 
     title = "assemble"
@@ -257,7 +257,7 @@ class AssembledPlanes(PlaneSource):
         self._clock = Clock("assemble frames", assembly.frames)
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Assemble plane ``z``; progress counts its frames, or those of all planes."""
+        """Assemble plane ``z``; progress counts its frames if ``alone``, otherwise those of all planes."""
         assembly = self.assembly
         clock = Clock(f"assemble plane {z}", assembly.frames_of(z)) if alone else self._clock
         if alone or z == 0:
@@ -271,21 +271,21 @@ class AssembledPlanes(PlaneSource):
         return Plane(values, filled.facts, filled.uncertainty)
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return how other processes open the frames; each opens them once for all planes."""
+        """Return how other processes open the frames; each process opens them once for all planes."""
         if self._reopening is None:
             remedy = "state what distinguishes these frames from any others (reopening=)"
             raise InputError.expected("H in units", "a way to open its frames again", "none", remedy)
         return replace(self._reopening, held=True)
 
     def shown(self, record: Progress) -> Progress:
-        """Return progress with the light of H so far, as far as this process assembles it."""
+        """Return ``record`` with the light of all patterns that this process has assembled so far."""
         if (at := self.assembly.filled) is None:
             return record
         known = (record.done, record.total, record.stage, record.seconds, record.note, record.per)
         return AssemblyProgress(*known, plane=at[0], energy=at[1])
 
     def close(self) -> None:
-        """Close the frames that were opened for these planes."""
+        """Close the frames if they were opened only for these planes."""
         self._close()
 
 
@@ -418,16 +418,16 @@ def iter_assemble(
     run: RunChoice | None = None,
     reopening: Reopening | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H from frames, with one plane in memory at a time; the file is complete or not written at all.
+    """Assemble H from frames, with one plane in memory at a time; an incomplete file is never left at ``out``.
 
     Parameters
     ----------
     source
         The frames, in any order; their samples are used unchanged.
     shape
-        Number of positions ``(nz, ny, nx)`` of the plan.
+        Number of positions ``(nz, ny, nx)`` in the plan.
     cutout
-        The shifting cutout.
+        The cutout, which moves with the source.
     out
         H file to write; None keeps H in memory as float32.
     depths, camera, provenance
@@ -438,15 +438,15 @@ def iter_assemble(
     strict
         Whether to treat missing and repeated positions as errors, instead of recording them in the file.
     fill
-        Source of missing positions, which stay marked as never recorded; None: they are 0.
+        Function that fills missing positions, which stay marked as never recorded; None: their patterns are 0.
     dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
     run
-        Assemble into a file in units of a plane, with this executor and treatment of an earlier run. Finished planes
-        stay if the run is stopped.
+        Executor and treatment of an earlier run, to assemble the file plane by plane as units of a run. Finished planes
+        are kept if the run is stopped.
     reopening
-        With a ``run``: the identity of these frames, and how other processes open them. Without an opener, only
-        threads of this process assemble.
+        With a ``run``: what identifies these frames, and how other processes open them. Without an opener, H is
+        assembled only by threads of this process.
 
     Raises
     ------
@@ -500,12 +500,12 @@ def iter_assemble_plan(
     reopening: Reopening | None = None,
     workers: int | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H of ``plan`` from the frames of ``source``, which are not corrected further.
+    """Assemble H of ``plan`` from the frames of ``source``, to which no further corrections are applied.
 
     Parameters
     ----------
     source
-        Corrected frames: `lfcal.frames.corrected_view`.
+        Corrected frames, as returned by `lfcal.frames.corrected_view`.
     plan
         Positions, depths, anchor and cutout.
     out
@@ -571,12 +571,12 @@ assemble_plan = drained(
 
 
 def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, workers: int | None = None) -> float:
-    """Return the time (s) expected for assembling H, from a few frames that are read, corrected and cropped.
+    """Return the expected time for assembling H (s), measured on a few frames that are read, corrected and cropped.
 
     Parameters
     ----------
     source
-        Frames, corrected: `lfcal.frames.corrected_view`.
+        Corrected frames, as returned by `lfcal.frames.corrected_view`.
     plan
         Positions, anchor and cutout.
     count
@@ -647,7 +647,7 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
 
 
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the facts about the scan that are stored with H."""
+    """Return the facts about the scan that are stored with H, and the entries of ``provenance``."""
     told = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside", "earlier_tasks")
     return {**source.metadata.stated(told), "plan": plan.to_dict(), **(provenance or {})}
 
@@ -655,9 +655,9 @@ def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] 
 def planes_of_frames(
     source: FrameSource, plan: ScanPlan, values: Mapping[str, Any], fill: Fill | None, close: Callable[[], None]
 ) -> AssembledPlanes:
-    """Return the planes that another process assembles in units, from the ``values`` of its `Reopening`.
+    """Return the planes for a process that assembles units of a run, from the ``values`` of a `Reopening`.
 
-    ``close`` closes the frames when the planes are made.
+    ``close`` is called to close the frames when the planes are finished.
     """
     given = values["settings"]
     settings = AssemblySettings(**{**given, "cutout": tuple(given["cutout"])})

@@ -18,28 +18,29 @@ __all__ = ["AssemblyReport"]
 
 @dataclass(frozen=True)
 class AssemblyReport:
-    """Report on an assembled H: what was used and what is missing.
+    """Report on an assembled H: which frames were used and which positions are missing.
 
     Attributes
     ----------
     matrix
-        The assembled H, opened from the file, or in memory.
+        The assembled H, opened from its file or in memory.
     frames
         Number of frames read.
     missing, repeated
-        Positions without a frame, and positions with several, which are averaged.
+        Positions without a frame, and positions with several frames, which are averaged.
     saturated
-        Number of positions with saturated pixels in their pattern; None: unknown for all.
+        Number of positions with saturated pixels in their pattern; None: unknown for every position.
     unknown_saturation
         Number of positions whose saturation is unknown.
     padded
-        Positions whose cutout leaves the sensor and was padded with zeros.
+        Positions whose cutout extends beyond the sensor and was padded with zeros.
     residual_px
-        Largest sub-pixel distance (rows, columns) between point and cutout that ``nearest`` does not correct.
+        Largest distance (rows, columns; px) between the image of the point and the centre of its cutout, which
+        ``nearest`` interpolation does not correct.
     spread
-        Median relative difference between repeated frames; None without repeats.
+        Median relative difference between repeated frames; None without repeated frames.
     left_out
-        Damaged frames of positions and dark frames that were not used.
+        Damaged frames and dark frames that were not used.
     orientation
         How the frames were flipped or turned, one of `lfcal.frames.orientation.ORIENTATIONS`.
 
@@ -70,7 +71,7 @@ class AssemblyReport:
 
     @property
     def known(self) -> str:
-        """Text that states the numbers of frames and positions of H, for a verdict."""
+        """Text with the numbers of frames and recorded positions, for use in a quality verdict."""
         positions = math.prod(self.matrix.shape[:3])
         there = f"{positions - len(self.missing)} of {format_count(positions, 'position', 'positions')}"
         return f"made of {format_count(self.frames, 'frame', 'frames')}, which show {there}"
@@ -91,7 +92,7 @@ class AssemblyReport:
         padded: tuple[Position, ...],
         residual: tuple[float, float],
     ) -> AssemblyReport:
-        """Return the report of ``matrix``, whose facts include saturation and spread."""
+        """Return the report on ``matrix``; saturation and spread are derived from its facts."""
         there = matrix.recorded > 0
         counted = matrix.saturated
         unknown = int(there.sum()) if counted is None else int(((counted < 0) & there).sum())

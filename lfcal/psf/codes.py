@@ -24,25 +24,25 @@ OWN_CODE = "reconstruct with lfcal, or export a plain file"
 
 @dataclass(frozen=True)
 class Code:
-    """Format of H that a deconvolution code reads.
+    """The form in which a deconvolution code reads H.
 
     Attributes
     ----------
     name, title
-        Name as given to options, and as its authors write it.
+        Name of the code in options, and as its authors write it.
     suffix
         Suffix of its file.
     order
-        Axes of H as the code indexes them.
+        Order of the axes of H in the code.
     stored
         Container and type of the values.
     use
-        Instruction to users of the code; empty: none.
+        Instruction for users of the code; empty if none is needed.
     source
-        Address of its published source code.
+        Address of the published source code.
     one_lens
-        Whether the code repeats one lens of a square grid whose period has an odd number of pixels. Otherwise it needs
-        one pattern for each plane.
+        Whether the code repeats H over a square grid of lenses whose period is an odd number of pixels. Otherwise it
+        needs one pattern for each plane.
     """
 
     name: str
@@ -110,14 +110,14 @@ def code_of(name: str) -> Code:
 
 
 def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None = None) -> InputError | None:
-    """Return the reason why a code cannot use ``matrix``, as one line; None if it can.
+    """Return the error that states why a code cannot use ``matrix``; None if it can.
 
     Parameters
     ----------
     code, matrix
         The code, and H.
     position
-        Position (y, x) whose patterns are chosen.
+        Position (y, x) whose patterns are used for a code that needs one pattern for each plane; None: none is chosen.
     """
 
     def needs(expected: str, got: str, action: str = OWN_CODE) -> InputError:
@@ -179,7 +179,7 @@ def write_cells(file: Any, name: str, matrix: PSFMatrix, *, compress: bool = Tru
 def iter_write_npz(
     matrix: PSFMatrix, path: Path, *, include_transpose: bool, compress: bool, quality: str
 ) -> Work[Path]:
-    """Write ``H`` and ``Ht`` ``(z, y, x, t, s)``, lens-centred, to an ``.npz`` file."""
+    """Write the lens-centred ``H``, and optionally its transpose ``Ht``, as (z, y, x, t, s) to an ``.npz`` file."""
     written = _written(matrix)
     views = {"H": written, **({"Ht": written.T} if include_transpose else {})}
     require_space(path.parent, len(views) * matrix.nbytes, what=path.name)

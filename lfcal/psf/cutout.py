@@ -31,7 +31,7 @@ PROBE, WIDE_PROBE = (21, 21), (201, 201)
 
 
 class Window(NamedTuple):
-    """Position of a cutout on the sensor: first row and column, and the sub-pixel residual in (-0.5, 0.5]."""
+    """Position of a cutout on the sensor: its first row and column, and sub-pixel residuals in (-0.5, 0.5]."""
 
     row: int
     column: int
@@ -41,22 +41,23 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cutout:
-    """A window with odd numbers of rows and columns around the paraxial image of the source.
+    """A window around the paraxial image of the source, with odd numbers of rows and columns.
 
     Attributes
     ----------
     shape
-        ``(nt, ns)`` pixels, both odd.
+        Numbers of rows and columns ``(nt, ns)`` (pixels), both odd.
     anchor
-        Sensor position (row, column) of the image of source position y = x = 0 (pixels, pixel centres at whole
-        numbers); position (y, x) is at ``anchor + (y, x)``.
+        Sensor position (row, column) of the image of source position y = x = 0 (pixels; whole numbers are pixel
+        centres). The image of position (y, x) is at ``anchor + (y, x)``.
     interpolation
         One of `INTERPOLATIONS`.
     outside
-        ``"error"``: a cutout that leaves the sensor is an error; ``"zero"``: it is padded with zeros.
+        ``"error"``: a cutout that extends beyond the sensor is an error; ``"zero"``: it is padded with zeros.
     scale
-        Cutout pixels per sensor pixel (rows, columns): not 1 if the frames are resampled to make the period of the
-        array whole. Positions then step by cutout pixels; ``nearest`` cannot resample.
+        Cutout pixels per sensor pixel (rows, columns). It differs from 1 if frames are resampled so that the array's
+        period is a whole number of pixels. Successive positions are then one cutout pixel apart. ``nearest`` cannot
+        resample.
 
     Examples
     --------
@@ -101,17 +102,17 @@ class Cutout:
 
     @classmethod
     def for_plan(cls, plan: ScanPlan, *, interpolation: str = "", outside: str = "error") -> Cutout:
-        """Return the cutout of a scan plan; resampled frames are interpolated cubically by default."""
+        """Return the cutout of a scan plan; the default interpolation is ``cubic`` if it resamples, or ``nearest``."""
         default = "cubic" if plan.resample else "nearest"
         return cls(plan.cutout, plan.anchor, interpolation or default, outside, plan.resample_factors)
 
     @property
     def resamples(self) -> bool:
-        """Whether frames are scaled as well as moved."""
+        """Whether frames are scaled in addition to being shifted."""
         return self.scale != (1.0, 1.0)
 
     def window(self, position: Position, drift: tuple[float, float] = (0.0, 0.0)) -> Window:
-        """Return the window of ``position``; ``drift`` (rows, columns) is the displacement of the image (px)."""
+        """Return the window of ``position``, whose image is displaced by ``drift`` (rows, columns; px)."""
         row = self.anchor[0] + position.y / self.scale[0] + drift[0]
         column = self.anchor[1] + position.x / self.scale[1] + drift[1]
         # ceil(v - 0.5) rounds halves down, so that the residual lies in (-0.5, 0.5]; round() would round halves to
@@ -130,7 +131,7 @@ class Cutout:
         return rows, columns
 
     def region(self, window: Window) -> tuple[slice, slice]:
-        """Return the rows and columns of the sensor that ``window`` and its interpolation need."""
+        """Return the sensor region to read for ``window``, including the margin for interpolation."""
         # a window on whole pixels is copied unchanged: no interpolation affects its noise
         still = window.row_residual == window.column_residual == 0 and not self.resamples
         margin = 0 if still else _MARGIN[self.interpolation]
@@ -141,7 +142,7 @@ class Cutout:
         )
 
     def resample(self, values: NDArray[Any], window: Window) -> NDArray[np.float32]:
-        """Return the cutout from ``values`` of `region`, moved by the window's sub-pixel residual."""
+        """Return the cutout ``(nt, ns)`` from the ``values`` in `region`, shifted by the residuals of ``window``."""
         shift = (window.row_residual, window.column_residual)
         data = np.asarray(values, np.float32)
         if self.resamples:
@@ -199,12 +200,12 @@ def find_cutout(
     images
         Corrected frames ``(rows, columns)`` of single positions, or depth-plane sums.
     centres
-        The paraxial image of the point in each image, (row, column) in pixels.
+        Position of the point's paraxial image in each of ``images``, as (row, column) in pixels.
     lost
-        Largest fraction of the energy outside the cutout; half of it is used for each direction.
+        Largest fraction of the energy that may be outside the cutout, half of it along each axis.
     background
-        Background subtracted from every pixel first; None: the median of each image's border. A sum over many pixels
-        is sensitive to this value.
+        Background that is subtracted from every pixel first; None: the median of each image's border. The energy is a
+        sum over many pixels and is therefore sensitive to this value.
 
     Raises
     ------
@@ -255,7 +256,7 @@ def _half_width(profile: NDArray[np.float64], middle: float, lost: float) -> int
 
 # -- frames to patterns ------------------------------------------------------------------------------------------------
 class Pattern(NamedTuple):
-    """The pattern of one position; see `lfcal.psf.facts.Facts` for its facts."""
+    """The pattern of one position, with facts as in `lfcal.psf.facts.Facts`; its mask is not packed."""
 
     values: NDArray[np.float32]
     valid: NDArray[np.bool_] | None
@@ -266,7 +267,7 @@ class Pattern(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Gatherer:
-    """Converts the frames of a scan to patterns; one object serves all threads.
+    """Converter of frames of a scan to patterns; all threads may use the same object.
 
     Attributes
     ----------
@@ -277,7 +278,8 @@ class Gatherer:
     cutout
         The shifting cutout.
     drift
-        ``(len(source), 2)`` displacement of each image from its planned position (px); None: that stated by the frames.
+        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
+        stated by the frames.
     noise
         Noise of samples, if the frames do not state it.
     """
@@ -289,7 +291,7 @@ class Gatherer:
     noise: Noise | None = None
 
     def place(self, index: int) -> tuple[Window, Region]:
-        """Return the position of the cutout of frame ``index`` on the sensor, and its region of the frame."""
+        """Return the window of the cutout of frame ``index`` on the sensor, and the region to read from the frame."""
         info = self.infos[index]
         shift = info.drift or (0.0, 0.0)
         if self.drift is not None:
@@ -305,12 +307,12 @@ class Gatherer:
         return top < 0 or left < 0 or top + nt > height or left + ns > width
 
     def where(self, index: int) -> str:
-        """Return the name and position of a frame for messages."""
+        """Return the name and position of frame ``index`` for messages."""
         info = self.infos[index]
         return f"{info.label}, (z, y, x) = {tuple(info.position)}"
 
     def cut(self, index: int) -> Samples:
-        """Return the cutout ``(nt, ns)`` of frame ``index``; pixels beyond the frame are zero and not valid."""
+        """Return the cutout ``(nt, ns)`` of frame ``index``; pixels beyond the frame are zero and marked as invalid."""
         window, region = self.place(index)
         inside = clipped(region, self.source.shape)
         if min(region_shape(inside)) < 1:
@@ -355,7 +357,7 @@ class Gatherer:
         return clean
 
     def pattern(self, indices: NDArray[np.int64]) -> Pattern:
-        """Return the pattern of one position from its frames: their weighted mean, and facts from their spread."""
+        """Return the pattern of one position from its frames: their weighted mean and the facts derived from them."""
         if len(indices) == 1:
             one = self.cut(int(indices[0]))
             known = (np.nan, np.nan) if one.noise is None else (float(one.noise.constant), float(one.noise.slope))
@@ -455,7 +457,7 @@ def _noise_of_mean(
 def by_position(
     infos: tuple[FrameInfo, ...], shape: tuple[int, int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return frame numbers ``(n,)`` sorted by position, and the index ``(positions + 1,)`` of each position's first.
+    """Return frame numbers ``(n,)`` sorted by position, and where each position starts, ``(positions + 1,)``.
 
     Raises
     ------

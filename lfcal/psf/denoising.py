@@ -26,10 +26,10 @@ RULE = NoiseRule(reach=3, certain=2.0)
 
 
 def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
-    """Return variance without light and variance per unit of signal for each position of plane ``z``, ``(ny, nx, 2)``.
+    """Return the variance without light and the variance per unit of signal of each position in plane ``z``.
 
-    NaN if the noise is unknown or the pattern is not measured; None if this holds for all positions, as for arrays
-    and HT.
+    The shape is ``(ny, nx, 2)``, with NaN where the noise is unknown or the pattern is not measured. The result is None
+    if this is so for all positions, as for arrays and HT.
     """
     if not isinstance(H, PSFMatrix) or H.is_transposed or (stored := H.facts.noise) is None:
         return None
@@ -46,7 +46,7 @@ def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
 
 
 def mean_noise(H: Any) -> NDArray[np.float64] | None:
-    """Return the mean noise of each plane ``(nz, 2)``, in the form of `noise_of_positions`; 0: unknown."""
+    """Return the mean of `noise_of_positions` in each plane, ``(nz, 2)``; 0 if unknown, None if unknown for all."""
     planes = [noise_of_positions(H, z) for z in range(H.shape[0])]
     if all(noise is None for noise in planes):
         return None
@@ -54,7 +54,7 @@ def mean_noise(H: Any) -> NDArray[np.float64] | None:
 
 
 def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
-    """Return ``plane`` ``(ny, nx, nt, ns)``, number ``z`` of ``H``, with less noise; unchanged if noise is unknown.
+    """Return plane ``z`` of ``H``, given as ``plane`` ``(ny, nx, nt, ns)``, with less noise; unchanged if unknown.
 
     Examples
     --------

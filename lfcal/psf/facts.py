@@ -16,7 +16,7 @@ __all__ = ["Facts", "Origin", "fitting", "pack_valid", "packed_bytes", "stacked"
 
 
 class Origin(IntEnum):
-    """Origin of the pattern of a position."""
+    """How the pattern of a position was obtained."""
 
     MEASURED = 0
     """Only recorded frames; zeros if there are none."""
@@ -39,20 +39,20 @@ class Facts:
     saturated
         Number of saturated pixels in each pattern; -1: unknown.
     noise
-        ``(…, 2)``: the variance of a sample of value v is ``noise[0] + noise[1] * max(v, 0)``; NaN if unknown.
+        ``(…, 2)``: the variance of a sample of value v is ``noise[..., 0] + noise[..., 1] * max(v, 0)``; NaN if
+        unknown.
     spread
         Relative rms difference between repeated frames of a position; NaN for a single frame.
     valid
         ``(…, bytes)`` packed bits, one per pixel of the cutout in C order; 0 for a pixel without a measurement.
     error
-        Stated relative error (sum of absolute errors over sum of absolute values) of each plane ``(nz,)``, or a
-        number for one plane; NaN if none is stated.
+        Relative error of the stored values (sum of absolute errors over sum of absolute values) of each plane
+        ``(nz,)``, or a number for one plane; NaN if none is stated.
     origin
-        Origin of each pattern, as numbers of `Origin`; None: all are measured.
+        Value of `Origin` for each pattern; None: all are measured.
     bound
-        ``(…, 3)``, the same for all positions of a plane: the largest fraction (L1) that a pattern lost because H was
-        stored within a tolerance: by cutting, by rounding, and in total (see `lfcal.psf._steps`); NaN: nothing was
-        lost.
+        ``(…, 3)``, the same for all positions of a plane. If H was stored within a tolerance, the largest fraction (L1)
+        that any pattern lost: by cutting, by rounding, and in total (see `lfcal.psf._steps`). NaN if nothing was lost.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Facts:
 
     @classmethod
     def of(cls, positions: tuple[int, ...], cutout: tuple[int, int], **values: ArrayLike | None) -> Facts:
-        """Return facts of positions ``(nz, ny, nx)`` or ``(ny, nx)`` with every array checked and read-only.
+        """Return facts about positions ``(nz, ny, nx)`` or ``(ny, nx)``, with every array checked and read-only.
 
         Raises
         ------
@@ -96,11 +96,11 @@ class Facts:
         return cls(**checked)
 
     def plane(self, z: int) -> Facts:
-        """Return facts about plane ``z`` of a matrix."""
+        """Return the facts about plane ``z``."""
         return Facts(**{name: value[z] for name, value in self.known().items()})
 
     def known(self) -> dict[str, NDArray[Any]]:
-        """Return the known facts by name."""
+        """Return those facts that are known, by name."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
 
@@ -142,7 +142,7 @@ _UNKNOWN: dict[str, float] = {
 
 
 def stacked(planes: Sequence[Facts]) -> Facts:
-    """Return the facts of a matrix from those of its planes, in order."""
+    """Return the facts of a matrix, combined from those of its planes in order."""
     names = {name for plane in planes for name in plane.known()}
     found: dict[str, NDArray[Any]] = {}
     for name in names:

@@ -11,9 +11,9 @@ __all__ = ["copied_positions"]
 
 
 def copied_positions(matrix: PSFMatrix) -> NDArray[np.bool_]:
-    """Return the positions ``(nz, ny, nx)`` of H whose pattern was recorded half a period away.
+    """Return a boolean map ``(nz, ny, nx)`` of the positions of H whose pattern was recorded half a period away.
 
-    They are not independent measurements, so neither a fit nor an estimate of repeatability may use them.
+    These patterns are not independent measurements, so neither a fit nor an estimate of repeatability may use them.
     """
     shape = (matrix.shape[0], *matrix.period)
     flat = np.zeros(int(np.prod(shape)), np.bool_)

@@ -28,7 +28,7 @@ STORED_TYPES = ("float32", ROUNDED, "float64", "uint16", "uint8")
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """Description of a matrix besides its values.
+    """Description of a matrix: everything except its values.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Header:
 
     @property
     def plane_depths(self) -> NDArray[np.float64]:
-        """Depth of each plane, NaN if unknown."""
+        """Object-space depth of each plane (µm); NaN if unknown."""
         return np.asarray(np.full(self.shape[0], np.nan) if self.depths is None else self.depths, np.float64)
 
 
@@ -103,7 +103,7 @@ class Stored:
 
     @property
     def samples(self) -> np.dtype[Any]:
-        """Type of the samples in the file."""
+        """Type of the samples of H in the file."""
         stepped = self.store_tolerance is not None
         return np.dtype("float32" if stepped or self.dtype == ROUNDED else self.dtype)
 
@@ -115,11 +115,11 @@ class Plane:
     Attributes
     ----------
     values
-        ``(ny, nx, nt, ns)``.
+        Values of the plane, ``(ny, nx, nt, ns)``.
     facts
         Facts about the positions.
     uncertainty
-        Standard deviation of every entry, 0 if none is stated besides the noise; None: none is stated.
+        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where only the noise is stated; None: none is stated.
     simulated
         Description of the simulation, as plain JSON types; None if the plane was not simulated.
     """
@@ -137,17 +137,18 @@ class StoredPlane:
     Attributes
     ----------
     data
-        ``(1, ny, nx, nt, ns)`` in chunks of a pattern each.
+        Values as stored, ``(1, ny, nx, nt, ns)``, in chunks of one pattern.
     sums
         Depth-plane sum ``(nt, ns)``.
     used, checksum, error
-        Values stated in the file.
+        Window of the pattern that contains light (first and last row, first and last column), checksum and error, as
+        stated in the file.
     facts
-        Facts about its positions, without the error.
+        Facts about the positions, without the error.
     uncertainty
-        Standard deviations of its entries; None if not stated.
+        Standard deviations of the entries; None if not stated.
     step
-        Step ``(ny, nx)``: the values of each pattern are multiples of it; None if they are not rounded.
+        Step ``(ny, nx)`` of which the values of each pattern are multiples; None if they are not rounded.
     simulated
         Description of the simulation, as plain JSON types; None if the plane was not simulated.
     """

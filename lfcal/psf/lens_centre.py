@@ -36,8 +36,8 @@ class LensCentre:
     Attributes
     ----------
     position
-        Position of the centre ``(row, column)``, from 0 and usually fractional: a point imaged there has the pattern
-        of the position with that number.
+        Position ``(row, column)`` of the centre, from 0 and usually fractional. A point whose image is at the centre
+        has the pattern of this position.
     period
         Number of positions ``(ny, nx)`` in a period.
     """
@@ -47,24 +47,24 @@ class LensCentre:
 
     @property
     def expected(self) -> tuple[int, int]:
-        """Position at which other codes expect the centre: ceil(n/2) of each period, here as an index from 0."""
+        """Position at which other codes expect the centre, as an index from 0: ceil(n/2) - 1 along each axis."""
         return (self.period[0] + 1) // 2 - 1, (self.period[1] + 1) // 2 - 1
 
     @property
     def shift(self) -> tuple[int, int]:
-        """Whole positions ``(rows, columns)`` by which H is rolled to bring the centre close to `expected`."""
+        """Number of positions ``(rows, columns)`` by which rolling H brings the centre closest to `expected`."""
         rows, columns = (math.ceil(off - 0.5) for off in self._off())
         return -rows, -columns
 
     @property
     def rest(self) -> Pair:
-        """Distance that remains after `shift`, in (-0.5, 0.5] pixels; positive: the centre is below or to the right."""
+        """Distance from `expected` after `shift`, in (-0.5, 0.5] pixels; positive if the centre is below or right."""
         rows, columns = (off - math.ceil(off - 0.5) for off in self._off())
         return rows, columns
 
     @property
     def agrees(self) -> bool:
-        """Whether H is already as other codes expect it, to within `TOLERANCE_PX`."""
+        """Whether the centre is already at the position that other codes expect, to within `TOLERANCE_PX`."""
         return self.shift == (0, 0) and self.is_whole
 
     @property
@@ -85,9 +85,9 @@ class LensCentre:
 def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
     """Return the position of a type-0 micro-image centre in ``matrix``; None if it is unknown.
 
-    It is computed from camera and anchor. For an H from another code's file, that file or the convention of its code
-    determines it (provenance ``lens_centre``). The pixels of H are those of the sensor, counted from the whole pixel
-    next to the anchor, unless the frames were interpolated or resampled when H was assembled.
+    The position is computed from the camera and the anchor. For an H from another code's file, it is determined by that
+    file or by the convention of that code (provenance ``lens_centre``). Unless frames were interpolated or resampled
+    when H was assembled, the pixels of H are sensor pixels, and pixel 0 is the one nearest to the anchor.
     """
     ny, nx = matrix.period
     if matrix.camera is None:
@@ -100,7 +100,7 @@ def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
 
 
 def first_pixel(matrix: PSFMatrix) -> Pair:
-    """Return the sensor position (row, column) of pixel 0 of H's images, which belongs to source position (0, 0)."""
+    """Return the sensor position (row, column) of pixel (0, 0) of H's images, the image of source position (0, 0)."""
     if sampling(matrix)[0]:
         return matrix.anchor
     row, column = matrix.anchor
@@ -127,9 +127,9 @@ def _pair(value: Any) -> Pair | None:
 def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "nearest") -> PSFMatrix:
     """Return a view of ``matrix`` in which the micro-image centre ``lens`` is where other codes expect it.
 
-    Positions are rolled around the period by whole numbers. Their patterns are unchanged, because the cutout belongs
-    to the source and only its number changes. ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` then holds for images and
-    volumes whose pixel 0 is that many pixels earlier.
+    Positions are rolled within the period by whole numbers. Their patterns do not change, because a cutout is centred
+    on its source and only the source's number changes. ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` then holds for
+    images and volumes whose pixel 0 is as many pixels earlier.
 
     Parameters
     ----------
@@ -138,8 +138,8 @@ def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "near
     lens
         Result of `lens_centre_of`.
     interpolation
-        ``"nearest"`` ignores the fraction that whole positions leave (`LensCentre.rest`). Any other of
-        `lfcal.psf.cutout.INTERPOLATIONS` shifts each pattern by it, as rectifying shifts the image.
+        ``"nearest"`` ignores the remaining fraction of a position (`LensCentre.rest`). Any other of
+        `lfcal.psf.cutout.INTERPOLATIONS` shifts each pattern by this fraction, as rectification shifts the image.
     """
     planes = _Centred(matrix, lens.shift, lens.rest, interpolation)
     facts = {} if matrix.is_transposed else _rolled(matrix.facts, lens.shift)

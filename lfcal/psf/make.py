@@ -49,19 +49,19 @@ Zeros = Callable[[], NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Reopening:
-    """Description of how another process opens the source of a plane again.
+    """Description of how another process opens the source of a plane.
 
     Attributes
     ----------
     opener
-        ``"package.module:function"``: called with ``values`` and a number of threads, it returns the `PlaneSource`.
-        Empty: only threads of this process can make the plane, from objects that it has open.
+        ``"package.module:function"``; the function is called with ``values`` and a number of threads, and returns the
+        `PlaneSource`. Empty: only threads of this process can compute the plane, from objects that are already open.
     values
-        Everything that determines the plane besides its number, as plain JSON types.
+        Everything except its number that determines the plane, as plain JSON types.
     inputs
         Paths of the input files.
     held
-        Whether a process keeps the source for other planes of the run, because opening it is expensive.
+        Whether a process keeps the source open for other planes of the run, because opening it is expensive.
     concurrent_bytes
         As in `lfcal.work.Unit`.
     """
@@ -74,7 +74,7 @@ class Reopening:
 
 
 class PlaneSource:
-    """A source of the planes of a matrix. A subclass sets the header and implements `iter_plane`."""
+    """Base class of sources of the planes of a matrix; subclasses set the header and implement `iter_plane`."""
 
     header: Header
     title: str = "make"
@@ -83,39 +83,39 @@ class PlaneSource:
     """Whether finished planes of a run of units are joined while others are being made."""
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Make plane ``z``; yields progress.
+        """Compute or read plane ``z``; yields progress, and returns the plane.
 
         Parameters
         ----------
         z
             Number of the plane.
         zeros
-            Function that returns the memory to compute into, for sources without an array.
+            Function that returns an array of zeros to compute into, for sources without an array.
         workers
             Number of threads; None: all processors.
         alone
-            Whether to report the progress of this plane alone, as for a unit of a run; otherwise that of all planes.
+            Whether progress refers to this plane only, as for a unit of a run; otherwise it refers to all planes.
         """
         raise NotImplementedError
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
-        """Return how another process opens the source of plane ``z``; None: this process makes the plane at the end."""
+        """Return how another process opens the source of plane ``z``; None: this process computes it at the end."""
         raise NotImplementedError
 
     def named(self, out: Path) -> str:
-        """Return a description of what a run of units makes, for messages."""
+        """Return the title of a run of units that writes ``out``, for messages."""
         return f"{self.title} {out.name}"
 
     def shown(self, record: Progress) -> Progress:
-        """Return the progress of a run of units, with what this process knows about its planes."""
+        """Return the progress ``record`` of a run of units, extended by what this process knows about its planes."""
         return record
 
     def late_provenance(self) -> Mapping[str, Any]:
-        """Return provenance that is known only after all planes were made here; it is added to that of the header."""
+        """Return provenance to add to the header's, known only after this process has computed all planes."""
         return {}
 
     def close(self) -> None:
-        """Close the files that the source has opened itself; called before the new file gets its name."""
+        """Close the files that the source has opened itself; called before the new file gets its final name."""
 
 
 def iter_make(
@@ -126,7 +126,7 @@ def iter_make(
     run: RunChoice | None = None,
     workers: int | None = None,
 ) -> Work[PSFMatrix]:
-    """Make a matrix in memory as float32, or in a file as `iter_write` does; return it opened.
+    """Make a matrix in memory as float32, or write it to ``out`` as `iter_write` does; return the opened matrix.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def iter_write(
     keep: bool = False,
     workers: int | None = None,
 ) -> Work[Path]:
-    """Write a matrix to an H file, one plane in memory at a time; the file is complete or not written at all.
+    """Write a matrix to an H file with one plane in memory at a time; an incomplete file is never left at ``out``.
 
     Parameters
     ----------
@@ -160,14 +160,14 @@ def iter_write(
     out
         File to write.
     stored
-        How values are stored; None: the defaults of `PSFWriter`.
+        How values are stored; None: as by default in `PSFWriter`.
     run
-        Make it in units of a plane, with this executor and treatment of an earlier run. Finished planes stay for the
-        next run.
+        Executor and treatment of an earlier run, to make the planes as units of a run. Finished planes are kept if the
+        run is stopped.
     keep
         Whether to keep the files of the units of a ``run``, as in `lfcal.work.iter_made`.
     workers
-        Number of threads of this process, without a ``run``; None: all processors.
+        Number of threads if there is no ``run``; None: all processors.
 
     Raises
     ------
@@ -191,7 +191,7 @@ def iter_write_regions(
 ) -> Work[Path]:
     """Write the matrices of several regions of the field, by name, to one H file; see `iter_write` for one matrix.
 
-    When the file is opened, the first region is the default.
+    The first region is the default when the file is opened.
     """
     target = Path(out)
     need = sum(stored_bytes(source.header.shape, stored) for source, stored in sources.values())
@@ -282,7 +282,7 @@ def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManage
 
 
 def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
-    """Return the units that make planes, by plane number; planes that this process makes have none.
+    """Return the units that make planes, by plane number; planes that only this process can make have no unit.
 
     Examples
     --------
@@ -325,7 +325,7 @@ def _iter_joined(
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Make one plane into a separate H file: the task of each unit."""
+    """Make one plane and write it to a separate H file; this is the task of each unit."""
     z, stored = int(arguments["z"]), Stored(**arguments["stored"])
     with _opened(arguments, workers) as source:
         of = source.header

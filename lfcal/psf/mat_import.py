@@ -46,19 +46,19 @@ def check_mat_order(mat_order: str) -> str:
 
 
 def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
-    """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; ``x3objspace`` contains its depths.
+    """Open the ``H`` of a MATLAB v7.3 file as a lazy `PSFMatrix`; depths are read from the variable ``x3objspace``.
 
     A 4-D H is a single plane, because MATLAB drops trailing axes of length one. A 3-D ``H`` or ``PSF`` (rows, columns,
-    planes) is one pattern for each plane, as of a Fourier light-field microscope: its period is 1 x 1. The provenance
-    states how the file was read: ``notes`` are for the user, ``lens_centre`` is set if the file or its code's
-    convention determines it.
+    planes) contains one pattern for each plane, as for a Fourier light-field microscope; its period is 1 x 1. The
+    provenance states how the file was read. Its ``notes`` are for the user, and ``lens_centre`` is set if the file or
+    the convention of its code determines it.
 
     Parameters
     ----------
     path
         The file.
     mat_order
-        Order of the axes of H, one of `MAT_ORDERS`; empty: as the file states, or else as its variables suggest.
+        Order of the axes of H, one of `MAT_ORDERS`; empty: as stated by the file, or else inferred from its variables.
 
     Raises
     ------

@@ -32,7 +32,7 @@ class PSFMatrix:
     Parameters
     ----------
     data
-        Any ``(nz, ny, nx, nt, ns)`` array of numbers, memory map, HDF5 dataset, or planes of a file.
+        Values ``(nz, ny, nx, nt, ns)``: an array of numbers, a memory map, an HDF5 dataset, or planes of a file.
     depths
         Object-space depth of each plane (µm); by default the plane numbers.
     camera
@@ -40,20 +40,20 @@ class PSFMatrix:
     anchor
         Sensor position ``(row, column)`` of the image of source position (0, 0) (pixels).
     scale, offset
-        For stored integers: value = stored * scale + offset, one number or one per plane.
+        For stored integers, value = stored * scale + offset; each is one number, or one per plane.
     recorded
-        Number of times each position ``(nz, ny, nx)`` was recorded (0: missing); by default once.
+        Number of times each position ``(nz, ny, nx)`` was recorded, 0 if it is missing; None: once.
     saturated
         Number of saturated pixels in each pattern ``(nz, ny, nx)``, -1 if unknown; None: not counted.
     facts
         All facts about the positions, instead of ``recorded`` and ``saturated``.
     uncertainty
-        Standard deviation of every entry, in the shape of ``data``, 0 if none is stated in addition to the noise; or
-        None.
+        Standard deviation of every entry, in the shape of ``data``, 0 where only the noise is stated; None: none is
+        stated.
     depth_sums
         Depth-plane sums ``(nz, nt, ns)``, if they are already known.
     region
-        Name of the region of the field, empty if there is only one.
+        Name of the region of the field; empty if there is only one.
     transposed
         Whether the values are those of HT.
     provenance
@@ -133,7 +133,7 @@ class PSFMatrix:
         self._opened: Callable[[], PSFMatrix] | None = None
 
     def opened_by(self, again: Callable[[], PSFMatrix]) -> PSFMatrix:
-        """Store how the matrix is opened again from its file, also by another process; return the matrix."""
+        """Register a function that opens the matrix again from its file, also in another process; return the matrix."""
         self._opened = again
         return self
 
@@ -191,7 +191,7 @@ class PSFMatrix:
 
     @property
     def known_depths(self) -> NDArray[np.float64]:
-        """Object-space depth of each plane (µm); NaN if H states none, as in files of other codes."""
+        """Object-space depth of each plane (µm); NaN if H states none, as in some files of other codes."""
         return self._depths
 
     @property
@@ -201,12 +201,12 @@ class PSFMatrix:
 
     @property
     def camera(self) -> Camera | None:
-        """The camera of H, if known."""
+        """The camera of H; None if unknown."""
         return self._camera
 
     @property
     def pixel_scale(self) -> tuple[float, float]:
-        """Pixels of H per sensor pixel (rows, columns); not 1 if frames were resampled to a whole period."""
+        """Pixels of H per sensor pixel (rows, columns); not 1 if frames were resampled to a period of whole pixels."""
         cutout = self._provenance.get("cutout")
         scale = cutout.get("scale", (1.0, 1.0)) if isinstance(cutout, Mapping) else (1.0, 1.0)
         # provenance comes from a file that anyone may have written
@@ -241,7 +241,7 @@ class PSFMatrix:
 
     @property
     def saturated(self) -> NDArray[np.int32] | None:
-        """Number of saturated pixels in each pattern ``(nz, ny, nx)``, -1 if unknown, or None. For H only."""
+        """Number of saturated pixels in each pattern ``(nz, ny, nx)``, -1 if unknown; None: not counted. For H only."""
         return self.facts.saturated
 
     @property
@@ -250,7 +250,7 @@ class PSFMatrix:
         return np.argwhere(self.recorded == 0)
 
     def valid(self, z: int, y: int, x: int) -> NDArray[np.bool_]:
-        """Return which pixels ``(nt, ns)`` of a pattern of H are measurements, neither saturated nor masked."""
+        """Return a boolean map ``(nt, ns)``, true at pixels of a pattern of H that are neither saturated nor masked."""
         packed = self.facts.valid
         if packed is None:
             return np.ones(self.cutout, np.bool_)
@@ -282,17 +282,17 @@ class PSFMatrix:
 
     @property
     def stated_uncertainty(self) -> Planes | None:
-        """Stated standard deviation of every entry of H, 0 where only the noise is stated; None: none is stated."""
+        """Stated standard deviations of all entries of H, 0 where only the noise is stated; None: none is stated."""
         return self._uncertainty
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Provenance of H."""
+        """Provenance of H, as plain JSON types."""
         return dict(self._provenance)
 
     @property
     def path(self) -> str:
-        """The file of H, or of the H that HT is computed from; empty for an array in memory."""
+        """Path of the file of H, or of the H from which HT is computed; empty for an array in memory."""
         stored = self._stored()
         return str(stored.path) if isinstance(stored, DatasetPlanes | FilePlanes) else ""
 
@@ -308,7 +308,7 @@ class PSFMatrix:
     # -- values ----------------------------------------------------------------------------------------
     @property
     def planes(self) -> Planes:
-        """Source of the values, one depth plane at a time."""
+        """Source from which the values are read, one depth plane at a time."""
         return self._planes
 
     @property
@@ -338,7 +338,7 @@ class PSFMatrix:
     def depth_sum(self, z: int) -> NDArray[np.float64]:
         """Return the sum of plane ``z`` over all positions, ``(nt, ns)``: the aperture seen from that depth.
 
-        It is computed once, kept, and read-only. The sum of the transposed matrix is the same, rotated by 180 degrees.
+        The sum is read-only and computed only once. That of the transposed matrix is the same, rotated by 180 degrees.
         """
         z = in_range(z, 0, self._shape[0])
         if z not in self._sums:
@@ -351,7 +351,7 @@ class PSFMatrix:
         return _read_only(self._sums[z])
 
     def aperture(self, z: int) -> Aperture:
-        """Return the iris fitted to the depth-plane sum of plane ``z`` (see `lfcal.psf.aperture`)."""
+        """Return the iris fitted to the depth-plane sum of plane ``z``; see `lfcal.psf.aperture`."""
         z = in_range(z, 0, self._shape[0])
         if z not in self._apertures:
             from lfcal.psf.aperture import fit_aperture, footprint_px

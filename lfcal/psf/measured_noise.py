@@ -89,7 +89,7 @@ class _Samples(NamedTuple):
 
 
 def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> FrameNoise | None:
-    """Return the noise of the frames of a scan; None if too few of them are similar.
+    """Return the noise stated by the frames of a scan, or measured on them; None if too few of them are similar.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
 
 
 def scan_noise(source: FrameSource, plan: ScanPlan) -> FrameNoise | None:
-    """Return the noise of the corrected frames of a scan; None if too few of them are similar."""
+    """Return the noise of corrected frames of a scan, as `measure_noise` does."""
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
     gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))

@@ -59,21 +59,22 @@ FOREIGN = (".npy", ".mat", ".lfc", ".tif", ".tiff")
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False, mat_order: str = "") -> PSFMatrix:
     """Open an H file, a file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
 
-    Files of other codes are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``). A stack of patterns,
-    one per plane, is an H with a period of 1 x 1, as of a Fourier light-field microscope: a TIFF file, or a 3-D array
-    in an ``.npy`` file (z, t, s) or a ``.mat`` file, there called ``H`` or ``PSF``.
+    Files of other codes are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``). A stack with one
+    pattern per plane is opened as an H with a period of 1 x 1, as for a Fourier light-field microscope. It may be a
+    TIFF file, a 3-D array (z, t, s) in an ``.npy`` file, or a 3-D array ``H`` or ``PSF`` in a ``.mat`` file.
 
     Parameters
     ----------
     path
         The file.
     region
-        Region of the field, in a file with several regions; empty: the default region of the file.
+        Name of the region in a file with several regions of the field; empty: the default region of the file.
     check
-        Whether to read every plane and compare it with its checksum (files of lfcal since version 2).
+        Whether to read every plane and compare it with its checksum, which H files have since version 2 of the format.
     mat_order
-        Order of the axes of H in a ``.mat`` file that does not state it: ``"rows-first"``, ``H(t, s, y, x, z)``, or
-        ``"columns-first"``, ``H(s, t, x, y, z)``. Empty: inferred from its variables; `opening_notes` reports how.
+        Order of the axes of H in a ``.mat`` file that does not state it: ``"rows-first"`` for ``H(t, s, y, x, z)``, or
+        ``"columns-first"`` for ``H(s, t, x, y, z)``. Empty: inferred from the variables in the file; `opening_notes`
+        reports how.
 
     Raises
     ------
@@ -165,7 +166,7 @@ def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
     """Return notes on how another code's file was read: one line for each assumption that lfcal made.
 
-    An H file made from such a file has none; its provenance keeps the notes.
+    For an H file made from such a file there are no notes here, but they are still in its provenance.
     """
     if matrix.path and Path(matrix.path).suffix.lower() not in FOREIGN:
         return ()
@@ -182,7 +183,7 @@ def mat_order_of(matrix: PSFMatrix) -> str:
 
 
 def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return the order in which a ``.mat`` file was read, and the other order; empty if the file states its order."""
+    """Return the axis order in which a ``.mat`` file was read, and the other order; empty if the file states one."""
     from lfcal.psf.mat_import import MAT_ORDERS
 
     order = mat_order_of(matrix) if matrix.provenance.get("mat_order_open") else ""
@@ -190,9 +191,9 @@ def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return the names of the regions of the field in an H file, its default region first (``""`` if unnamed).
+    """Return the names of the field's regions in an H file, starting with the default region (``""`` if unnamed).
 
-    Files of other codes, as `open_psf` reads them, have one region.
+    Files of other codes have one region.
 
     Examples
     --------
@@ -277,7 +278,7 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
 
 @dataclass(frozen=True, eq=False)
 class MatrixHead:
-    """Facts that an H file states about its matrix.
+    """Description of a matrix, as read from an H file without its values.
 
     Attributes
     ----------
@@ -288,9 +289,9 @@ class MatrixHead:
     camera
         The camera of H; None if not stated.
     provenance
-        How it was made, as plain JSON types.
+        Provenance of the matrix, as plain JSON types.
     transposed
-        Whether it is HT.
+        Whether the matrix is HT.
     """
 
     shape: tuple[int, int, int, int, int]
@@ -301,7 +302,7 @@ class MatrixHead:
 
 
 def head_of(file: H5File) -> MatrixHead:
-    """Return the description of an H file, for which only ``depths`` are read; see ``only`` of `lfcal.base.h5.H5File`.
+    """Return the description of the matrix in an H file; of its datasets, only ``depths`` is read.
 
     Raises
     ------
@@ -323,7 +324,7 @@ def head_of(file: H5File) -> MatrixHead:
 
 
 def depth_sums_of(file: H5File, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the depth-plane sums of an H file of ``shape``; raises an error for values that are too large."""
+    """Return the depth-plane sums ``(nz, nt, ns)`` in dataset ``name``; raises `FileFormatError` for invalid values."""
     most = MAX_SAMPLE * shape[1] * shape[2]
     return file.values(name, (shape[0], *shape[3:]), finite=True, at_most=most).astype(np.float64)
 
@@ -344,9 +345,9 @@ def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
 
 
 def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return scale and offset, one number or one per plane; all values must be finite in float32.
+    """Return scale and offset of stored values, each as one number or one per plane.
 
-    Since version 4 there is one scale and no offset.
+    Scaled values must be finite in float32. Since version 4 of the format, there is one scale and no offset.
     """
     given: Iterable[NDArray[np.float64] | None]
     if _check_format(file) >= VERSION:
@@ -366,9 +367,9 @@ def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray
 
 
 def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float32], NDArray[np.uint16]] | None:
-    """Return step and zero of every pattern ``(nz, ny, nx)`` in a file of version 3; None for other versions.
+    """Return step and zero of every pattern, ``(nz, ny, nx)`` each, in a file of version 3; None for other versions.
 
-    ``data`` are the values of H, in the group named ``prefix``.
+    ``data`` is the dataset with the values of H, and ``prefix`` is the path of its group.
 
     Raises
     ------
@@ -403,7 +404,7 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
 
 
 def provenance_of(file: H5File, group: str = "") -> dict[str, Any]:
-    """Return the provenance of the matrix in a group; raises `FileFormatError` if it is not a JSON object."""
+    """Return the provenance of the matrix in ``group``; raises `FileFormatError` if it is not a JSON object."""
     attributes = file.attributes(group)
     what, remedy = f"{file.path}, attribute provenance", "get the file from its source again"
     found = parse_json(attributes.text("provenance", "{}"), what, remedy=remedy, finite=False)
@@ -426,7 +427,7 @@ _KINDS = {
 
 
 def facts_in(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapping[str, Any]) -> Facts:
-    """Return the facts that the file states about its positions."""
+    """Return the facts that the file states about the positions of its matrix."""
     names = [entry.name for entry in fields(Facts) if prefix + entry.name in file]
     found = {name: file.values(prefix + name, kinds=_KINDS[name]) for name in names}
     if _check_format(file) == 1 and "saturated" in found and not provenance.get("corrections"):

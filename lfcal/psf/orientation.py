@@ -55,7 +55,7 @@ SCAN = {
 
 
 def either_words(name: str) -> str:
-    """Return what may be wrong if the image moves as in frames with orientation ``name``."""
+    """Return a text with the possible causes of an image motion as in frames with orientation ``name``."""
     return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} relative to the plan"
 
 
@@ -68,16 +68,16 @@ class FoundOrientation:
     name
         Orientation of the frames, one of `lfcal.frames.orientation.ORIENTATIONS`; empty if undetermined.
     cause
-        ``"frames"``: the frames are flipped or turned; ``"scan"``: the frames are upright, and the axes of the scan
-        differ from those of the plan; ``"either"``: both would look the same. Empty if the frames are upright or
+        ``"frames"``: the frames are flipped or turned. ``"scan"``: the frames are upright, but the axes of the scan
+        differ from those of the plan. ``"either"``: the two cannot be distinguished. Empty if the frames are upright or
         nothing can be determined.
     margin
-        Ratio of the misfit of the second best orientation to that of the best, 1 to 10.
+        Ratio of the misfit of the second-best orientation to that of the best, 1 to 10.
     residual_px
         Residual of the path under the best orientation (pixels); NaN if undetermined.
     offset_px
-        Displacement of the upright pattern from its planned position, (rows, columns) in pixels. If the orientation is
-        undetermined but upright frames fit best, the displacement for those; otherwise NaN.
+        Displacement (rows, columns) of the pattern from its planned position after turning the frames upright (pixels).
+        If the orientation is undetermined, it is given only if upright frames fit best, and is NaN otherwise.
     frames
         Number of frames in which the pattern was found.
     reason
@@ -94,12 +94,12 @@ class FoundOrientation:
 
     @property
     def wrong(self) -> bool:
-        """Whether it is certain that frames and plan do not agree."""
+        """Whether the frames or the scan certainly differ from the plan."""
         return self.name not in ("", AS_IS)
 
     @property
     def words(self) -> str:
-        """The result as text."""
+        """Description of the result."""
         if not self.name:
             return f"the orientation of the frames cannot be determined: {self.reason}"
         if not self.wrong or self.cause == "frames":
@@ -108,16 +108,16 @@ class FoundOrientation:
 
 
 def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrientation]:
-    """Return the orientation of the frames of a scan, from the path of the pattern.
+    """Return the orientation of the frames of a scan, determined from the path of the pattern.
 
-    About 20 frames are read. The pattern's path is compared with the planned one in all eight orientations.
+    About 20 frames are read. The path of the pattern is compared with the planned path in all eight orientations.
 
     Parameters
     ----------
     source
-        Frames as delivered, preferably corrected; whole frames, or cutouts with a known position on the sensor.
+        Frames as delivered, preferably corrected. They show the whole sensor, or parts of it at known positions.
     plan
-        Plan with the expected position of the image at each position of the scan.
+        Scan plan, from which the expected path is computed.
     """
     path = yield from iter_spot_path(source, plan.shape[:3], plan.cutout)
     whole = all(source.info(int(k)).origin == (0, 0) for k in path.indices)
@@ -133,22 +133,22 @@ find_orientation = drained(iter_find_orientation)
 def orientation_of_path(
     path: SpotPath, expected: NDArray[np.float64], frame: tuple[int, int], plan: ScanPlan
 ) -> FoundOrientation:
-    """Return the orientation of frames of shape ``frame`` that showed the pattern along ``path``.
+    """Return the orientation of frames in which the pattern followed ``path``.
 
-    The direction of the motion is compared with that of the plan separately in each plane; step and offset are free.
-    Orientations with the same motion are distinguished by the position of the path, as are turned frames and a scan
-    along other axes in upright frames.
+    The direction of the motion is compared with that of the plan separately in each plane; step size and offset are
+    fitted. Orientations with the same motion are distinguished by the position of the path. So are turned frames and
+    upright frames of a scan along other axes.
 
     Parameters
     ----------
     path
         Observed positions of the pattern.
     expected
-        Planned positions of the image ``(n, 2)`` as (row, column) (sensor pixels).
+        Planned positions of the image, ``(n, 2)`` as (row, column) in sensor pixels.
     frame
-        Rows and columns of the sensor as delivered.
+        Rows and columns of the sensor in frames as delivered.
     plan
-        Scan plan with the shape of the sensor and the cutout.
+        Scan plan, which states the shape of the upright sensor and of the cutout.
     """
     if len(path.indices) < 3:
         reason = f"light in {len(path.indices)} of {path.looked} frames"

@@ -23,7 +23,7 @@ Place = tuple[int, int, int]
 
 
 class PickedPlanes:
-    """Planes of which only some patterns exist; the others are zero and take no memory."""
+    """Planes with only some patterns; the other patterns are zero and take no memory."""
 
     def __init__(self, shape: tuple[int, int, int, int, int], patterns: Mapping[Place, NDArray[np.float32]]) -> None:
         self.shape = shape
@@ -31,7 +31,7 @@ class PickedPlanes:
         self._patterns = dict(patterns)
 
     def plane(self, z: int) -> NDArray[Any]:
-        """Return plane ``z`` as a new array."""
+        """Return plane ``z`` as a new array ``(ny, nx, nt, ns)``."""
         out = np.zeros(self.shape[1:], np.float32)
         for (own, y, x), pattern in self._patterns.items():
             if own == z:
@@ -39,7 +39,7 @@ class PickedPlanes:
         return out
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
-        """Return one pattern."""
+        """Return the pattern of one position, ``(nt, ns)``."""
         found = self._patterns.get((z, y, x))
         return np.zeros(self.shape[3:], np.float32) if found is None else found
 
@@ -51,14 +51,14 @@ class PickedPlanes:
 def iter_pick(
     source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp], *, noise: FrameNoise | None = None
 ) -> Work[PSFMatrix]:
-    """Cut out the patterns of selected positions; yields progress in positions.
+    """Assemble the patterns of selected positions into a matrix; yields progress in positions.
 
     Parameters
     ----------
     source
-        The frames, which are used unchanged: pass the corrected view. No other frames are read.
+        Corrected frames, which are used unchanged. Only those of ``positions`` are read.
     plan
-        Positions, depths, anchor and cutout. Pixels beyond the frame are marked as not valid.
+        Scan plan with positions, depths, anchor and cutout. Pixels beyond the frame are marked as invalid.
     positions
         Positions ``(n, 3)`` as (z, y, x).
     noise

@@ -37,7 +37,7 @@ class Codec(NamedTuple):
     Attributes
     ----------
     name
-        The codec, such as ``lzw``; ``recording`` for a session of lfcal.
+        Name of the codec, such as ``lzw``; ``recording`` for a session of lfcal.
     lossless
         Whether samples are read exactly as the camera delivered them; None: unknown.
     """
@@ -47,7 +47,7 @@ class Codec(NamedTuple):
 
 
 class FrameNoise(NamedTuple):
-    """The noise of a sample of one corrected frame: its variance at value v is ``floor + slope max(v - black, 0)``.
+    """The noise of a sample in a corrected frame: the variance at value v is ``floor + slope * max(v - black, 0)``.
 
     Attributes
     ----------
@@ -56,11 +56,11 @@ class FrameNoise(NamedTuple):
     slope
         Increase of the variance per count of signal (counts).
     black
-        Value without light (counts).
+        Sample value without light (counts).
     source
-        Description of the source of the values.
+        Description of how the values were determined.
     stated
-        Whether the frames state it for each sample; H stores only the words of ``source``.
+        Whether the frames state the noise of each sample; this is not stored with H.
     """
 
     floor: float
@@ -71,18 +71,18 @@ class FrameNoise(NamedTuple):
 
     @property
     def of_samples(self) -> Noise | None:
-        """The variance of every sample; None if the frames state it themselves."""
+        """Noise to apply to every sample; None if the frames state their noise themselves."""
         from lfcal.frames import Noise  # an H is opened without the readers of frames
 
         return None if self.stated else Noise(self.floor, self.slope, self.black)
 
     def record(self) -> dict[str, Any]:
-        """Return the entry that H stores, which `noise_of` reads."""
+        """Return the entry for the provenance of H, which `noise_of` reads."""
         return {"floor": self.floor, "slope": self.slope, "black": self.black, "from": self.source}
 
 
 def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
-    """Return how the frames were stored; None if unknown.
+    """Return the compression of the frames in their files; None if unknown.
 
     Examples
     --------
@@ -100,7 +100,7 @@ def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
 
 
 def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Return the sensor row and column of the frames' first pixel; None if not stated.
+    """Return row and column on the sensor of the frames' first pixel; None if not stated.
 
     Examples
     --------
@@ -115,9 +115,9 @@ def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
-    """Return the noise of the frames; None if it was not measured.
+    """Return the noise of the frames; None if ``provenance`` states none.
 
-    If the value without light is not stated, as in files of lfcal 0.1, it is 0.
+    ``black`` is 0 if it is not stated, as in files of lfcal 0.1.
 
     Examples
     --------
@@ -133,22 +133,22 @@ def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
 
 
 def optics_of(provenance: Mapping[str, Any]) -> str | None:
-    """Return the optics with which the simulator computed the frames; None: real frames, or unknown."""
+    """Return the method by which the camera simulator computed the frames; None for real frames, or if unknown."""
     found = provenance.get("optics")
     return found if isinstance(found, str) and found else None
 
 
 def light_shares(provenance: Mapping[str, Any]) -> bool:
-    """Return whether H is computed, so that its values are fractions of the light and not counts.
+    """Return whether H was simulated without frames, so that its values are fractions of the light and not counts.
 
-    H of simulated frames has counts; such frames state the seed of their noise.
+    An H assembled from simulated frames has counts. It is recognized by the seed of their noise.
     """
     simulated = provenance.get("simulated")
     return isinstance(simulated, Mapping) and "seed" not in simulated
 
 
 def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[str, Any] | None]:
-    """Return engine, sampling and seconds of each simulated plane, None where they are unknown."""
+    """Return a record of how each plane was simulated (engine, sampling, seconds); None for planes without one."""
     found = _within(provenance, "simulated").get("planes")
     if not isinstance(found, list) or len(found) != planes:
         return [None] * planes
@@ -156,7 +156,7 @@ def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[st
 
 
 def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Return provenance with an entry on how each plane was simulated, which `simulated_planes` reads."""
+    """Return provenance with the records of how each plane was simulated, which `simulated_planes` returns."""
     return {**provenance, "simulated": {**provenance.get("simulated", {}), "planes": list(planes)}}
 
 

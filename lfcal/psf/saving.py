@@ -26,7 +26,7 @@ TRANSPOSED = "transpose"
 
 
 class MatrixPlanes(PlaneSource):
-    """The planes of a matrix, or of its transpose by a method other than the exact one.
+    """The planes of an existing matrix, or of its transpose by a method other than the exact one.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class MatrixPlanes(PlaneSource):
     title
         As in `PlaneSource`.
     own
-        Whether to close the matrix together with the planes.
+        Whether `close` also closes the matrix.
     provenance
         Entries added to the provenance of the matrix.
     """
@@ -62,7 +62,7 @@ class MatrixPlanes(PlaneSource):
         self._clock = Clock(f"{title.partition(' ')[0]} planes", len(matrix))
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Read plane ``z``, or transpose it."""
+        """Read plane ``z``, and transpose it if there is a ``method``."""
         clock = Clock(f"{self.title.partition(' ')[0]} plane {z + 1}", 1) if alone else self._clock
         if alone or z == 0:
             yield clock.at(0)
@@ -77,7 +77,7 @@ class MatrixPlanes(PlaneSource):
         return made
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return how other processes read plane ``z``: from the same file."""
+        """Return how other processes read plane ``z`` from the file of the matrix."""
         matrix = self.matrix
         if not matrix.path:
             raise InputError.expected("H", "a matrix opened from a file", repr(matrix), "save the matrix first")
@@ -93,13 +93,13 @@ class MatrixPlanes(PlaneSource):
         return Reopening(f"{__name__}:{open_planes.__name__}", values, (source,))
 
     def close(self) -> None:
-        """Close the file if it was opened by `open_planes`."""
+        """Close the file of the matrix if the planes own it."""
         if self._own:
             self.matrix.close()
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> MatrixPlanes:
-    """Return the planes of a matrix that another process has open; see `MatrixPlanes.reopening`."""
+    """Open the file of a matrix and return its planes, from the ``values`` of `MatrixPlanes.reopening`."""
     matrix = open_psf(values["source"], region=values["region"], mat_order=values["mat_order"])
     if matrix.is_transposed != values["transposed"]:
         matrix = matrix.T
@@ -117,12 +117,12 @@ def iter_save(
     provenance: Mapping[str, Any] | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
-    """Write ``matrix`` (H, or the view ``H.T``) to an H file, with one plane in memory at a time.
+    """Write ``matrix`` (H, or the view ``H.T``) to an H file with one plane in memory at a time.
 
     Parameters
     ----------
     matrix
-        Matrix to write.
+        Matrix to write, H or HT.
     path
         The file.
     dtype
@@ -132,8 +132,8 @@ def iter_save(
     provenance
         Entries added to the provenance of the matrix.
     run
-        Write it in units of a plane, for a matrix opened from a file, with this executor and treatment of an earlier
-        run.
+        Executor and treatment of an earlier run, to write the planes as units of a run. The matrix must have been
+        opened from a file.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def iter_transpose_file(
     provenance: Mapping[str, Any] | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
-    """Write the transpose of ``matrix`` to an H file; one plane of H and one of HT are in memory.
+    """Write the transpose of ``matrix`` to an H file with one plane of H and one of HT in memory at a time.
 
     ``method`` is as in `lfcal.psf.transpose`; the other arguments are as in `iter_save`.
     """
@@ -198,9 +198,10 @@ def iter_save_regions(
     compression: str = "gzip",
     workers: int | None = None,
 ) -> Work[Path]:
-    """Write the matrices of several regions of the field, by name, to one H file; the first is its default region.
+    """Write the matrices of several regions of the field, by name, to one H file; the first region is the default.
 
-    ``dtype``, ``compression`` and ``workers`` are as in `PSFWriter`, by default with each matrix's own type.
+    ``dtype``, ``compression`` and ``workers`` are as in `PSFWriter`. If ``dtype`` is None, each matrix keeps its own
+    type.
 
     Yields
     ------

@@ -74,7 +74,7 @@ Convert = Callable[[NDArray[Any]], NDArray[Any]]
 
 
 class MatrixGroup:
-    """Write one matrix into an open HDF5 group, plane by plane in any order, and then `complete` it."""
+    """Writer of one matrix into an open HDF5 group: planes in any order, followed by `complete`."""
 
     def __init__(self, group: Any, header: Header, stored: Stored, workers: int | None = None) -> None:
         self._group, self._header, self._stored, self._workers = group, header, stored, workers
@@ -201,7 +201,7 @@ class MatrixGroup:
         self._uncertain[z] = True
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Copy plane ``z`` from another file as it is stored: its bytes are neither decompressed nor rounded again."""
+        """Copy plane ``z`` from another file as it is stored, without decompressing or rounding it again."""
         if stored.data.shape[1:] != self._header.shape[1:] or self._written[z]:
             raise InputError.expected(
                 f"plane {z}",
@@ -269,7 +269,7 @@ class MatrixGroup:
         return (lambda pattern: pattern.astype(dtype)), 0.0
 
     def complete(self) -> None:
-        """Write everything except the values; every plane must have been written."""
+        """Write everything except the values of the planes, all of which must have been written."""
         group, header = self._group, self._header
         self._complete_uncertainty()
         if self._simulated:
@@ -312,7 +312,7 @@ class MatrixGroup:
 
 
 class PSFWriter:
-    """Write an H file plane by plane; it gets its name only when all planes are complete.
+    """Writer of an H file, plane by plane; the file gets its name only when all planes are complete.
 
     Each chunk is one pattern, ``(1, 1, 1, nt, ns)``, compressed by all processors, with checksums. Use it as a context
     manager.
@@ -320,15 +320,15 @@ class PSFWriter:
     Parameters
     ----------
     path
-        The file to write; an existing one is replaced at the end.
+        The file to write; an existing file is replaced when all planes are complete.
     shape
         ``(nz, ny, nx, nt, ns)``.
     depths, camera, anchor, provenance, region
         As in `PSFMatrix`.
     dtype
-        Stored type. ``"float32"`` is the default. ``"rounded"`` is float32 in steps of a power of two, at most
-        1/65535 of the plane's range. It takes about a third of the space, keeps whole numbers exactly and states its
-        error. ``"float64"``, ``"uint16"`` or ``"uint8"``: the latter two only for whole numbers that fit.
+        Stored type. ``"float32"`` is the default. ``"rounded"`` is float32 in steps of a power of two, at most 1/65535
+        of the plane's range; it needs about a third of the space, preserves whole numbers exactly, and its error is
+        stored. ``"float64"`` is also allowed, as are ``"uint16"`` and ``"uint8"`` for whole numbers within their range.
     compression
         ``"gzip"`` (level 1 with shuffle), ``"zstd"`` or ``"none"``.
     transposed
@@ -336,8 +336,8 @@ class PSFWriter:
     workers
         Number of compressing threads; None: all processors.
     store_tolerance
-        Used instead of ``dtype``: the largest fraction (L1) that a pattern may lose; see `lfcal.psf._steps`. The
-        largest loss in each plane is stored as its ``bound``.
+        Largest fraction (L1) that a pattern may lose, used instead of ``dtype``; see `lfcal.psf._steps`. None: no loss
+        beyond that of ``dtype``. The largest loss in each plane is stored as its ``bound``.
 
     Raises
     ------
@@ -384,7 +384,7 @@ class PSFWriter:
     def of(
         cls, path: str | os.PathLike[str], header: Header, stored: Stored | None = None, workers: int | None = None
     ) -> Self:
-        """Return a writer for a matrix with this header, stored as ``stored`` says; None: the defaults."""
+        """Return a writer for a matrix with this header; ``stored`` states how values are stored (None: by default)."""
         return cls(path, **vars(header), **vars(stored or Stored()), workers=workers)
 
     @property
@@ -416,9 +416,9 @@ class PSFWriter:
     ) -> None:
         """Write plane ``z``, ``(ny, nx, nt, ns)``.
 
-        ``recorded`` and ``saturated`` are ``(ny, nx)`` counts for each position (default: 1, and unknown). ``facts``
-        replaces both and may contain more. ``uncertainty`` is the standard deviation of every entry, 0 if none is
-        stated besides the noise. ``simulated`` describes how the plane was simulated, as plain JSON types.
+        ``recorded`` and ``saturated`` are counts ``(ny, nx)`` for the positions (by default 1, and unknown). ``facts``
+        replaces both and may contain more. ``uncertainty`` is the standard deviation of every entry, 0 where only the
+        noise is stated. ``simulated`` describes how the plane was simulated, as plain JSON types.
         """
         if facts is None:
             _, ny, nx, nt, ns = self.shape
@@ -430,11 +430,11 @@ class PSFWriter:
         self._matrix.write_plane(z, plane)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Copy plane ``z`` from another file, byte for byte; see `lfcal.psf._joining`."""
+        """Copy plane ``z`` from another file as it is stored; see `lfcal.psf._joining`."""
         self._matrix.adopt_plane(z, stored)
 
     def note(self, provenance: Mapping[str, Any]) -> None:
-        """Add provenance that is known only after the planes were written."""
+        """Add entries to the provenance that are known only after the planes were written."""
         self._matrix.note(provenance)
 
     def __exit__(
@@ -460,14 +460,14 @@ class PSFWriter:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Any]:
-    """Yield an open H file to write; it gets its name at the end of the block, or is removed after an error."""
+    """Yield a new H file to write to; it gets its name at the end of the block, or is removed after an error."""
     with new_h5(path) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION, "creator": f"lfcal {full_version()}"})
         yield file
 
 
 def check_storable(header: Header, stored: Stored) -> None:
-    """Raise `InputError` if a matrix cannot be stored with these options."""
+    """Raise `InputError` if a storage tolerance is set for HT."""
     if header.transposed and stored.store_tolerance is not None:
         raise InputError.expected(
             "storage tolerance",
@@ -487,7 +487,7 @@ def stored_bytes(shape: tuple[int, ...], stored: Stored) -> int:
 
 
 def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None = None) -> None:
-    """Write one plane ``(ny, nx, nt, ns)`` into an HDF5 dataset, compressed in threads if possible."""
+    """Write one plane ``(ny, nx, nt, ns)`` into an HDF5 dataset, compressed by several threads if possible."""
     if chunk_pipeline(data) is None:
         data[z] = plane
         return
@@ -495,12 +495,12 @@ def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None =
 
 
 def stored_type(matrix: PSFMatrix) -> str:
-    """Return the default stored type for the values of ``matrix``."""
+    """Return the type in which the values of ``matrix`` are stored by default: its own, or ``"float32"``."""
     return matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
 
 
 def header_of(matrix: PSFMatrix) -> Header:
-    """Return the description of ``matrix`` besides its values."""
+    """Return the description of ``matrix`` without its values."""
     return Header(
         matrix.shape,
         matrix.known_depths,
@@ -513,7 +513,7 @@ def header_of(matrix: PSFMatrix) -> Header:
 
 
 def facts_of(matrix: PSFMatrix) -> Facts:
-    """Return the facts about the positions of H, whether ``matrix`` is H or HT; a file of HT stores them for H."""
+    """Return the facts about the positions of H, whether ``matrix`` is H or HT."""
     return matrix.T.facts if matrix.is_transposed else matrix.facts
 
 

@@ -25,17 +25,17 @@ __all__ = ["AUTO", "CHECK", "check_found", "check_place", "iter_upright"]
 
 
 def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work[tuple[Orientation, dict[str, Any]]]:
-    """Return the orientation for `lfcal.frames.oriented`, and its entry in the provenance of H.
+    """Return the orientation that makes frames upright (see `lfcal.frames.oriented`), and its provenance entry.
 
     Parameters
     ----------
     view
         Corrected frames, as delivered.
     plan
-        Plan with the expected position of the image at each position.
+        Scan plan, from which the expected position of the image is computed.
     choice
-        Name of the orientation; ``"auto"``: find it; ``"check"``: leave the frames unchanged, unless this is
-        certainly wrong.
+        Name of the orientation; ``"auto"``: find it; ``"check"``: leave the frames unchanged, and raise an error if
+        this is certainly wrong.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
 def check_place(
     found: FoundOrientation | None, view: FrameSource, plan: ScanPlan, turn: Orientation = ORIENTATIONS[AS_IS]
 ) -> None:
-    """Raise `InputError` if frames smaller than the sensor show another part of it than stated, or no part is stated.
+    """Raise `InputError` if frames show a part of the sensor that was not stated or differs from the stated one.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def check_place(
     view
         Frames as delivered.
     plan
-        Plan with the expected position of the image on the whole sensor.
+        Scan plan, from which the expected position of the image on the whole sensor is computed.
     turn
-        Given orientation of the frames, if it was not determined.
+        Orientation stated by the user, if it was not determined.
     """
     sensor, known = plan.camera.sensor.shape, view.metadata
     # channels have pixels of another size; the places of sessions and given cutouts are known
@@ -105,7 +105,7 @@ def check_place(
 
 
 def check_found(found: FoundOrientation, choice: str) -> None:
-    """Raise `InputError` if the found orientation does not allow an assembly; ``choice`` is as in `iter_upright`."""
+    """Raise `InputError` if H cannot be assembled with the orientation found; ``choice`` is as in `iter_upright`."""
     if choice not in (CHECK, AUTO):
         return
     keep = "--orientation as-is leaves them unchanged"

@@ -12,17 +12,18 @@ Pair = tuple[float, float]
 
 
 def pixel_um(matrix: PSFMatrix) -> Pair | None:
-    """Return the height and width of a pixel of H's images on the sensor (µm); None: H has no camera.
+    """Return the height and the width of a pixel of H's images on the sensor (µm); None if H has no camera.
 
-    If frames were resampled to a whole period, H's pixels differ from the sensor's pixels along each axis.
+    If frames were resampled to a period of whole pixels, the pixels of H differ in size from those of the sensor.
     """
     return None if matrix.camera is None else _scaled(matrix.camera.sensor.pixel_um, matrix.pixel_scale)
 
 
 def voxel_um(matrix: PSFMatrix, depth_um: float | None = None) -> Pair | None:
-    """Return the height and width of a voxel in object space (µm): the step of the source for one pixel.
+    """Return the height and the width of a voxel in object space (µm); None if H has no camera.
 
-    It is None if H has no camera. Behind a main lens, steps grow with distance; by default, the median depth is used.
+    A voxel is as large as the step of the source that moves the image by one pixel of H. With a main lens, steps grow
+    with distance. Without ``depth_um``, the median depth is used.
     """
     if matrix.camera is None:
         return None

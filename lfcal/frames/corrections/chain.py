@@ -31,16 +31,16 @@ _EMPTY.setflags(write=False)  # read-only like the frames of the steps, so that 
 class CorrectionChain:
     """Corrections in their order: mask, dark, white, defects, then background and exposure in either order.
 
-    Every step may be omitted, and none may occur twice; the empty chain only converts samples to float32. Nothing is
-    clipped. Masked pixels become NaN. Dark, white, background and exposure are computed in one compiled pass. Defects
-    are interpolated afterwards, from the values of their neighbours at that stage of the chain.
+    Every step may be omitted, and none may occur twice. An empty chain only converts samples to float32. Nothing is
+    clipped. Masked pixels become NaN. Dark, white, background and exposure are applied in one compiled pass. Defects
+    are interpolated afterwards, with the same result as if they had been repaired in their order.
 
     Attributes
     ----------
     steps
         `PixelMask`, `Dark`, `White`, `Defects`, `Background`, `Exposure`.
     saturation
-        Sample value at which a pixel counts as saturated; None: that in the frames' metadata.
+        Sample value at which a pixel counts as saturated; None: the value in the frames' metadata.
 
     Raises
     ------
@@ -105,7 +105,7 @@ class CorrectionChain:
 
     @property
     def measures_frames(self) -> bool:
-        """Whether a background is measured on each frame, so that a region alone does not suffice."""
+        """Whether the background is measured on each frame, so that a region cannot be corrected without its frame."""
         background: Background | None = self._find(Background)
         return background is not None and background.measured
 
@@ -200,10 +200,10 @@ class CorrectionChain:
         *,
         exposure_s: float | None = None,
     ) -> Plane:
-        """Return the background of one frame, ``(at pixel (0, 0), per row, per column)``, for `apply_region`.
+        """Return a frame's background for `apply_region`: its level at pixel (0, 0), and slopes per row and per column.
 
-        ``read`` is a function that returns raw regions of the frame of ``shape``. Only the border is read, and nothing
-        if the background is constant.
+        ``read`` is a function that returns raw regions of the frame of ``shape``. Only the border of the frame is read,
+        or nothing if the background is constant.
         """
         background: Background | None = self._find(Background)
         if background is None:
@@ -229,35 +229,35 @@ class CorrectionChain:
         return 1.0 if step is None else step.factor(exposure_s)
 
     def gain(self, region: Region) -> NDArray[np.float64] | None:
-        """Return the factors of `White` over a sensor region; None without that step."""
+        """Return the factors of `White` in a sensor region, ``(rows, columns)``; None without that step."""
         white: White | None = self._find(White)
         return None if white is None else white.gain[region].astype(np.float64)
 
     def dark_at(self, exposure_s: float | None) -> Dark | None:
-        """Return the dark that is subtracted from frames with this exposure; None if there is none."""
+        """Return the dark that is subtracted from frames with the exposure ``exposure_s``; None without a dark step."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         return None if found is None else found.at(exposure_s)
 
     def only_dark(self) -> Dark | None:
-        """Return the dark that is subtracted from every frame; None if there is none, or one for each exposure."""
+        """Return the dark that is subtracted from every frame; None if there is no dark or one for each exposure."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         if isinstance(found, DarkSet):
             return next(iter(found.darks.values())) if len(found.darks) == 1 else None
         return found
 
     def level(self, plane: Plane, exposure_s: float | None, place: tuple[float, float]) -> float:
-        """Return the background of a frame at ``place`` (row, column) on the sensor, in corrected sample values."""
+        """Return a frame's background at the sensor position ``place`` (row, column), in corrected sample values."""
         _, offset = self._affine(plane, exposure_s)
         return float(offset[0] + offset[1] * place[0] + offset[2] * place[1])
 
     def masked(self, region: Region) -> NDArray[np.bool_] | None:
-        """Return a map of the masked pixels in a sensor region; None if there are none."""
+        """Return a boolean map ``(rows, columns)`` of the masked pixels in a sensor region; None if none is masked."""
         mask: PixelMask | None = self._find(PixelMask)
         lost = None if mask is None else mask.lost[region]
         return lost if lost is not None and lost.any() else None
 
     def repaired(self, region: Region) -> NDArray[np.intp]:
-        """Return the replaced pixels ``(n, 2)`` (row, column) of a sensor region, relative to its first pixel."""
+        """Return the repaired defects in a sensor region, ``(n, 2)`` as (row, column) relative to its first pixel."""
         defects: Defects | None = self._find(Defects)
         if defects is None or not len(defects):
             return np.zeros((0, 2), np.intp)

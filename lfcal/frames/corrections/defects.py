@@ -24,20 +24,20 @@ MAX_SHARE = 0.05
 class Defects:
     """Repair defective pixels: each becomes the mean of its nearest good neighbours of the same colour.
 
-    Their coordinates are those of the sensor, because defects do not move with the spots. A repair is linear in the
-    frame. Pixels that are NaN in a frame of floats (masked by its reader) need not be listed: they are also repaired,
-    if a neighbour within one period of the pattern is good.
+    Defects are listed in sensor coordinates. A repair is linear in the frame. Pixels that the reader has marked as NaN
+    in a frame of floats need not be listed. They are also repaired if a neighbour within one period of the pattern is
+    good.
 
     Attributes
     ----------
     pixels
-        Rows and columns, shape ``(n, 2)``.
+        Row and column of each defect, shape ``(n, 2)``.
     shape
         Rows and columns of the sensor.
     cfa
         Colour filter pattern by rows, empty for monochrome.
     kinds
-        ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"`` for each pixel, or empty if unknown.
+        ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"`` for each pixel; empty if unknown.
     neighbours, margin
         Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and the largest distance of a neighbour
         (pixels); both are computed.
@@ -118,7 +118,7 @@ class Defects:
         return int(self.neighbours.shape[0])
 
     def mask(self) -> NDArray[np.bool_]:
-        """Return a map of the sensor that is true at the defects."""
+        """Return a boolean map of the sensor, ``(rows, columns)``, that is true at the defects."""
         mask = np.zeros(self.shape, bool)
         pixels = np.asarray(self.pixels)
         mask[pixels[:, 0], pixels[:, 1]] = True
@@ -138,14 +138,14 @@ class Defects:
 def nearest_good(
     pixels: NDArray[np.int32], bad: NDArray[np.bool_], cfa: str, *, origin: tuple[int, int] = (0, 0), reach: int = 2
 ) -> NDArray[np.int32]:
-    """Return, for each pixel, the nearest ring of same-colour neighbours that contains a good one.
+    """Return, for each pixel, the nearest ring of same-colour neighbours that contains a good pixel.
 
     Parameters
     ----------
     pixels
         Rows and columns in ``bad``, shape ``(n, 2)``.
     bad
-        Map of the pixels that must not be used.
+        Boolean map ``(rows, columns)``, true at the pixels that must not be used.
     cfa
         Colour filter pattern by rows.
     origin
@@ -181,10 +181,10 @@ def nearest_good(
 
 
 def repair_nan(values: NDArray[np.float32], origin: tuple[int, int], slopes: NDArray[np.float64], cfa: str) -> None:
-    """Replace each NaN of a corrected region by the mean of its nearest same-colour neighbours within one period.
+    """Replace, in place, each NaN of a corrected region by the mean of its nearest same-colour neighbours.
 
     ``slopes`` is the background that has been subtracted, ``(level, per row, per column)``. Pixels without a good
-    neighbour stay NaN.
+    neighbour within one period of the pattern stay NaN.
     """
     bad = np.isnan(values)
     if not bad.any():
@@ -225,12 +225,12 @@ def iter_find_defects(
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
     A pixel is *hot* if even its lowest value exceeds that of all but two of the eight nearest neighbours of the same
-    colour, by ``threshold`` robust standard deviations and by half of their difference from the field. It must also
-    stand out in half of the frames. A pixel is *dead* or *stuck* if the range of its values is less than a tenth of
-    the range of all but two neighbours, although a spot surrounded it in some frame; a dead pixel stays at the lowest
-    value. Dead and stuck pixels need 8 frames, and are found only where spots cover them. Use frames of different
-    positions, or several dark frames: in frames of a single position, spots would look like hot pixels. Frames are
-    read a second time if any pixel is suspect.
+    colour, by ``threshold`` robust standard deviations and by half of the neighbours' difference from the field. It
+    must also be brighter than its neighbours in half of the frames. A pixel is *dead* or *stuck* if the range of its
+    values is less than a tenth of the range of all but two neighbours, although a spot surrounded it in some frame. A
+    dead pixel stays at the lowest value. Dead and stuck pixels are found only in 8 or more frames, and only where spots
+    cover them. Use frames of different positions, or several dark frames: in frames of a single position, spots would
+    look like hot pixels. Frames are read a second time if any pixel is suspect.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def iter_find_defects(
     threshold
         Threshold for hot pixels, in robust standard deviations of the differences from neighbours.
     ignore
-        True at pixels that are not examined, ``(rows, columns)``; None: all pixels are examined.
+        Boolean map ``(rows, columns)``, true at pixels that are not examined; None: all pixels are examined.
     workers
         Number of threads; None: all processors.
 

@@ -39,7 +39,7 @@ __all__ = ["build_chain", "check_turned_colours", "corrected_view", "first_image
 
 
 def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan | None = None) -> CorrectedSource:
-    """Return the frames of ``source`` corrected as ``recipe`` says.
+    """Return the frames of ``source`` with the corrections of ``recipe``, which are applied when a frame is read.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
 
 
 def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
-    """Raise `InputError` if frames are turned but their colour pattern is known only for the upright sensor.
+    """Raise `InputError` if frames are rotated but their colour pattern is known only for the upright sensor.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
 
 
 def first_image(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file, or of the first image in a folder."""
+    """Return ``path`` if it is a file, or the first image in the folder ``path``, in the order of names."""
     return _images(Path(path))[0]
 
 

@@ -33,7 +33,7 @@ DIFFERENCED = 1 << 20
 def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
     """Return the mean of equally shaped frames ``(rows, columns)``, summed in float64.
 
-    It is used for dark and white sequences, and for repeated frames of one position.
+    Use it for dark and white sequences, and for repeated frames of one position.
 
     Examples
     --------
@@ -61,9 +61,10 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
 
 
 def difference_variance(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """Return the temporal variance of a sample from two frames of the same light, ignoring outliers beyond 6 sigma.
+    """Return the temporal variance of a sample, in squared sample values, from two frames with the same illumination.
 
-    It is half the mean square of the difference, in which static content such as hot pixels cancels.
+    The variance is half the mean square of the difference, in which static content such as hot pixels cancels.
+    Differences beyond 6 sigma are ignored.
     """
     step = max(1, int(np.sqrt(first.size / DIFFERENCED)))
     square = np.subtract(first[::step, ::step], second[::step, ::step], dtype=np.float64).ravel() ** 2
@@ -135,10 +136,11 @@ class Dark:
     frame
         Mean dark frame ``(rows, columns)`` in sample values; None if a level suffices.
     level
-        Constant level to subtract as well (sample values), e.g. the black level of a camera RAW file.
+        Constant level to subtract in addition to ``frame`` (sample values), such as the black level of a camera RAW
+        file.
     origin
-        Row and column on the sensor of the first pixel of ``frame``; a dark frame of a part of the sensor fits only
-        that part.
+        Row and column on the sensor of the first pixel of ``frame``. A dark frame that shows only a part of the sensor
+        can be subtracted only within that part.
     count
         Number of averaged frames, which determines the noise of ``frame``; 0: unknown.
     variance
@@ -227,7 +229,7 @@ class DarkSet:
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return the dark for an exposure; raises `InputError` if none is within 1 % of it."""
+        """Return the dark with the exposure closest to ``exposure_s``; raises `InputError` if none is within 1 %."""
         if exposure_s is None:
             # a single dark is used for frames without a stated exposure; among several, any choice could be wrong
             if len(self.darks) == 1:
@@ -255,9 +257,9 @@ class DarkSet:
 def white_gain(
     light: NDArray[np.float32], floor: float, cfa: str = ""
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the factors that flatten the white image ``light``, and a map of where they are limited to ``1 / floor``.
+    """Return the factors that flatten the white image ``light``, and a map of the pixels limited to ``1 / floor``.
 
-    ``light`` is relative to its 99th percentile, separately for each position of the pattern ``cfa``.
+    ``light`` is first divided by its 99th percentile, separately for each position of the pattern ``cfa``.
     """
     relative = np.empty_like(light)
     for rows, columns in phases(cfa):
@@ -280,11 +282,11 @@ def white_gain(
 
 @dataclass(frozen=True, eq=False)
 class White:
-    """Divide by the relative brightness of a white frame (vignetting).
+    """Divide frames by the relative brightness of a white frame, which removes vignetting.
 
     The white frame minus its dark is divided by its 99th percentile, separately for each colour of a mosaic. The
-    brightest part of the field then keeps its values, and colours keep their ratio. Pixels below ``floor``, such as
-    the gaps between lenslet images, are divided by ``floor`` and marked in ``dim``, so that they stay finite.
+    brightest part of the field then keeps its values, and colours keep their ratio. Where the relative brightness is
+    below ``floor``, as in the gaps between lenslet images, pixels are divided by ``floor`` and marked in ``dim``.
 
     Attributes
     ----------
@@ -299,7 +301,7 @@ class White:
     saturation
         Sample value at which a pixel is saturated; None: the highest value of an integer type.
     gain, dim
-        The factors applied, and a map of where they are limited; both are computed.
+        The factors applied, and a map of the pixels where they are limited; both are computed.
 
     Raises
     ------
@@ -377,7 +379,7 @@ class White:
 
 @dataclass(frozen=True)
 class Exposure:
-    """Scale frames to the exposure ``reference_s`` (s), by the ratio of the exposures.
+    """Scale frames to the exposure ``reference_s`` (s) by the ratio of ``reference_s`` to their own exposure.
 
     Examples
     --------
@@ -443,7 +445,7 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 
 
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
-    """Fit ``p0 + p1 row + p2 column`` by least squares, leaving out residuals beyond 3 robust standard deviations."""
+    """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column``, fitted without values beyond 3 robust sigma."""
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)
     # a wider first cut: the median ignores the slope, and a steep plane varies strongly about it
@@ -468,7 +470,7 @@ def _sigma(values: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True)
 class Background:
-    """Subtract the background; smaller values become negative and are kept.
+    """Subtract the background; negative differences are kept.
 
     Attributes
     ----------
@@ -512,7 +514,7 @@ class Background:
         return self.kind != "constant"
 
     def measure(self, part: Callable[[Region], NDArray[np.float32]], shape: tuple[int, int]) -> Plane:
-        """Return the background of a frame of ``shape``; ``part`` returns its regions as corrected so far."""
+        """Return the background of a frame of ``shape``; ``part`` is a function that returns its corrected regions."""
         if self.kind == "constant":
             return float(self.value), 0.0, 0.0
         rows, columns, values = [], [], []

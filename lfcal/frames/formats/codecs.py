@@ -36,7 +36,7 @@ REMEDY = "record RAW, or TIFF with LZW, deflate or no compression"
 
 
 def codec_fact(name: str, *, lossless: bool = True) -> dict[str, Any]:
-    """Return the entry ``codec`` for the metadata of a frame source."""
+    """Return the value of the entry ``codec`` in the metadata of a frame source."""
     return {"name": name, "lossless": lossless}
 
 
@@ -50,9 +50,9 @@ def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], 
     compression
         Value of the file's tag ``Compression``.
     stored
-        Function that returns the first piece of compressed data; called only for schemes that may be lossless or lossy.
+        Function that returns the first bytes of compressed data; called only for schemes that may be lossless or lossy.
     whole
-        Whether samples are integers, which errors below one half do not change.
+        Whether samples are integers, so that compression with errors below one half is lossless.
 
     Raises
     ------

@@ -30,9 +30,9 @@ _TYPES = {8: "u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8"}
 
 
 class FitsImage(ImageFile):
-    """An array with axes (row, column), (frame, row, column) or (z, y, x, row, column) of a FITS file.
+    """An array in a FITS file, with axes (row, column), (frame, row, column) or (z, y, x, row, column).
 
-    Samples are ``BZERO + BSCALE`` times the stored ones, NaN where these are ``BLANK``. Rows keep the order of the
+    Samples are ``BZERO + BSCALE x`` for the stored value x, or NaN where x is ``BLANK``. Rows keep the order of the
     file. ``EXPTIME`` is the exposure (s). The format is that of FITS Standard 4.0 (IAU FITS Working Group 2018).
 
     Raises
@@ -127,11 +127,11 @@ class FitsImage(ImageFile):
         return np.dtype(np.float32 if own.itemsize < 4 else np.float64)
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return one frame."""
+        """Return frame ``page``, ``(rows, columns)``."""
         return self.read_region(page, slice(0, self.shape[0]), slice(0, self.shape[1]))
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return a part of one frame; only its rows are read."""
+        """Return the part ``[rows, columns]`` of frame ``page``; only these rows are read."""
         rows, columns = check_region((rows, columns), self.shape)
         first = self.check_page(page) * self.shape[0] + rows.start
         count = (rows.stop - rows.start) * self.shape[1]

@@ -32,7 +32,7 @@ _CALIBRATION = re.compile(r"(?:^|[/_])(?:dark|white|flat|bright|background)s?(?:
 
 
 class Hdf5Image(ImageFile):
-    """A dataset with axes (frame, row, column) or (z, y, x, row, column) of an HDF5 file.
+    """A dataset in an HDF5 file, with axes (frame, row, column) or (z, y, x, row, column).
 
     If the same group also contains ``positions`` (frame, 3) as z, y, x, ``exposure_s`` (frame) or ``mask`` (row,
     column; 0: no measurement), they are read as well.
@@ -156,11 +156,11 @@ class Hdf5Image(ImageFile):
         return self._file.values(name, kinds="biuf")
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return one frame."""
+        """Return frame ``page``, ``(rows, columns)``."""
         return self.read_region(page, slice(0, self.shape[0]), slice(0, self.shape[1]))
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return a part of one frame; only the chunks that it touches are read."""
+        """Return the part ``[rows, columns]`` of frame ``page``; only the chunks that contain it are read."""
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead)
         used: dict[int, int | slice] = dict(zip(self._axes, (*(int(k) for k in at), rows, columns), strict=True))
@@ -175,7 +175,7 @@ class Hdf5Image(ImageFile):
 
 
 def stacks_in(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return name and shape of the datasets of an HDF5 file that may contain frames.
+    """Return the names and shapes of those datasets in an HDF5 file that may contain frames.
 
     Datasets of dark and white frames are returned only if there are no others.
 

@@ -47,7 +47,7 @@ MAX_SIDE = 200_000
 
 
 class ImageFile(ABC):
-    """Pages of equal shape and dtype in one file; reading is thread-safe.
+    """An image file with pages of equal shape and dtype; reading is thread-safe.
 
     Attributes
     ----------
@@ -58,7 +58,8 @@ class ImageFile(ABC):
     pages
         Number of pages.
     metadata
-        Facts that the file states about its pages: ``cfa``, ``black_level``, ``saturation``, ``gains``, ``positions`` …
+        Facts that the file states about its pages, such as ``cfa``, ``black_level``, ``saturation``, ``gains`` and
+        ``positions``.
     """
 
     path: Path
@@ -72,7 +73,7 @@ class ImageFile(ABC):
         """Return ``page`` as a new array ``(rows, columns)`` of `dtype`."""
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return the part ``[rows, columns]`` of ``page``."""
+        """Return the part ``[rows, columns]`` of ``page`` as a contiguous array."""
         rows, columns = check_region((rows, columns), self.shape)
         return np.ascontiguousarray(self.read(page)[rows, columns])
 
@@ -100,16 +101,17 @@ class Format:
     name
         Display name.
     suffixes
-        Suffixes of its files, in lower case with the dot; folders are searched for files with these suffixes.
+        Suffixes of files of this format, in lower case with the dot; folders are searched for them.
     recognises
         Function that decides from the first 16 bytes and the path whether a file has this format.
     open
         Function that opens a file. Its arguments are the path, the component of a colour image (or None), and the
         dataset in the file (or None).
     rank
-        Order in which formats are tried; 0 for formats with a unique signature.
+        Formats are tried in ascending rank; 0 for formats with a unique signature.
     in_folders
-        Whether single frames of a folder may have this format (a stack such as HDF5 contains all of them).
+        Whether a folder may contain single frames in this format. False for a format such as HDF5, whose file contains
+        all frames.
     """
 
     name: str
@@ -143,7 +145,7 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: int) -> None:
-    """Raise an error unless ``shape`` is that of a frame and its samples fit into ``stored`` bytes of the file."""
+    """Raise `UnsafeFileError` if a header declares an impossible shape, or far more data than a file can contain."""
     rows, columns = shape[:2]
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
         raise UnsafeFileError.expected(
@@ -163,9 +165,9 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
 
 
 def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """Return ``samples``; raise `FileFormatError` if one is too large to be a measurement.
+    """Return ``samples``; raise `FileFormatError` if a finite one is too large to be a measurement.
 
-    NaN and infinity are accepted: they mark pixels without a measurement, which the caller handles.
+    NaN and infinity are accepted. They mark pixels without a measurement, which the caller handles.
     """
     # whole numbers of 32 bits cannot be so large
     if not samples.size or not (samples.dtype.kind == "f" or samples.dtype.itemsize == 8):
@@ -182,7 +184,7 @@ def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_grey(path: Path, components: int, colour: str | None, bits: int) -> None:
-    """Raise an error unless an image with ``components`` samples per pixel can be used as data."""
+    """Raise `FileFormatError` unless an image is grey, or ``colour`` selects a component of a colour image."""
     if components == 1 or (components in (3, 4) and colour is not None):
         return
     raise FileFormatError.expected(
@@ -205,11 +207,11 @@ def image_suffixes() -> frozenset[str]:
 
 
 def open_image(path: str | os.PathLike[str], *, colour: str | None = None, dataset: str | None = None) -> ImageFile:
-    """Open an image file of pages, each one frame.
+    """Open an image file in which each page is one frame.
 
     Supported formats are grey TIFF (single and multi-page, 16-bit and others), PNG, PGM, ``.npy`` arrays, FITS, HDF5
     stacks, camera RAW (the unprocessed mosaic), and formats from other packages. The format is detected from the first
-    bytes, not from the name, except for camera RAW.
+    bytes of the file, except for camera RAW, which is recognized by the suffix.
 
     Parameters
     ----------
@@ -217,9 +219,9 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
         Path of the file; for HDF5, the dataset may follow: ``scan.h5::/entry/data/data``.
     colour
         ``"R"``, ``"G"`` or ``"B"``: component to use from a lossless colour image. Without it, a colour image is
-        refused, because its samples have been processed by the camera.
+        refused, because the camera has processed its samples.
     dataset
-        The stack in an HDF5 file, as in `Hdf5Image`.
+        Path of the stack in an HDF5 file, as in `Hdf5Image`.
 
     Raises
     ------
@@ -251,14 +253,14 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
 
 
 def split_dataset(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
-    """Return the file and the dataset named in ``scan.h5::/entry/data/data``; without ``::``, the path and None."""
+    """Return the file and the dataset of a path like ``scan.h5::/entry/data/data``; None as dataset without ``::``."""
     whole = Path(path)
     file, mark, name = os.fspath(path).partition("::")
     return (whole, None) if not mark or whole.exists() else (Path(file), name.strip("/") or None)
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:
-    """Return one page of an image file, ``(rows, columns)``, such as a dark or white frame; raises as `open_image`.
+    """Return one page of an image file, ``(rows, columns)``; raises the same errors as `open_image`.
 
     Examples
     --------

@@ -42,11 +42,11 @@ class NpyImage(ImageFile):
         self.metadata = {"codec": codec_fact("none")} | ({"plan_shape": self._lead} if len(self._lead) == 3 else {})
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return a copy of one frame."""
+        """Return a copy of frame ``page``, ``(rows, columns)``."""
         return self.read_region(page, slice(0, self.shape[0]), slice(0, self.shape[1]))
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return a copy of a part of one frame."""
+        """Return a copy of the part ``[rows, columns]`` of frame ``page``."""
         rows, columns = check_region((rows, columns), self.shape)
         at = np.unravel_index(self.check_page(page), self._lead) if self._lead else ()
         part = np.array(self._array[(*(int(k) for k in at), rows, columns)], self.dtype, order="C")

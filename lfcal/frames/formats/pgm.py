@@ -19,7 +19,7 @@ _HEADER = re.compile(rb"P5(?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})(?
 
 
 class PgmImage(ImageFile):
-    """A PGM file (``P5``) of one frame."""
+    """A binary PGM file (``P5``) of one frame."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -45,7 +45,7 @@ class PgmImage(ImageFile):
         self.metadata = {"saturation": float(top), "codec": codec_fact("none")}
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return the frame."""
+        """Return the frame, ``(rows, columns)``."""
         return self.read_region(page, slice(0, self.shape[0]), slice(0, self.shape[1]))
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:

@@ -48,7 +48,7 @@ class PngImage(ImageFile):
         self.metadata = {"codec": codec_fact("png")} | ({"colour": colour} if self._component is not None else {})
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return the frame."""
+        """Return the frame, ``(rows, columns)``."""
         self.check_page(page)
         with storage_errors(self.path):
             data = self.path.read_bytes()
@@ -121,11 +121,11 @@ FORMAT = Format(
 
 @njit()
 def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -> int:
-    """Undo the row filters of a PNG image; return the number of the first invalid row, or -1 if all are valid.
+    """Undo the row filters of a PNG image; return the index of the first invalid row, or -1 if all are valid.
 
-    With a the byte one pixel to the left, b the byte above and c the byte above a (0 outside the image), each byte x
-    of a row was stored as x minus 0, a, b, floor((a + b) / 2) or Paeth(a, b, c), modulo 256, as selected by the first
-    byte of the row.
+    Let a be the byte one pixel to the left, b the byte above and c the byte above a, each 0 outside the image. The
+    first byte of a row selects its filter: each byte x is stored as x minus 0, a, b, floor((a + b) / 2) or Paeth(a, b,
+    c), modulo 256.
 
     Parameters
     ----------
@@ -176,5 +176,5 @@ def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -
 
 
 def samples_of(image: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the bytes ``(rows, bytes)`` as samples ``(rows, columns)`` in native byte order."""
+    """Return big-endian bytes ``(rows, bytes)`` as samples ``(rows, columns)`` in native byte order."""
     return image.view(dtype.newbyteorder(">")).astype(dtype, copy=False)

@@ -82,7 +82,7 @@ class RawImage(ImageFile):
         self.metadata = metadata | codec_of(self.path)
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return the unprocessed mosaic of the visible area."""
+        """Return the unprocessed mosaic of the visible area, ``(rows, columns)``."""
         self.check_page(page)
         with self._opened() as raw:
             frame = np.array(raw.raw_image_visible, self.dtype, order="C")
@@ -94,12 +94,12 @@ class RawImage(ImageFile):
 
 
 def codec_of(path: Path) -> dict[str, Any]:
-    """Return the compression scheme of the mosaic in a RAW file based on TIFF; empty if unknown.
+    """Return the metadata entry ``codec`` for the mosaic in a RAW file based on TIFF; empty if unknown.
 
     Raises
     ------
     FileFormatError
-        If it is a DNG whose samples were compressed with a lossy picture codec.
+        If the file is a DNG whose samples were compressed with a lossy image codec.
     """
     import tifffile
 

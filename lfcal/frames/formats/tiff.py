@@ -30,12 +30,12 @@ _COLOURS = "RGB"
 
 
 def count_pages(path: Path) -> int:
-    """Return the number of pages by following their chain, because readers may stop early without an error.
+    """Return the number of pages in a TIFF file, counted along the chain of page headers.
 
     Raises
     ------
     FileFormatError
-        If the chain leads beyond the end of the file, or back to an earlier page.
+        If the chain points beyond the end of the file, or back to an earlier page.
     """
     with storage_errors(path), path.open("rb") as file:
         size = path.stat().st_size
@@ -86,7 +86,7 @@ def _damaged(path: Path, reason: str) -> FileFormatError:
 class TiffImage(ImageFile):
     """A TIFF file of grey pages (8, 16 or 32 bits, or float), or one component of its colour pages.
 
-    ``raw`` states whether the tags of a DNG require processing that only the camera RAW reader does.
+    ``raw`` is true if the tags of a DNG require processing that only the camera RAW reader performs.
     """
 
     def __init__(self, path: Path, colour: str | None = None) -> None:
@@ -225,7 +225,7 @@ class TiffImage(ImageFile):
         return bool(page.is_memmappable) and self._samples == 1
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return one page."""
+        """Return one page, ``(rows, columns)``."""
         part, where = self._locate(page)
         if where is not None:
             return self._read_rows(where, slice(0, self.shape[0]))
@@ -239,7 +239,7 @@ class TiffImage(ImageFile):
         return self._calibrated(image)
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return a part of one page; only the requested rows of uncompressed pages are read."""
+        """Return the part ``[rows, columns]`` of one page; of an uncompressed page, only these rows are read."""
         rows, columns = check_region((rows, columns), self.shape)
         _, where = self._locate(page)
         if where is None:

@@ -33,12 +33,13 @@ def plan_of_list(
     part: Part | None = None,
     **settings: Any,
 ) -> tuple[ScanPlan, tuple[str, ...]]:
-    """Return the plan whose positions are those of a list, and notes on what was found, one line each.
+    """Return the plan with the positions of a list, and notes on what was found, one line each.
 
-    The period is the number of steps. The axes and the anchor come from the light in some frames if ``read`` is given,
-    otherwise from the camera's period and ``stage``. Depths are those that match the steps in the list, because a step
-    of one pixel behind a main lens is longer for planes farther away. The steps of a microscope are equal in all
-    planes; its working plane is assumed to be at the stage's zero. See `lfcal.frames.lists._depths`.
+    The period is the number of steps. With ``read``, the axes and the anchor are determined from the light in some
+    frames; otherwise they come from the camera's period and ``stage``. Depths are found from the steps in the list:
+    with a main lens, the step that moves the image by one pixel is longer for planes farther away. The steps of a
+    microscope are equal in all planes, so its working plane is assumed to be at the stage's zero. See
+    `lfcal.frames.lists._depths`.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def plan_of_list(
     camera
         The camera to calibrate.
     read
-        Function that returns the frame of a row of the list.
+        Function that returns the frame in row k of the list, ``(rows, columns)``.
     stage
         Known stage axes; if the light determines the axes, only their signs are used.
     depths_um
@@ -55,7 +56,7 @@ def plan_of_list(
     part
         Position on the sensor of frames that show a part of it; None: whole frames.
     settings
-        Further arguments of `ScanPlan.for_camera`: cutout, anchor, order …
+        Further arguments of `ScanPlan.for_camera`, such as cutout, anchor and order.
 
     Raises
     ------
@@ -241,15 +242,15 @@ MIN_UNITS_PER_STEP = 8.0
 
 
 def step_size(steps: NDArray[np.float64]) -> float:
-    """Return the side of a square as large as the cell between steps."""
+    """Return the side of a square with the same area as the cell that the two lateral steps span."""
     return float(np.sqrt(np.abs(np.linalg.det(steps))))
 
 
 def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
     """Return the standard error of a plane's `step_size`, in the unit of the list.
 
-    The frames of a column share the error of its coordinate, and so do those of a row, because rounding is the same
-    for all of them. A column therefore counts once, however many frames it has.
+    The frames of a column share the rounding error of its coordinate, and so do those of a row. A column therefore
+    counts once, however many frames it has.
 
     Parameters
     ----------
@@ -290,8 +291,8 @@ def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
 def rounding(values: NDArray[np.float64], step: float) -> float:
     """Return the unit to which all values are rounded: 1, 2, 2.5 or 5 times a power of ten; 0 if there is none.
 
-    Only units below 1/8 of a step are considered, because coarser ones would be the steps themselves. Units more than
-    seven decades finer leave no relevant uncertainty.
+    Only units of at most 1/8 of ``step`` are considered, because coarser ones would be the steps themselves. Seven
+    decades are searched; finer units leave no relevant uncertainty.
     """
     top = math.floor(math.log10(step / MIN_UNITS_PER_STEP)) if step > 0 else 0
     for exponent in range(top, top - 7, -1):

@@ -28,7 +28,7 @@ __all__ = ["files_below", "find_files", "located", "manifest_of"]
 
 
 def located(listing: Listing, root: Path) -> Listing:
-    """Return the list with its files as found below ``root``, and with a separate page for each use of a file."""
+    """Return the list with the paths of its files below ``root``; rows that name the same file become its pages."""
     files, notes = find_files(listing, root)
     pages = listing.pages
     if not any(pages) and len(set(files)) < len(files):
@@ -67,20 +67,20 @@ def manifest_of(
     orientation: str = "",
     part: Part | None = None,
 ) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the manifest of a list whose files are found, and notes on what was found.
+    """Return the manifest of a list from `located`, and notes on how positions were determined, one line each.
 
     Parameters
     ----------
     listing
         List from `located`.
     plan
-        Scan plan to compare stage coordinates with.
+        Scan plan to compare stage coordinates with; needed if the list contains any.
     plan_shape
-        Number of positions of the scan, if there is no plan.
+        Number of positions ``(nz, ny, nx)`` of the scan, if there is no plan.
     first
         Number of the first position if the list states position numbers; None: detected.
     read
-        Function that returns the frame of a row, for `lfcal.frames.lists.placing.place`.
+        As in `lfcal.frames.lists.placing.place`.
     orientation, part
         As in `lfcal.frames.lists.placing.place`.
 
@@ -149,7 +149,7 @@ def _manifest(
 
 
 def files_below(root: Path, *, deep: bool) -> list[str]:
-    """Return the relative paths of the files below ``root``, without hidden files or linked folders."""
+    """Return the relative paths of files in ``root`` and, if ``deep``, in its subfolders; hidden ones are omitted."""
     names = []
     with storage_errors(root):
         for folder, folders, files in os.walk(root):
@@ -162,8 +162,9 @@ def files_below(root: Path, *, deep: bool) -> list[str]:
 def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
     r"""Return the path below ``root`` of each listed frame, and notes on how the names were interpreted.
 
-    A name may have backslashes, lack its suffix, or contain a folder of another computer (``D:\scan\a.tif``). Its
-    longest ending that exists in ``root`` is then used. Paths outside ``root`` are never returned.
+    A name may have backslashes, lack its suffix, or contain a folder of another computer (``D:\scan\a.tif``). The
+    longest trailing part of the name that exists below ``root`` is then used. Paths outside ``root`` are never
+    returned.
 
     Raises
     ------

@@ -49,7 +49,7 @@ SAMPLE = 50
 
 
 def is_plain(path: Path) -> bool:
-    """Return whether a file is a manifest as written by lfcal, with its columns and with position numbers."""
+    """Return whether a file is a manifest in lfcal's own form, with its column names and position numbers."""
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
     lines = read_text(path, limit=256 << 20, foreign=True).splitlines()[: SAMPLE + 1]
@@ -81,10 +81,10 @@ def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manife
 def from_micromanager(
     path: Path, root: Path, options: FrameOptions
 ) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
-    """Return the manifest of the frames in Micro-Manager's ``metadata.txt``, notes, and facts about all frames.
+    """Return the manifest of frames from Micro-Manager's ``metadata.txt``, notes on it, and facts about all frames.
 
-    Only one of several channels is read: the one named by ``columns="channel=NAME"``, or the only one that is not
-    named as dark frames. A channel named as dark frames contains those of the others.
+    Only one of several channels is read: the one named by ``columns="channel=NAME"``, or the only one whose name does
+    not indicate dark frames. A channel whose name does provides the dark frames.
     """
     role, _, channel = options.columns.partition("=")
     if options.columns and role.strip() != "channel":
@@ -109,7 +109,7 @@ def _darks(listing: Listing, root: Path) -> dict[str, Any]:
 
 
 def any_listing(path: Path, columns: str = "") -> Listing:
-    """Return the frames named by a list, by Micro-Manager's metadata, or by a file that contains stage coordinates."""
+    """Return the frames listed in a table, in Micro-Manager's metadata, or in an image file with stage coordinates."""
     if path.name.endswith("metadata.txt"):
         return read_micromanager(path)[0]
     if path.suffix.lower() not in image_suffixes():
@@ -124,7 +124,7 @@ def any_listing(path: Path, columns: str = "") -> Listing:
 
 
 def from_stage(path: Path, metadata: Mapping[str, Any], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the manifest of one multi-page file whose metadata contain the stage coordinates."""
+    """Return the manifest of a multi-page file whose metadata contain the stage coordinates, and notes on it."""
     return _placed(stage_listing(path, metadata), path.parent, options)
 
 
@@ -132,7 +132,7 @@ _COORDINATE = re.compile(r"(?<![A-Za-z])([xyz])[_=]?([+-]?\d+(?:[.,]\d+)?)(um|µ
 
 
 def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]] | None:
-    """Return the manifest of files named by stage coordinates, ``x-1.25um_y+0.42um_z-20um.tif``, or None."""
+    """Return the manifest of files named like ``x-1.25um_y+0.42um_z-20um.tif``, and notes; None for other names."""
     places = np.full((len(names), 3), np.nan)
     for row, name in enumerate(names):
         found = {axis.lower(): (number, unit) for axis, number, unit in _COORDINATE.findall(Path(name).stem)}
@@ -151,7 +151,7 @@ def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple
 
 
 def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
-    """Return the pages of one file as a list, from the stage coordinates in its metadata."""
+    """Return a list of the pages of one file with the stage coordinates from its metadata."""
     exposures = metadata.get("stage_exposure_s")
     named = [(file or path.name, page) for file, page in metadata["stage_pages"]]
     files, pages = zip(*named, strict=True)
@@ -187,7 +187,7 @@ def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manife
 
 
 def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None, Any]:
-    """Return the shape of a list's first frame, the component used of colour images, and the camera's region."""
+    """Return the shape of a list's first frame, the component used (None if grey), and the camera's region or None."""
     path = root / listing.files[0]
     colour = None
     try:
@@ -201,9 +201,9 @@ def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None
 
 
 def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orientation | None = None) -> Any:
-    """Return a function that reads the frame in a row of a list, whose files were found below ``root``.
+    """Return a function that reads the frame in row k of a list from `located`.
 
-    ``turn`` is the orientation that makes the frames upright.
+    ``colour`` is the component to read from colour images. ``turn`` is applied to each frame to make it upright.
     """
 
     def read(k: int) -> NDArray[Any]:
@@ -224,19 +224,19 @@ _PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")
 
 
 def micromanager_list(folder: Path) -> Path | None:
-    """Return the metadata file of a folder saved by Micro-Manager; None if there is none, or several."""
+    """Return the metadata file of a folder saved by Micro-Manager; None if there is not exactly one."""
     found = sorted(path for path in folder.glob("*metadata.txt") if path.is_file())
     return found[0] if len(found) == 1 else None
 
 
 def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str, Any]]:
-    """Return the frames of ``metadata.txt`` or ``…_metadata.txt`` with stage coordinates, and facts about all frames.
+    """Return the frames in a Micro-Manager metadata file with their stage coordinates, and facts about all frames.
 
-    Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``) are supported, with the entries ``XPositionUm``,
-    ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. The facts about all frames are ``pixel_um``
-    (``PixelSizeUm``, in object space), ``bit_depth``, ``saturation``, ``roi`` (``ROI``, the region of the camera as
-    column, row, width and height), and ``dark``, the frames of a channel named as dark frames. If there are several
-    other channels, only ``channel`` is read.
+    The file is ``metadata.txt`` or ``…_metadata.txt``. Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``) are
+    supported, with the entries ``XPositionUm``, ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. The
+    facts are ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth``, ``saturation``, and ``roi`` (``ROI``, the
+    region of the camera as column, row, width and height). ``dark`` is the list of frames in a channel whose name
+    indicates dark frames. If there are several other channels, only ``channel`` is read.
 
     Raises
     ------

@@ -30,7 +30,7 @@ MAX_EXPOSURE_S = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """Frames as given in a list.
+    """The frames named in a list, with what it states about each of them.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Listing:
     notes
         Notes on what was guessed, one line each.
     counted
-        Whether z are plane numbers, although x and y are stage coordinates.
+        Whether z is a plane number, although x and y are stage coordinates.
     roi
         Region of the camera's sensor that the frames show (column, row, width, height), if the list states it.
     """
@@ -81,14 +81,15 @@ class Listing:
 
 
 def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
-    """Read a list of frames with any separator and any column names.
+    """Read a list of frames from a table with any separator and any column names.
 
     Parameters
     ----------
     path
         A text table with a row for each frame.
     columns
-        Assignment of columns, in the form of `lfcal.frames.lists.table.parse_columns`; others are guessed.
+        Assignment of columns, in the form of `lfcal.frames.lists.table.parse_columns`. The roles of other columns are
+        guessed from their names.
 
     Raises
     ------

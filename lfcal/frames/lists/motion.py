@@ -33,18 +33,18 @@ MAX_FRAMES = 16
 
 @dataclass(frozen=True, eq=False)
 class CentroidMotion:
-    """Motion of the centre of light on the sensor.
+    """Motion of the centroid of the light on the sensor over the positions of a scan.
 
     Attributes
     ----------
     matrix
         ``(2, 2)``: pixels (row, column) per step along the first (column 0) and the second lateral axis (column 1).
     start
-        Row and column of the light at the first position along both axes.
+        Row and column of the centroid at the first position along both axes.
     rms_px
-        Rms distance of the light from the fitted motion, over the frames (px).
+        Rms distance of the centroids from the fitted motion, over the frames (px).
     middle
-        Row and column of the light at the middle of the positions.
+        Row and column of the centroid at the middle of the positions.
     shape
         Rows and columns of the frames.
     """
@@ -56,7 +56,7 @@ class CentroidMotion:
     shape: tuple[int, int]
 
     def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
-        """Return the signed axes that move the image down and right; None if the light does not determine them."""
+        """Return (axis, sign) for the image motion down and right; None if the light does not determine the axes."""
         down, right = np.abs(self.matrix)
         order = (int(down.argmax()), int(right.argmax()))
         main = np.array([down[order[0]], right[order[1]]])
@@ -68,7 +68,7 @@ class CentroidMotion:
         return (order[0], sense[0]), (order[1], sense[1])
 
     def on_sensor(self, part: Part, sensor: tuple[int, int]) -> CentroidMotion:
-        """Return the motion in coordinates of the ``sensor``, of which the upright frames show a ``part``."""
+        """Return the motion in pixels of the upright sensor, given the ``part`` of it that the frames show."""
         turn = named_orientation(part.turn)
         first = np.array(part.origin)
         last = first + turn.inverse.shape(self.shape) - 1
@@ -85,7 +85,7 @@ class Part(NamedTuple):
 
 
 def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
-    """Return up to ``count`` frames, each as far as possible from the previous ones: corners, edges, then the rest."""
+    """Return the rows of up to ``count`` positions in ``index``, each as far as possible from the previous ones."""
     chosen = [int(np.argmin(index.sum(axis=1)))]
     distance = np.full(len(index), np.inf)
     while len(chosen) < min(count, len(index)):
@@ -98,16 +98,16 @@ def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.i
 
 
 def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -> CentroidMotion | None:
-    """Return the motion of the light over the frames of one plane; None if it is not determined.
+    """Return the motion of the centroid of light over the frames of one plane; None if it cannot be determined.
 
     The content common to all frames (dark level, hot pixels) is subtracted, and values within the noise are ignored.
 
     Parameters
     ----------
     read
-        Function that returns frame k.
+        Function that returns frame k, ``(rows, columns)``.
     index
-        Position numbers ``(n, 2)`` of frame k along the first and the second lateral axis.
+        Position numbers ``(n, 2)`` of the frames along the first and the second lateral axis.
     """
     if np.ptp(index, axis=0).min() < 2:
         return None
@@ -139,7 +139,7 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
 
 
 def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
-    """Return row and column of the centroid of the light above the noise; NaN if there is none."""
+    """Return row and column of the centroid of the light above the noise; both are NaN if there is no such light."""
     level = float(np.median(light))
     noise = 1.4826 * float(np.median(np.abs(light - level)))
     light = light - np.float32(level + max(5 * noise, 0.02 * (float(light.max()) - level)))
@@ -153,12 +153,12 @@ def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class StageOrientation:
-    """Stage axes with the corresponding orientation of frames, and the alternative if the two cannot be distinguished.
+    """Stage axes and the orientation of frames that they imply, with an alternative if the light does not rule it out.
 
     Attributes
     ----------
     stage
-        The axes.
+        The stage axes.
     turn
         Orientation that would make the frames upright.
     other
@@ -171,7 +171,7 @@ class StageOrientation:
 
 
 def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -> Orientation | None:
-    """Return the orientation of frames from the motion of their light, which has clear axes, and the stage axes."""
+    """Return the orientation of frames that reconciles the motion of their light with the stage axes, or None."""
     seen = light.axes()
     if seen is None:
         return None
@@ -185,7 +185,7 @@ def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -
 def find_stage_orientation(
     allowed: Sequence[StageAxes], light: CentroidMotion, plan: ScanPlan, lateral: tuple[int, int], choice: str
 ) -> StageOrientation | None:
-    """Return the stage axes that explain the motion of the light; None if no ``allowed`` axes do.
+    """Return the stage axes and frame orientation that explain the motion of the light; None if no ``allowed`` axes do.
 
     If the frames are certainly flipped or turned, the plan's axes are kept, so that only the frames need turning.
 
@@ -198,10 +198,11 @@ def find_stage_orientation(
     plan
         Scan plan with the expected frames and axes.
     lateral
-        First and second lateral axis, of (x, y, z).
+        Indices of the first and the second lateral axis in (x, y, z).
     choice
-        If frames or axes may differ from the plan, and the light does not show which: ``"check"`` assumes that the
-        axes differ, ``"auto"`` that the frames are turned. Any other value: the frames are known to be upright.
+        What to assume if the light does not show whether the axes or the frames differ from the plan: ``"check"``
+        assumes that the axes differ, ``"auto"`` that the frames are turned. Any other value: the frames are known to be
+        upright.
     """
     found = [StageOrientation(stage, turn) for stage in allowed if (turn := turn_of(stage, light, lateral)) is not None]
     upright = next((one for one in found if one.turn.name == AS_IS), None)

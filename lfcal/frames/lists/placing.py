@@ -52,11 +52,11 @@ class Placing:
     stage
         The stage axes found.
     rms_px, worst_px, worst
-        Rms and largest drift, and the frame with the largest one.
+        Rms and largest drift (px), and the number of the frame with the largest drift.
     notes
         Notes on what was found, one line each.
     scales
-        The notes that report differences of steps and plane distances from the plan.
+        Those of the notes that report differences of steps and plane distances from the plan.
     """
 
     positions: NDArray[np.intp]
@@ -74,10 +74,10 @@ def place(
 ) -> Placing:
     """Return the position and the drift of each frame from its stage coordinates.
 
-    Unit, offset, scale and small rotations of the coordinates are found, as well as the assignment and sign of the
-    axes. The axes come from the light in some frames, if ``read`` is given and the motion is clear; otherwise from the
-    numbers of steps, and finally from the plan's ``stage``. Then an affine map from coordinates to object space
-    (`ScanPlan.object_um`) is fitted to all frames.
+    The unit, offset, scale and small rotations of the coordinates are estimated, as are the assignment and sign of the
+    axes. If ``read`` is given and the motion is clear, the axes are determined from the light in some frames. Otherwise
+    they come from the numbers of steps, or, if these are equal, from the plan's ``stage``. Then an affine map from
+    coordinates to object space (`ScanPlan.object_um`) is fitted to all frames.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def place(
     plan
         Plan of the scan.
     read
-        Function that returns the frame of a row of the list.
+        Function that returns the frame in row k of the list, ``(rows, columns)``.
     orientation
         ``"check"`` or ``"auto"``: frames may be flipped or turned, which is then not attributed to the stage's axes
         (`lfcal.frames.lists.motion`). Any other value: frames are upright as ``read`` returns them.
@@ -154,7 +154,7 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
 
 
 def light_of(grid: ScanGrid, read: ReadFrame) -> CentroidMotion | None:
-    """Return the motion of the light in the middle plane along the lateral axes."""
+    """Return the motion of the light in the middle plane along the lateral axes; None if it cannot be determined."""
     plane = grid.planes[len(grid.planes) // 2]
     chosen = spread_out(plane.index)
     return image_motion(lambda k: read(int(plane.frames[chosen[k]])), plane.index[chosen])
@@ -375,7 +375,7 @@ def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes,
 def anchor_of(
     light: CentroidMotion, stage: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return row and column of the light at position y = x = 0."""
+    """Return the row and the column of the centroid of the light at position y = x = 0."""
     start = np.array(light.start)
     for axis, count in ((stage.down, period[0]), (stage.right, period[1])):
         if axis[0] == "-":  # the first place along the axis is then the last position

@@ -39,7 +39,7 @@ _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?")
 
 @dataclass(frozen=True)
 class Table:
-    """Cells of a text table.
+    """A text table, with its cells as text.
 
     Attributes
     ----------
@@ -52,11 +52,11 @@ class Table:
     lines
         Line number in the file of each row, from 1.
     separator
-        Name of the separator: tab, semicolon, bar, comma or blanks.
+        Name of the separator: tab, semicolon, vertical bar, comma or blanks.
     decimal
         Decimal sign of the file, ``"."`` or ``","``.
     header
-        Whether the file has column names.
+        Whether the first row of the file contains the column names.
     """
 
     name: str
@@ -76,8 +76,8 @@ class Table:
 def read_table(path: str | Path) -> Table:
     """Read a table; separator, decimal sign and header are detected from its text.
 
-    Empty lines, rows of empty cells, empty columns at the end, and lines that begin with ``#`` or ``%`` are skipped.
-    The line ``sep=;`` of spreadsheets is obeyed. The text is UTF-8, UTF-16 or code page 1252.
+    Empty lines, rows of empty cells, empty columns at the end, and lines that begin with ``#`` or ``%`` are skipped. A
+    line such as ``sep=;``, which spreadsheets write, sets the separator. The text is UTF-8, UTF-16 or code page 1252.
 
     Raises
     ------
@@ -204,7 +204,7 @@ _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-zµμ])|[A-Zµμ]?[a-zµμ]+|[A-Zµμ]+|[0
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column with a role.
+    """A column of a table and its role.
 
     Attributes
     ----------
@@ -230,7 +230,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
     """Return column name and unit by role, from an assignment such as ``"file=Name,y=PosY,exposure_ms=Exp"``.
 
     A unit follows the role, as in ``y_mm=PosY``. ``y_index=Row`` states that a column contains position numbers.
-    ``exposure=`` states that no column contains the exposure, whatever the names of the columns.
+    ``exposure=`` states that no column contains the exposure, even if a name suggests one.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
 
 
 def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
-    """Return the columns by role; those that ``stated`` names have priority.
+    """Return the columns in the order of `ROLES`; the assignments in ``stated`` have priority over guesses.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
 
 
 def clear_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
-    """Return the columns that ``stated`` names or whose names are unambiguous, even if others are missing."""
+    """Return the columns in ``stated`` and those with unambiguous names, even if required columns are missing."""
     chosen, _ = _sorted_out(table, stated or {})
     return tuple(chosen[role] for role in ROLES if role in chosen)
 

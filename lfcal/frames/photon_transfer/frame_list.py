@@ -23,16 +23,16 @@ _EXPOSURE = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)[ _]?(us|µs|ms|sec|s)(?![a-
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFrame:
-    """One flat or dark, read on demand.
+    """A flat or dark frame that is read on demand.
 
     Attributes
     ----------
     source
-        The file, or the frame itself ``(rows, columns)``.
+        Path of the file, or the frame itself as an array ``(rows, columns)``.
     page
-        Page of the file.
+        Page of the file, from 0.
     exposure_s
-        Exposure (s), if the file, its name or its folder's name states it; else None.
+        Exposure (s); None if neither the file nor its name nor its folder's name states it.
     group
         Subfolder of the given folder; frames of different subfolders have different light levels.
     shift
@@ -47,7 +47,7 @@ class CalibrationFrame:
 
     @property
     def label(self) -> str:
-        """Name for messages."""
+        """Name of the frame for messages."""
         if not isinstance(self.source, Path):
             return f"frame {self.page}"
         return f"{self.source.name}[{self.page}]" if self.page else self.source.name
@@ -74,8 +74,8 @@ class CalibrationFrame:
 def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
     """Return the frames of an image file, of a folder or of its subfolders, and the facts that their files state.
 
-    Frames are in the natural order of their names. The exposure is that stated in the file (``exposure_s``), else that
-    in the name of the file or its folder: ``flat_10ms_3.tif``, ``0.5s/``.
+    Frames are in the natural order of their names. The exposure is read from the file (``exposure_s``), or else from
+    the name of the file or its folder, such as ``flat_10ms_3.tif`` or ``0.5s/``.
 
     Raises
     ------

@@ -42,17 +42,17 @@ MIN_PIXELS = 1000
 def iter_measure_sensor(
     flats: Sequence[CalibrationFrame], darks: Sequence[CalibrationFrame], *, cfa: str = ""
 ) -> Work[SensorMeasurement]:
-    """Measure a sensor by photon transfer.
+    """Measure the gain, noise, saturation and other properties of a sensor by photon transfer.
 
     Parameters
     ----------
     flats
-        Two or more flats for each light level. They may contain any static structure: a white image of a lenslet array
-        is suitable.
+        Two or more flats for each light level. They may contain any static structure, as in white images of a lenslet
+        array.
     darks
-        Two or more darks for each exposure, recorded with the settings of the flats.
+        Two or more darks for each exposure, recorded with the same settings as the flats.
     cfa
-        Colour filter pattern by rows, empty for none.
+        Colour filter pattern by rows; empty for a monochrome sensor.
 
     Raises
     ------

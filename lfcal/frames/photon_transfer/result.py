@@ -25,7 +25,7 @@ VALUES = (
 
 @dataclass(frozen=True)
 class SensorMeasurement:
-    """Sensor properties measured from flats and darks; None: not determined, for the reason in ``notes``.
+    """Sensor properties measured from flats and darks. None means not determined, for the reason in ``notes``.
 
     Attributes
     ----------
@@ -38,15 +38,15 @@ class SensorMeasurement:
     read_noise_counts, read_noise_e
         Rms read noise without quantization noise, in sample values and in electrons.
     saturation
-        Sample value at which samples are saturated.
+        Sample value at which pixels are saturated.
     full_well_e
         Electrons at saturation.
     linearity
-        Largest relative deviation of the signal from a line over exposure, between 5 and 95 % of saturation.
+        Largest relative deviation of the signal from a straight line over exposure, between 5 and 95 % of saturation.
     prnu
-        Relative rms of the pixels' responses.
+        Photo-response non-uniformity: rms of the pixels' responses relative to their mean.
     dsnu_counts, dsnu_e
-        Rms of the pixels' offsets, in sample values and in electrons.
+        Dark-signal non-uniformity: rms of the pixels' offsets, in sample values and in electrons.
     dark_current_e_s
         Dark current (electrons per pixel and second).
     bits
@@ -54,17 +54,18 @@ class SensorMeasurement:
     shift
         Number of bits by which left-aligned samples were shifted down; all sample values refer to shifted samples.
     hot, dead
-        Numbers of pixels that are too bright in the dark, and of dead pixels; they are left out of all other values.
+        Numbers of hot pixels, which are too bright in the darks, and of dead pixels. Both are excluded from all other
+        values.
     channels
-        Gain of each channel of the colour filter pattern.
+        Gain of each channel of the colour filter pattern, by name.
     frames
-        Number of flats and darks read.
+        Numbers of flats and of darks read.
     shape
         Rows and columns of a frame.
     doubts
         Reasons why the values may not be those of the sensor; empty if there is no doubt.
     notes
-        Further remarks.
+        Remarks, including the reasons for values that were not determined.
     curve
         The photon-transfer curve.
     """
@@ -94,11 +95,11 @@ class SensorMeasurement:
 
     @property
     def electrons_per_count(self) -> MeasuredValue | None:
-        """Electrons per sample value, the reciprocal of the gain."""
+        """Electrons per sample value, the reciprocal of the gain; None if it was not determined."""
         return None if self.gain is None else self.gain.inverse()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the measurement as a dictionary of plain values."""
+        """Return the measured values, their standard errors and the photon-transfer curve as a dictionary."""
         found: dict[str, Any] = {}
         for name in VALUES:
             one: MeasuredValue | None = getattr(self, name)
@@ -114,13 +115,14 @@ class SensorMeasurement:
 
     @property
     def brightest(self) -> float:
-        """Highest mean of pixels of similar brightness (sample value)."""
+        """Highest level on the photon-transfer curve (sample value), the mean of pixels of similar brightness."""
         return self.dark_level.value + float(self.curve.points.x.max())
 
     def sensor(self, known: Sensor) -> tuple[Sensor, tuple[str, ...]]:
-        """Return ``known`` with the measured values, and the names of the changed entries.
+        """Return the sensor ``known`` with the measured values, and the names of the changed fields.
 
-        Its full well refers to the highest sample value, which pixels that saturate earlier do not reach.
+        The full well of a sensor description refers to the highest sample value, even if pixels saturate at a lower
+        one.
 
         Raises
         ------
@@ -153,7 +155,7 @@ class SensorMeasurement:
         return replace(known, **{"saturation": stays, **values}), changed  # type: ignore[arg-type]
 
     def camera(self, known: Camera) -> Camera:
-        """Return ``known`` with its sensor as measured, marked as such."""
+        """Return the camera ``known`` with the measured sensor values, marked as measured."""
         sensor, changed = self.sensor(known.sensor)
         return replace(known, sensor=sensor, marks=known.marks.marked([f"sensor.{n}" for n in changed], "measured"))
 
@@ -163,14 +165,14 @@ SMALLEST, LARGEST = 0.5, 2.0
 
 
 def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tuple[str, str]]:
-    """Return the name of every property, and its value with error and unit, or "unknown".
+    """Return (name, text) for every property; the text is the value with its error and unit, or "unknown".
 
     Parameters
     ----------
     found
         The measured properties.
     known
-        The described sensor; if given, the full well for its description is included.
+        The sensor as described; with it, the full well for its description is included.
     """
     channels = [(f"  {name}", _text(gain, "counts per e⁻")) for name, gain in found.channels.items()]
     return [
@@ -193,7 +195,7 @@ def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tu
 
 
 def sensor_differences(found: SensorMeasurement, known: Sensor) -> list[str]:
-    """Return differences between the frames and the sensor ``known``: another size, another gain."""
+    """Return descriptions of how size and gain of the frames differ from those of the sensor ``known``."""
     words = []
     if found.shape != known.shape:
         sizes = [" × ".join(map(str, size)) for size in (found.shape, known.shape)]
@@ -244,7 +246,7 @@ def _text(value: MeasuredValue | None, unit: str) -> str:
 
 
 def save_curve(found: SensorMeasurement, path: str | os.PathLike[str]) -> None:
-    """Draw the photon-transfer curve with logarithmic axes: points, fit, and saturation limit."""
+    """Save a plot of the photon-transfer curve with logarithmic axes: points, fit, and saturation limit."""
     curve = found.curve
     with figure(6.4, 4.4) as fig:
         axes = fig.add_subplot()

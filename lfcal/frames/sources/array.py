@@ -15,25 +15,25 @@ __all__ = ["ArraySource"]
 
 
 class ArraySource(Frames):
-    """Frames of an array ``(frame, row, column)`` or ``(z, y, x, row, column)``.
+    """A frame source whose frames are in an array ``(frame, row, column)`` or ``(z, y, x, row, column)``.
 
     Parameters
     ----------
     frames
         Array, memory map or HDF5 dataset of numbers.
     positions
-        One `Position` or ``(z, y, x)`` for each frame; not needed for a 5-D array, whose axes define them.
+        `Position` or ``(z, y, x)`` of each frame; not needed for a 5-D array, whose axes define the positions.
     exposures_s
         Exposure of each frame (s), or None.
     drifts
         Drift ``(dy, dx)`` of each frame (px), or None.
     origins
-        Row and column on the sensor of each frame's first pixel; None: frames of the whole sensor.
+        Row and column on the sensor of each frame's first pixel; None: every frame shows the whole sensor.
     mask
         True at pixels with a measurement in every frame, ``(rows, columns)``; None: all pixels.
     metadata
-        Facts about the frames: `FrameMetadata`, or a mapping of its fields, in which ``exposure_s`` is the exposure of
-        every frame if ``exposures_s`` is None.
+        Facts about the frames: `FrameMetadata`, or a mapping of its fields. In a mapping, ``exposure_s`` may state the
+        common exposure of all frames if ``exposures_s`` is None.
     name
         Name for messages.
 

@@ -37,7 +37,7 @@ class FrameOptions:
     origin: tuple[int, int] | None = None
 
     def refuse(self, what: str, *accepted: str) -> None:
-        """Raise `InputError` for the first option that is set but not ``accepted`` by the kind of source ``what``."""
+        """Raise `InputError` if an option is set that is not in ``accepted``; ``what`` names the kind of source."""
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name not in (*accepted, "plan_shape", "plan", "orientation") and value != entry.default:
@@ -48,7 +48,7 @@ class FrameOptions:
 
 @dataclass(frozen=True, slots=True)
 class SourceKind:
-    """A kind of source, defined as ``SOURCE`` in its module or as an entry point of the group ``lfcal.sources``.
+    """A kind of frame source, defined as ``SOURCE`` in its module or by an entry point in the group ``lfcal.sources``.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class SourceKind:
     open
         Function that opens a path of this kind.
     rank
-        Order in which kinds are tried; folders of files come last, with rank 100.
+        Kinds are tried in ascending rank; folders of files come last, with rank 100.
     """
 
     name: str

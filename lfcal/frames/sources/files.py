@@ -29,7 +29,7 @@ __all__ = ["SOURCE", "open_files", "open_unplaced"]
 
 
 def open_files(path: Path, options: FrameOptions) -> FolderSource:
-    """Open a folder, a manifest, a list, or one file of many frames; see `lfcal.frames.open_frames`."""
+    """Open a folder, a manifest, a list, or a file with many frames; see `lfcal.frames.open_frames`."""
     ways = {"manifest": options.manifest, "pattern": options.pattern, "order": options.order}
     given = [name for name, value in ways.items() if value]
     if len(given) > 1:
@@ -57,12 +57,12 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
 
 
 def open_unplaced(path: Path) -> FolderSource:
-    """Open every page of an image file, or of the images in a folder, as frames whose positions are unknown.
+    """Open every page of an image file, or of the images in a folder, as frames without known positions.
 
     Raises
     ------
     StorageError, FileFormatError, InputError
-        If there is no such file, or no image in the folder.
+        If there is no such file, it is not a valid image, or the folder contains no image.
 
     Examples
     --------

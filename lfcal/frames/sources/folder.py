@@ -46,19 +46,19 @@ _OF_PAGES = (
 def check_frame(
     frame: NDArray[Any], name: str, *, nan: str = "refuse", blank: str = "reject", bit_depth: int | None = None
 ) -> NDArray[Any]:
-    """Return ``frame`` after checking that a sensor can produce its values, which readers do not check.
+    """Return ``frame`` after checking that a sensor can have produced its values.
 
     Parameters
     ----------
     frame
-        Values just read; changed in place if ``nan`` is ``"mask"``.
+        Frame ``(rows, columns)`` as read from its file; changed in place if ``nan`` is ``"mask"``.
     name
         Name for messages.
     nan
         ``"refuse"``: raise an error for NaN and infinity in frames of floats; ``"mask"``: accept them, and replace
         infinity by NaN.
     blank
-        ``"reject"``: raise an error for frames with a single value; ``"accept"``: allow them.
+        ``"reject"``: raise an error for a frame with the same value in every pixel; ``"accept"``: allow it.
     bit_depth
         Number of bits that a sample may use; None: all bits of its type.
 
@@ -93,7 +93,7 @@ def check_frame(
 
 
 def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
-    """Return a frame with each NaN replaced by the mean of its nearest same-colour neighbours, else by the median."""
+    """Return a frame in which each NaN is replaced by the mean of its nearest same-colour neighbours."""
     from lfcal.frames.corrections import repair_nan
 
     values = np.array(frame, np.float32)
@@ -108,8 +108,8 @@ def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
 class FolderSource(Frames):
     """The frames that a manifest lists in the files of a folder.
 
-    Files are opened on demand; multi-page files stay open until `close`. All frames must have the same shape, dtype
-    and colour filter, which are those of the manifest or else of the first frame.
+    Files are opened on demand; multi-page files stay open until `close`. All frames must have the shape, dtype and
+    colour filter that the manifest states, or else those of the first frame.
 
     Parameters
     ----------
@@ -121,14 +121,15 @@ class FolderSource(Frames):
         As in `open_image`.
     nan
         Treatment of NaN and infinity in frames of floats. ``"mask"``: the pixels are masked. ``"refuse"``: an error is
-        raised. ``"auto"``: pixels without a value in the first, the middle and the last frame are masked, others
-        refused. Samples of masked pixels are invalid and are read as the mean of their nearest neighbours.
+        raised. ``"auto"``: pixels without a finite value in the first, the middle and the last frame are masked; NaN or
+        infinity in other pixels raises an error. Masked pixels are invalid, and `read` returns the mean of their
+        nearest neighbours for them.
     blank
         As in `check_frame`.
     skip_damaged
-        Whether to take shape and dtype from the first readable frame, instead of the first one.
+        Whether to take shape and dtype from the first readable frame, instead of the first frame.
     notes, facts
-        Notes on what was guessed, and further facts about all frames; both are added to the metadata.
+        Notes on guesses, one line each, and further facts about all frames; both are added to the metadata.
     origin
         As in `lfcal.frames.open_frames`; it is added to the metadata.
     frames_last
@@ -292,7 +293,7 @@ class FolderSource(Frames):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """Facts from the first file and the manifest."""
+        """Facts about all frames, from the first file and the manifest."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -312,7 +313,7 @@ class FolderSource(Frames):
         return self._values(index, region)[0]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return what `read` returns; samples that are saturated, masked, or have no value are marked."""
+        """Return the result of `read`, with samples marked as invalid that are saturated, masked or without a value."""
         values, lost = self._values(index, region)
         found = observed(values, self._metadata.saturation, self._metadata.noise)
         for mask in (self._mask if self._mask is None or region is None else self._mask[region], lost):

@@ -14,8 +14,9 @@ __all__ = ["expected_aperture", "footprint_px"]
 def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)) -> float:
     """Return the width over which one lenslet spreads the light of a defocused point (pixels); 0 without a camera.
 
-    A ray through point e of a lenslet meets the sensor at a distance ``e B/f`` from its position without lenslets. The
-    strongest lens type is used.
+    A ray through the point at distance e from a lenslet's centre meets the sensor ``e B/f`` from where it would meet it
+    without lenslets. B is the distance of the sensor from the lenslets, and f is the shortest focal length of the lens
+    types.
 
     Examples
     --------
@@ -35,10 +36,10 @@ def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0,
 def expected_aperture(
     camera: Camera, depth_um: float, cutout: tuple[int, int], pixel_scale: tuple[float, float] = (1.0, 1.0)
 ) -> Aperture | None:
-    """Return the iris's shadow on the sensor by geometry; None if the plane is not imaged or is in focus.
+    """Return the shadow of the iris on the sensor by geometry; None if the plane is not imaged or is in focus.
 
-    A ray through pupil point p meets the sensor at ``p (a - B)/(b + a)`` from the chief ray, apart from the deflection
-    by its lenslet. Here b and a are the distances of the pupil and of the image from the lenslets.
+    Without the deflection by lenslets, a ray through the pupil point p meets the sensor at ``p (a - B)/(b + a)`` from
+    the chief ray. Here b, a and B are the distances of the pupil, the image and the sensor from the lenslets.
 
     Parameters
     ----------
@@ -47,9 +48,9 @@ def expected_aperture(
     depth_um
         Depth of the plane (µm).
     cutout
-        Pixels ``(nt, ns)``; the aperture is centred on the middle one.
+        Number of rows and columns of the cutout, ``(nt, ns)``; the aperture is centred on its middle pixel.
     pixel_scale
-        Cutout pixels per sensor pixel, for rows and columns.
+        Cutout pixels per sensor pixel along rows and columns.
 
     Examples
     --------

@@ -22,10 +22,10 @@ class FNumber:
     value
         Image distance over pupil diameter.
     standard_error
-        Standard error of ``value``, from the scatter about the line or from the errors of the diameters, whichever is
-        larger. NaN for two depths with unknown errors.
+        Standard error of ``value``: the larger of those from the scatter about the line and from the errors of the
+        diameters. NaN for two depths with unknown errors.
     offset_um
-        Image shift at which the fitted shadow vanishes; 0 if depths are correct (µm).
+        Image shift at which the fitted shadow vanishes (µm); 0 if the depths are correct.
     residual_px
         Rms deviation of the diameters from the line (pixels).
 
@@ -46,27 +46,28 @@ class FNumber:
 def working_f_number(
     diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_um: float, errors_px: ArrayLike | None = None
 ) -> FNumber:
-    """Return the working f-number N from shadow diameters over depth: ``D = |a| / N``.
+    """Return the working f-number N, fitted to the shadow diameters ``D = |a| / N`` of several depths.
 
-    The line is fitted to sign(a) D against a, so that planes on both sides of the native plane share one slope, and
-    neither a constant error of the depths nor the blur of the edge affects it. Diameters beyond three times the median
-    deviation get a lower weight.
+    A line is fitted to sign(a) D as a function of a, so that planes on both sides of the native plane share one slope.
+    Neither a constant error of the depths nor the blur of the edge affects the slope. Diameters that deviate by more
+    than three times the median deviation get a lower weight.
 
     Parameters
     ----------
     diameters_px
-        Diameter of a circle with the aperture's area, for each plane (pixels).
+        Diameter of the circle with the same area as the aperture, for each plane (pixels).
     image_shifts_um
-        Distance ``a`` of the plane's image behind the lenslets (µm): `lfcal.camera.Camera.image_shift_um`.
+        Distance ``a`` of each plane's image behind the lenslets (µm), as returned by
+        `lfcal.camera.Camera.image_shift_um`.
     pixel_um
         Pixel pitch (µm).
     errors_px
-        Standard error of each diameter (pixels), if known.
+        Standard error of each diameter (pixels); None: unknown.
 
     Raises
     ------
     InputError
-        If there are fewer than two different depths, or lengths differ, or a value is not finite.
+        If there are fewer than two different depths, the lengths differ, or a value is not finite.
 
     Examples
     --------

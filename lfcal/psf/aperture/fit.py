@@ -36,18 +36,19 @@ WIDEST_BLUR = 0.3
 
 
 def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture:
-    """Return the aperture that a depth-plane sum shows; ``refusal`` states why its shape is unknown.
+    """Return the aperture fitted to a depth-plane sum; if its shape is unknown, its ``refusal`` states why.
 
-    Background and noise come from the border of the cutout. Vignetting and the ripple of the lattice are removed, and
-    the edge is measured over angle. Circle, regular irises, irises with a stuck blade, and each of them cut by a
-    second rim are fitted to it. The noise for comparing them is measured on the edge and the lit patch.
+    Background and noise are measured at the border of the cutout. Vignetting and the ripple of the lattice are removed,
+    and the radius of the edge is measured as a function of angle. Four kinds of outline are fitted to it: a circle,
+    regular irises, irises with a stuck blade, and each of these cut by a second rim. The noise for comparing the fits
+    is measured on the edge and in the lit patch.
 
     Parameters
     ----------
     depth_sum
-        Sum of all patterns of a depth plane ``(nt, ns)``; NaN counts as background.
+        Sum of all patterns of a depth plane, ``(nt, ns)``. NaN is replaced by the median.
     footprint_px
-        Width over which one lenslet spreads its light (pixels), if known. An outline smaller than twice this width
+        Width over which one lenslet spreads its light (pixels); 0: unknown. An outline with a radius below this width
         shows the lenslets and not the iris.
 
     Raises
@@ -71,7 +72,7 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
 
 
 def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, EdgeVerdict | None]:
-    """Return the aperture and its verdict (None if no outline is visible); see `fit_aperture`."""
+    """Return the aperture and the comparison of its fits (None if no shape is accepted); see `fit_aperture`."""
     image = _clean(depth_sum)
     if min(image.shape) < SMALLEST:
         return _none("too small"), None

@@ -30,21 +30,21 @@ AGREE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Iris:
-    """The iris, estimated from all planes together.
+    """The iris of the camera, estimated from all planes together.
 
     Attributes
     ----------
     blades
         Number of blades; 0 for a round iris.
     rotation_rad
-        Direction of the first vertex in upright planes, in [0, 2 pi / blades) (rad). If the side of no plane is known,
-        the angle for an odd count may refer to inverted planes.
+        Direction of the first vertex in upright planes, in [0, 2 pi / blades) (rad). If it is unknown for every plane
+        whether it is inverted, the angle for an odd number of blades may refer to inverted planes.
     curvature, curvature_sigma
         Curvature of the blades, with its standard error.
     planes
         Number of planes used.
     margin
-        Chi-square of the next best blade count, or of a circle, minus that of the result.
+        Chi-square of the second-best blade count, or of a circle, minus that of the result.
     worst
         Largest difference of a plane's curvature from the mean, in units of its error.
 
@@ -72,7 +72,7 @@ class Iris:
         return self.margin >= CERTAIN and self.worst <= AGREE
 
     def describe(self) -> str:
-        """Return a one-line description."""
+        """Return a one-line description of the iris."""
         planes = "1 plane" if self.planes == 1 else f"{self.planes} planes"
         if not self.confident:
             why = (
@@ -88,19 +88,18 @@ class Iris:
 
 
 def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -> Iris | None:
-    """Return the iris that all planes together show; None if they show none.
+    """Return the iris estimated from all planes together; None if no plane shows a clear shape.
 
-    All planes have the same blade count, rotation and curvature. The chi-square of a count is the sum over the planes,
-    plus that of their curvatures and rotations about the weighted means. Planes with a faulty outline are left out. No
-    iris is returned unless at least one plane shows a clear shape.
+    All planes are assumed to have the same blade count, rotation and curvature. The chi-square of a count is the sum
+    over the planes, plus that of their curvatures and rotations about the weighted means. Planes with an irregular or
+    incomplete outline are left out.
 
     Parameters
     ----------
     apertures
         Aperture of each plane.
     inverted
-        Whether each plane shows the iris inverted, which differs between the two sides of the native plane; None if
-        unknown.
+        Whether each plane shows the iris inverted, as planes on one side of the native plane do; None if unknown.
 
     Examples
     --------

@@ -52,24 +52,25 @@ CENTRAL = 0.1
 def blade_radius(
     theta: ArrayLike, blades: int, rotation_rad: float, apothem: float = 1.0, curvature: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return the iris's edge radius in direction ``theta`` (rad, from +column towards +row).
+    """Return the distance of the iris's edge from its centre in each direction of ``theta``.
 
-    A blade is an arc of radius ``apothem / curvature`` whose middle is ``apothem`` from the centre. With m = 1 -
-    curvature and d the angle from the middle of the blade, the edge is at ``r = apothem (2 - curvature) / (sqrt(1 - m²
-    sin² d) + m cos d)``. Blades with a curvature of 0 are straight; a curvature of 1 is a circle.
+    Each blade's edge is an arc of radius ``apothem / curvature`` whose middle is at the distance ``apothem`` from the
+    centre. With m = 1 - curvature and d the angle from the middle of the blade, the edge is at ``r = apothem (2 -
+    curvature) / (sqrt(1 - m² sin² d) + m cos d)``. Blades with a curvature of 0 are straight; a curvature of 1 is a
+    circle.
 
     Parameters
     ----------
     theta
-        Directions, any shape (rad).
+        Directions (rad), from +column towards +row, in an array of any shape.
     blades
         Number of blades.
     rotation_rad
         Direction of a vertex (rad).
     apothem
-        Distance from the centre to the middle of a blade, in any unit, which the result has too.
+        Distance from the centre to the middle of a blade, in any unit; the result has the same unit.
     curvature
-        Apothem over blade radius, 0 to 1.
+        Ratio of the apothem to the radius of a blade's arc, 0 to 1.
     """
     step = 2 * math.pi / blades
     # counted from the middle of a blade, where the formula has its axis of symmetry
@@ -80,7 +81,7 @@ def blade_radius(
 
 
 def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
-    """Return the area inside `blade_radius`: n-gon plus n circular segments (unit of ``apothem`` squared)."""
+    """Return the area inside the edge of `blade_radius`, in the squared unit of ``apothem``."""
     half = math.pi / blades
     vertex = float(blade_radius(0.0, blades, 0.0, apothem, curvature))
     polygon = blades * vertex * vertex * math.sin(2 * half) / 2
@@ -94,7 +95,7 @@ def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
 
 
 def with_error(value: float, sigma: float, digits: int) -> str:
-    """Return a value with at least ``digits`` decimals, and its standard error if it is known.
+    """Return, as text, a value with at least ``digits`` decimals, and its standard error if that is finite.
 
     Examples
     --------
@@ -111,17 +112,17 @@ def with_error(value: float, sigma: float, digits: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StuckBlade:
-    """A displaced blade.
+    """A blade of the iris that is displaced from its regular position.
 
     Attributes
     ----------
     blade
-        Number of the blade, from 0 at the first vertex.
+        Number of the blade, counted from 0 at the first vertex.
     direction_rad
         Direction of its middle from the centre (rad).
     out_px, sigma_px
-        Outward displacement, negative for inward, and its standard error (pixels). The error is infinite if neighbours
-        cover the blade, which may then be anywhere further out.
+        Outward displacement (negative if inward) and its standard error (pixels). The error is infinite if neighbouring
+        blades cover the blade, which may then be anywhere further out.
     """
 
     blade: int
@@ -132,7 +133,7 @@ class StuckBlade:
 
 @dataclass(frozen=True, slots=True)
 class Obstruction:
-    """Something dark inside the aperture.
+    """A dark object inside the aperture.
 
     Attributes
     ----------
@@ -146,20 +147,20 @@ class Obstruction:
     share: float
 
     def is_central(self, centre: tuple[float, float], radius_px: float) -> bool:
-        """Return whether the obstruction is in the middle of an aperture, like the central mirror of a mirror lens."""
+        """Return whether the obstruction is near the aperture's centre, like the secondary mirror of a mirror lens."""
         return math.dist(self.centre, centre) < CENTRAL * radius_px
 
 
 @dataclass(frozen=True, slots=True)
 class CountFit:
-    """Evidence of a plane for one blade count.
+    """The fit of an iris with a given number of blades to one plane.
 
     Attributes
     ----------
     blades
-        The count.
+        Number of blades.
     gain
-        Chi-square minus that of the circle, in units of the best shape's chi-square per degree of freedom.
+        Chi-square minus that of a circle, in units of the best shape's chi-square per degree of freedom.
     rotation_rad, rotation_sigma
         Direction of the first vertex and its standard error (rad).
     curvature, curvature_sigma
@@ -176,9 +177,10 @@ class CountFit:
 
 @dataclass(frozen=True, slots=True)
 class Aperture:
-    """The iris as shown by a depth-plane sum.
+    """The iris, as fitted to a depth-plane sum.
 
-    Angles are measured from the +column towards the +row axis (clockwise as displayed), as in `lfcal.camera.MainLens`.
+    Angles are measured from the +column axis towards the +row axis (clockwise as displayed), as in
+    `lfcal.camera.MainLens`.
 
     Attributes
     ----------
@@ -193,39 +195,41 @@ class Aperture:
     area_px2
         Area inside the outline (pixels squared).
     curvature
-        Apothem over blade radius: 0 straight blades, 1 a circle.
+        Ratio of the apothem to the radius of a blade's arc: 0 for straight blades, 1 for a circle.
     blur_px
-        Blur of the edge: standard deviation of the corresponding Gaussian (pixels).
+        Blur of the edge, as the standard deviation of a Gaussian (pixels).
     ellipticity, ellipse_axis_rad
-        1 - minor/major of the stretched outline, and the direction of its longer axis (rad).
+        1 minus the ratio of the minor to the major axis of the stretched outline, and the direction of its major axis
+        (rad).
     vignetting
-        Relative decrease of light from the centre to the middle of a blade.
+        Relative decrease of the light from the centre to the middle of a blade.
     snr
-        Lit level over the noise of one pixel.
+        Ratio of the lit level to the noise of one pixel.
     confidence
         Significance of the shape, from 0 to 1; NaN if unknown.
     confident
         Whether kind, blade count and outline are reliable.
     refusal
-        Key of `REFUSALS` for the reason of a refused fit, or empty.
+        Key of `REFUSALS` that states why the shape is unknown; empty if it is known.
     kind
         Key of `KINDS`; empty if unknown.
     curvature_sigma
-        Standard error of ``curvature``, including that from the blur, which also rounds corners.
+        Standard error of ``curvature``, including that due to the blur, which also rounds corners.
     stuck
-        The displaced blade, if there is one.
+        The displaced blade; None if there is none.
     rim
         A second rim that cuts the aperture: direction of its nearest point (rad), that point's distance from the centre
         and the rim's curvature, in units of the apothem.
     obstruction
-        A dark object inside the aperture, if there is one.
+        The dark object inside the aperture; None if there is none.
     ripple, ripple_pitch_px
-        Amplitude of the strongest removed wave, relative to the light, and its pitch (pixels).
+        Amplitude of the strongest wave that was removed as ripple of the lattice, relative to the light, and its pitch
+        (pixels).
     counts
-        Evidence for each regular iris, best first; empty if none was tried.
+        Fits of regular irises, one for each blade count, best first; empty if none was tried.
     area_sigma_px2
-        Standard error of ``area_px2``: from noise, from shading, and from light diffracted outside the cutout (pixels
-        squared); NaN if the light has no uniform level.
+        Standard error of ``area_px2`` due to noise, shading, and light diffracted outside the cutout (pixels squared).
+        NaN if the light has no uniform level.
 
     Examples
     --------
@@ -281,17 +285,17 @@ class Aperture:
             )
 
     def refused(self, refusal: str) -> Aperture:
-        """Return the outline without its shape, which is unknown for the reason ``refusal``."""
+        """Return the aperture with its shape marked as unknown for the reason ``refusal``, a key of `REFUSALS`."""
         return replace(self, kind="", confident=False, confidence=math.nan, refusal=refusal)
 
     @property
     def seen(self) -> bool:
-        """Whether an outline was found; without one, neither position nor size is known."""
+        """Whether an outline was found; otherwise neither position nor size is known."""
         return self.refusal not in ("too dim", "too small")
 
     @property
     def diameter_px(self) -> float:
-        """Diameter of the circle of the same area (pixels)."""
+        """Diameter of the circle with the same area (pixels)."""
         return 2.0 * math.sqrt(max(0.0, self.area_px2) / math.pi)
 
     @property
@@ -301,7 +305,7 @@ class Aperture:
 
     @property
     def apothem_sigma_px(self) -> float:
-        """Standard error of ``apothem_px``, from the error of the size (pixels); NaN if unknown."""
+        """Standard error of ``apothem_px``, derived from that of the area (pixels); NaN if unknown."""
         return self.apothem_px * self.area_sigma_px2 / (2.0 * self.area_px2) if self.area_px2 > 0 else math.nan
 
     @property
@@ -331,11 +335,11 @@ class Aperture:
         )
 
     def outline(self, n: int = 360) -> NDArray[np.float64]:
-        """Return ``n`` points (row, column) along the outline, not closed (pixels); shape ``(n, 2)``."""
+        """Return ``n`` points along the outline, ``(n, 2)`` as (row, column) in pixels; the first is not repeated."""
         return self._place(self.rotation_rad + 2 * math.pi * np.arange(n) / n)
 
     def vertices(self) -> NDArray[np.float64]:
-        """Return the corners of the regular iris (row, column), shape ``(blades, 2)`` (pixels); empty for a circle."""
+        """Return the corners of the regular iris, ``(blades, 2)`` as (row, column) in pixels; empty for a circle."""
         theta = self.rotation_rad + 2 * math.pi * np.arange(self.blades) / max(1, self.blades)
         return self._place(theta)
 
@@ -350,7 +354,7 @@ class Aperture:
         return np.stack([self.centre[0] + radius * v, self.centre[1] + radius * u], axis=-1)
 
     def describe(self) -> str:
-        """Return a one-line description."""
+        """Return a one-line description of the aperture."""
         if not self.seen:
             return f"no aperture: {self.reason}"
         size = with_error(self.diameter_px, self.diameter_sigma_px, 1)
@@ -376,7 +380,7 @@ class Aperture:
 
     @property
     def fault(self) -> str:
-        """Return a description of what is wrong with the aperture; empty if nothing is."""
+        """Description of a stuck blade or an obstruction; empty if there is neither."""
         if self.stuck is not None:
             way, far = "out" if self.stuck.out_px > 0 else "in", abs(self.stuck.out_px)
             at = math.degrees(self.stuck.direction_rad)
