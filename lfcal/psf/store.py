@@ -520,7 +520,8 @@ def facts_of(matrix: PSFMatrix) -> Facts:
 def plane_checksum(stored: NDArray[Any], workers: int | None = None) -> int:
     """Return the checksum of a plane ``(ny, nx, nt, ns)`` of stored samples.
 
-    It is a CRC-32 over the CRC-32 of each pattern, so that patterns can be checked in parallel and separately.
+    The checksum is a CRC-32 over the CRC-32 of each pattern, so that patterns can be checked separately and in
+    parallel.
     """
     ny, nx = stored.shape[:2]
     each = np.zeros((ny, nx), "<u4")

@@ -13,8 +13,8 @@ __all__ = ["CorrectionRecipe"]
 class CorrectionRecipe:
     """Corrections applied to frames, and the calibration frames they use.
 
-    Two fields depend on the frames. ``channel`` is the colour channel of a mosaic, e.g. ``"G1"``; empty uses the
-    frames unchanged. ``shift`` is the number of bits by which left-aligned samples are shifted down.
+    Two fields depend on the frames. ``channel`` is the colour channel of a mosaic, such as ``"G1"``; if it is empty,
+    all pixels are used. ``shift`` is the number of bits by which left-aligned samples are shifted down.
 
     Examples
     --------

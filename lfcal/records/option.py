@@ -56,12 +56,12 @@ WORDS: dict[type, str] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opt:
-    """Attributes of a field besides its name, type and default.
+    """Attributes of a record's field in addition to its name, type and default.
 
     Attributes
     ----------
     help
-        One or two sentences for the command line, the form and the reference.
+        Help text of one or two sentences for the command line, the form and the reference.
     label
         Name in forms and tables; by default derived from the field's name.
     unit
@@ -69,29 +69,29 @@ class Opt:
     choices
         Allowed names, or a function that returns them; empty: any.
     examples
-        Values that a shell or a form suggests; others are possible as well.
+        Values that a shell or a form suggests; other values are also allowed.
     above, below, at_least, at_most
         Range of a number.
     flag, short
-        Command-line option (by default ``--`` and the name), and its one-letter form.
+        Command-line option (by default ``--`` followed by the name), and its one-letter form.
     argument
         Whether the command takes it as a positional argument.
     more
         Whether the field is advanced: it is listed last in ``--help`` and collapsed in forms.
     empty
-        Text on what applies if the field is not set.
+        Text that states what applies if the field is not set.
     read, show
         Functions for a value that is not of a plain type: ``read`` parses a text, and ``show`` returns a value as
         text. Without ``show``, the values of a tuple are given and parsed separately.
     chooses
-        Whether setting the field chooses the kind of a task. Such a flag is True in the kinds that have it.
+        Whether setting the field chooses the kind of a task. Such a flag is True in all kinds that have it.
     file
         For a path: ``"in"`` or ``"out"``.
     is_path
         Function that decides whether a text is a path: a camera, for example, is a preset or a file.
     needs
-        Another field of the same record that must be set for this field to have an effect, and the value that it must
-        have (empty: any). An empty name with a suffix: the input file must have this suffix.
+        Name of another field of the same record that must be set for this field to have an effect, and the value that
+        it must have (empty: any). If the name is empty, the value is a suffix that an input file must have.
     """
 
     help: str
@@ -128,30 +128,30 @@ class Opt:
         return ", ".join(f"{signs[name]} {self.bounds[name]:g}" for name in signs if name in self.bounds)
 
     def described(self, default: str = "") -> str:
-        """Return the help text with unit, range, choices and default."""
+        """Return the help text with the unit, range, choices and ``default``."""
         choices = ", ".join(self.choices) if isinstance(self.choices, tuple) else ""
         notes = [part for part in (self.unit, self.range_words, choices, default and f"default: {default}") if part]
         return self.help + (f" ({'; '.join(notes)})" if notes else "")
 
 
 def opt(default: T, help: str, **more: Any) -> T:
-    """Declare a field with its default; ``more`` are further attributes of `Opt`."""
+    """Declare a field of a record with its default; ``more`` are further attributes of `Opt`."""
     return dataclasses.field(default=default, metadata={"opt": Opt(help=help, **more)})
 
 
 def required(help: str, **more: Any) -> Any:
-    """Declare a field that must be given; ``more`` are further attributes of `Opt`."""
+    """Declare a field of a record that has no default; ``more`` are further attributes of `Opt`."""
     return dataclasses.field(metadata={"opt": Opt(help=help, **more)})
 
 
 def panel(default: T, title: str, without: tuple[str, ...] = ()) -> T:
-    """Declare a record within a record, with the heading of its fields and the fields to leave out."""
+    """Declare a nested record, with the heading of its fields in forms and the names of fields to leave out."""
     return dataclasses.field(default=default, metadata={"panel": (title, without)})
 
 
 @dataclass(frozen=True)
 class Variants:
-    """Kinds of a record within a record. The value of one field selects the kind.
+    """Kinds of a nested record; the value of one of its fields selects the kind.
 
     A field that several kinds share is declared identically in all of them.
 
@@ -160,10 +160,10 @@ class Variants:
     kinds
         Kinds whose fields are known in advance, the default first.
     by
-        The field that states the kind. Every kind has it; its default is the name of that kind.
+        Name of the field that states the kind. Every kind has this field, whose default is the name of the kind.
     find
-        Function that returns the kind for a name, which may be one that is not in ``kinds``; it raises `InputError`
-        for unknown names.
+        Function that returns the kind for a name, which need not be in ``kinds``, and raises `InputError` for unknown
+        names.
     names
         Function that returns the names of all kinds.
     """
@@ -174,18 +174,18 @@ class Variants:
     names: Callable[[], tuple[str, ...]]
 
     def name_of(self, kind: type) -> str:
-        """Return the name of a kind."""
+        """Return the name of the kind ``kind``."""
         return str(_defaults(kind)[self.by])
 
 
 def one_of(default: T, title: str, variants: Variants) -> T:
-    """Declare a nested record that is one of several kinds, with the heading of its fields."""
+    """Declare a nested record of one of several kinds, with the heading of its fields in forms."""
     return dataclasses.field(default=default, metadata={"panel": (title, ()), "variants": variants})
 
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=True)
 def record(kind: type[T]) -> type[T]:
-    """Make a frozen dataclass whose fields are keyword-only and listed with their help in its docstring."""
+    """Make a class a frozen dataclass with keyword-only fields, which are listed with their help in its docstring."""
     made = dataclass(frozen=True, kw_only=True)(kind)
     said, mark, examples = inspect.cleandoc(made.__doc__ or "").partition("\nExamples\n")
     lines = ["", "Attributes", "----------"]
@@ -207,7 +207,7 @@ def _indented(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
-    """A field with its path from the outermost record.
+    """A field of a record or of a nested record, with its path from the outermost record.
 
     Attributes
     ----------
@@ -216,15 +216,15 @@ class FieldRow:
     kind
         Plain type of its values; ``str`` for values that only ``opt.read`` can parse.
     optional, many
-        Whether None is allowed, and whether the value is a tuple of ``kind``.
+        Whether None is allowed, and whether the value is a tuple of elements of type ``kind``.
     default
-        Default; `dataclasses.MISSING` if there is none.
+        Default value; `dataclasses.MISSING` if there is none.
     opt
         Help, label, unit, range and choices of the field.
     panel
-        Heading above it in forms; empty for the outermost record.
+        Heading above the field in forms; empty for the outermost record.
     variants, only
-        For a record that is one of several kinds: all kinds, and the names of those that have the field (empty: all).
+        For a nested record of several kinds: all kinds, and the names of those that have the field (empty: all).
     """
 
     path: tuple[str, ...]
@@ -254,21 +254,21 @@ class FieldRow:
 
     @property
     def off(self) -> str:
-        """Second option, which turns off a flag that is neither on nor off by default; otherwise empty."""
+        """Option that turns off a flag whose default is None; empty for other fields."""
         return f"--no-{self.name.replace('_', '-')}" if self.kind is bool and self.optional else ""
 
     @property
     def called(self) -> str:
-        """Name of the field on the command line."""
+        """Name of the field on the command line: its option, or its name in capitals for a positional argument."""
         return self.name.upper() if self.opt.argument else self.flag
 
     def paths_of(self, value: Any) -> tuple[Path, ...]:
-        """Return the paths contained in a value."""
+        """Return the paths that ``value`` contains; empty if the field contains none."""
         every = value if isinstance(value, tuple) else (value,)
         return tuple(Path(one) for one in every if self.opt.file and one and self.opt.is_path(str(one)))
 
     def placed(self, value: Any, place: Callable[[Path], Any]) -> Any:
-        """Return the value with each of its paths replaced by ``place(path)``."""
+        """Return ``value`` with each of its paths replaced by ``place(path)``."""
         if isinstance(value, tuple):
             return tuple(self.placed(one, place) for one in value)
         return self.kind(place(Path(value))) if self.paths_of(value) else value
@@ -280,7 +280,7 @@ class FieldRow:
 
     @property
     def described(self) -> str:
-        """Help of the field with unit, range, choices and default."""
+        """Help text of the field with its unit, range, choices and default."""
         shown = self.default is not MISSING and self.kind is not bool
         return self.opt.described(self.opt.empty or self.text(self.default) if shown else "")
 
@@ -291,24 +291,24 @@ class FieldRow:
 
     @property
     def offered(self) -> tuple[str, ...]:
-        """Values to suggest to users who enter one."""
+        """Values to suggest to users: the examples, or else the choices."""
         examples = self.opt.examples() if callable(self.opt.examples) else self.opt.examples
         return examples or self.choices
 
     @property
     def empty(self) -> Any:
-        """Value of the field if it is left empty."""
+        """Value of the field if the user leaves it empty: None if that is allowed, else the default."""
         return None if self.optional else self.default
 
     def text(self, value: Any) -> str:
-        """Return the text of ``value`` on a command line and in a form."""
+        """Return ``value`` as text for the command line and for forms; empty for None."""
         if value is None:
             return ""
         text = self.opt.show(value) if self.opt.show else str(value)
         return text.removesuffix(".0") if isinstance(value, float) else text
 
     def value(self, given: Any, called: str) -> Any:
-        """Return the value of a text, or of an entry of a file; ``called`` is the field's name in messages.
+        """Return the value of a text or of an entry of a file; messages refer to the field as ``called``.
 
         Raises
         ------
@@ -370,7 +370,7 @@ _KNOWN: dict[type, tuple[FieldRow, ...]] = {}
 
 
 def rows(kind: type) -> tuple[FieldRow, ...]:
-    """Return the fields of a record and of its nested records, in order."""
+    """Return the fields of the record class ``kind`` and of its nested records, in order."""
     if kind not in _KNOWN:  # a dictionary, because mypy does not know that the type is hashable
         _KNOWN[kind] = tuple(_rows(kind, (), "", ()))
     return _KNOWN[kind]
@@ -408,7 +408,7 @@ def _rows_of_kinds(variants: Variants, path: tuple[str, ...], heading: str) -> I
 
 
 def described_by(kind: type) -> Callable[[F], F]:
-    """Return a decorator that appends a record's fields to the docstring of a function with these parameters."""
+    """Return a decorator that documents a function's parameters with the help of the fields of ``kind``."""
 
     def add(function: F) -> F:
         said, mark, more = inspect.cleandoc(function.__doc__ or "").partition("Parameters\n----------\n")
@@ -425,7 +425,7 @@ def described_by(kind: type) -> Callable[[F], F]:
 
 
 def rows_of(whole: Any) -> tuple[FieldRow, ...]:
-    """Return the fields of a record; for a nested record of several kinds, those of its current kind."""
+    """Return the fields of the record ``whole``; for a nested record of several kinds, those of its current kind."""
     return tuple(row for row in rows(type(whole)) if row.variants is None or _has(whole, row))
 
 
@@ -449,7 +449,7 @@ def _kind(hint: Any) -> tuple[type, bool, bool]:
 
 
 def value_at(whole: Any, row: FieldRow) -> Any:
-    """Return the value of a field in a record."""
+    """Return the value of the field ``row`` in the record ``whole``."""
     for name in row.path:
         whole = getattr(whole, name)
     return whole
@@ -473,8 +473,8 @@ def check_record(whole: Any) -> None:
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
     """Raise `InputError` for the first value that has no effect because another field is not set.
 
-    ``values`` maps field names to values. A value equal to its default counts as not given, unless its kind of record
-    does not have the field.
+    ``values`` maps field names to values. A value equal to its default counts as not set, unless the chosen kind of
+    record lacks the field.
     """
     paths = {row.path: row for row in known}
     for row in known:
@@ -512,7 +512,7 @@ def _check_kind(row: FieldRow, by: FieldRow, values: Mapping[str, Any], called: 
 
 
 def to_dict(whole: Any) -> dict[str, Any]:
-    """Return a record as plain JSON types with all fields; nested records become objects."""
+    """Return a record as a dictionary of plain JSON types with all fields; nested records become dictionaries."""
     found: dict[str, Any] = {}
     for row in rows_of(whole):
         place = found
@@ -529,20 +529,20 @@ def _plain(value: Any) -> Any:
 
 
 def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
-    """Return the record in a dictionary, which was written by `to_dict` or by hand.
+    """Return a record of class ``kind`` from a dictionary in the form of `to_dict`; missing entries get their defaults.
 
     Raises
     ------
     InputError
-        If an entry is unknown, or a value is not allowed.
+        If an entry is unknown or missing, or a value is not allowed.
     """
     return from_flat(kind, flat(rows(kind), data, what or kind.__name__))
 
 
 def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields: str = "its fields") -> dict[str, Any]:
-    """Return the values in nested objects by field name; errors refer to ``what`` and its ``fields``.
+    """Return the values of a nested dictionary by field name; errors refer to ``what`` and its ``fields``.
 
-    Required fields that are null, and flags that choose a kind but are off, are left out.
+    Required fields that are None, and flags that choose a kind but are off, are left out.
     """
     found: dict[str, Any] = {}
     paths = {row.path: row for row in known}
@@ -563,7 +563,7 @@ def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields
 
 
 def from_flat(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return the record with values by field name, including fields of nested records."""
+    """Return a record of class ``kind``, given the values by field name, including those of nested records."""
     given: dict[str, Any] = {}
     inner: dict[str, dict[str, Any]] = {}
     for row in rows(kind):

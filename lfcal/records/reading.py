@@ -51,7 +51,7 @@ def _number(text: str) -> float:
 
 
 def read_as(called: str, read: Callable[[str], T], text: str) -> T:
-    """Return the value that ``read`` returns for a text; errors use ``called``, the user's name for it."""
+    """Return ``read(text)``; in error messages, the value is called ``called``."""
     try:
         return read(text)
     except InputError as error:
@@ -59,7 +59,7 @@ def read_as(called: str, read: Callable[[str], T], text: str) -> T:
 
 
 def read_pair(text: str) -> tuple[float, float]:
-    """Return ``"a"`` as (a, a), and ``"a,b"`` or ``"axb"`` as (a, b)."""
+    """Return (a, a) for the text ``"a"``, and (a, b) for ``"a,b"`` or ``"axb"``."""
     fields = [field.strip() for field in re.split("[,x×]", text)]
     if len(fields) in (1, 2) and all(re.fullmatch(NUMBER, field) for field in fields):
         return _number(fields[0]), _number(fields[-1])
@@ -69,7 +69,7 @@ def read_pair(text: str) -> tuple[float, float]:
 
 
 def read_range(text: str) -> tuple[float, float]:
-    """Return the smallest and the largest value in ``"2,6"``."""
+    """Return the smallest and the largest value from a text such as ``"2,6"``."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
         raise InputError.expected(
@@ -79,7 +79,7 @@ def read_range(text: str) -> tuple[float, float]:
 
 
 def read_cutout(text: str) -> tuple[int, int] | None:
-    """Return the cutout in ``"41"``, ``"41x61"`` or ``"41,61"`` (rows, columns; px); None for an empty text."""
+    """Return (rows, columns) in pixels from ``"41"``, ``"41x61"`` or ``"41,61"``; None for an empty text."""
     if not text.strip():
         return None
     rows, columns = read_pair(text)
@@ -89,12 +89,12 @@ def read_cutout(text: str) -> tuple[int, int] | None:
 
 
 def read_cutout_or_auto(text: str) -> tuple[int, int] | str | None:
-    """Return the cutout as `read_cutout` does, or ``"auto"``."""
+    """Return ``"auto"`` for the text ``"auto"``, or else the cutout as `read_cutout` does."""
     return "auto" if text.strip() == "auto" else read_cutout(text)
 
 
 def read_position(text: str) -> tuple[int, int]:
-    """Return the position (y, x) in ``"9,16"``."""
+    """Return the position (y, x) from a text such as ``"9,16"``."""
     found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
     if found is None:
         raise InputError.expected("position", "y,x", repr(text), "give a value such as 9,16")
@@ -102,12 +102,12 @@ def read_position(text: str) -> tuple[int, int]:
 
 
 def show_pair(value: Any) -> str:
-    """Return the text that `read_pair` and `read_cutout` parse."""
+    """Return a pair, or the text ``"auto"``, as text that `read_pair` and `read_cutout_or_auto` parse."""
     return value if isinstance(value, str) else show_planes(value)
 
 
 def read_share(text: str) -> float:
-    """Return the fraction, at most 1, in ``"0.03"`` or ``"3%"``."""
+    """Return the fraction from a text such as ``"0.03"`` or ``"3%"``."""
     found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
     if found is None:
         raise InputError.expected("share", "a number, or percent", repr(text), "give a value such as 0.03 or 3%")
@@ -115,7 +115,7 @@ def read_share(text: str) -> float:
 
 
 def show_share(value: float) -> str:
-    """Return a fraction as text in per cent, which `read_share` parses to exactly the same number."""
+    """Return a fraction as text, in per cent if `read_share` parses that to exactly the same number."""
     percent = f"{show_planes((_times_ten(repr(float(value)), 2),))} %"
     return percent if read_share(percent) == value else repr(value)
 
@@ -127,7 +127,7 @@ def _times_ten(number: str, power: int) -> float:
 
 
 def read_length_um(text: str) -> float:
-    """Return a length in µm from a text with a unit, or from a number of µm without a unit."""
+    """Return a length in µm from a text with a unit (nm, um, µm or mm); without a unit, it is in µm."""
     found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
     if found is None:
         raise InputError.expected(
@@ -137,7 +137,7 @@ def read_length_um(text: str) -> float:
 
 
 def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
-    """Return the planes in ``"a,b,c"`` or ``"start:stop:step"``; with ``lengths`` in µm, or with a unit."""
+    """Return the planes from ``"a,b,c"`` or ``"start:stop:step"``; with ``lengths``, in µm unless a unit follows."""
     fields = re.split("[,:]", text)
     values = [_plane(field, lengths) for field in fields]
     if ":" not in text:
@@ -154,22 +154,22 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
 
 
 def read_depths(text: str) -> tuple[float, ...]:
-    """Return depths in µm, parsed as in `read_planes`; none for an empty text."""
+    """Return depths in µm, parsed by `read_planes`; an empty tuple for an empty text."""
     return read_planes(text, lengths=True) if text.strip() else ()
 
 
 def read_virtual_depths(text: str) -> tuple[float, ...]:
-    """Return virtual depths, parsed as in `read_planes`; none for an empty text."""
+    """Return virtual depths, parsed by `read_planes`; an empty tuple for an empty text."""
     return read_planes(text, lengths=False) if text.strip() else ()
 
 
 def show_planes(values: Iterable[Any]) -> str:
-    """Return a text that `read_planes` parses, with all digits."""
+    """Return values with all their digits as text that `read_planes` parses."""
     return ",".join(repr(float(v)).removesuffix(".0") if isinstance(v, Real) else str(v) for v in values)
 
 
 def check_planes(depths: object, virtual_depths: object) -> None:
-    """Raise `InputError` unless planes are given either as depths or as virtual depths."""
+    """Raise `InputError` unless exactly one of depths and virtual depths is given."""
     if bool(depths) == bool(virtual_depths):
         raise InputError("planes: give --depths (µm) or --virtual-depths, for example --virtual-depths 2:5.5:0.5")
 
@@ -187,7 +187,7 @@ def _plane(field: str, lengths: bool) -> float:
 
 
 def read_effect(text: str) -> str:
-    """Return the setting of an effect: ``"NAME=VALUE"``, or the path of a JSON file of effects."""
+    """Return the setting of an effect in the form ``"NAME=VALUE"``, or the path of a JSON file of effects."""
     name, sign, value = (part.strip() for part in text.partition("="))
     if name and value:
         return f"{name}={value}"
@@ -198,12 +198,12 @@ def read_effect(text: str) -> str:
 
 
 def read_orientation(text: str) -> str:
-    """Return the name of an orientation as options spell it: ``"mirror x"`` becomes ``"mirror-x"``."""
+    """Return the name of an orientation as in options; ``"mirror x"`` becomes ``"mirror-x"``."""
     return "-".join(text.split())
 
 
 def read_pixel(text: str) -> tuple[float, float]:
-    """Return the pixel (row, column) in ``"12,7"``; fractions of a pixel are allowed."""
+    """Return the pixel (row, column) from a text such as ``"12,7"``; fractions of a pixel are allowed."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
         raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "give a value such as 12,7")
@@ -211,14 +211,14 @@ def read_pixel(text: str) -> tuple[float, float]:
 
 
 def read_count(text: str, at_least: int, words: tuple[str, ...]) -> int | str:
-    """Return a whole number of at least ``at_least``, or one of ``words``."""
+    """Return the whole number in ``text``, which must be at least ``at_least``, or a text that is one of ``words``."""
     value = int(text) if re.fullmatch(r"\s*[-+]?\d+\s*", text) else text.strip()
     check_count("number", value, at_least, *words)
     return value
 
 
 def check_count(name: str, value: object, at_least: int, *words: str) -> None:
-    """Raise `InputError` unless ``value`` is a whole number, or one of ``words``."""
+    """Raise `InputError` unless ``value`` is a whole number of at least ``at_least``, or one of ``words``."""
     if value in words:
         return
     if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
@@ -244,10 +244,10 @@ def check_voxel(name: str, value: object) -> None:
 
 
 def read_names(text: str) -> tuple[str, ...]:
-    """Return the names in ``"A,B,C"``, without duplicates."""
+    """Return the names from a text such as ``"A,B,C"``, without duplicates."""
     return tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
 
 
 def show_names(value: tuple[str, ...]) -> str:
-    """Return the text that `read_names` parses."""
+    """Return names as text that `read_names` parses."""
     return ",".join(value)

@@ -233,7 +233,7 @@ OWN_SOLVERS: tuple[type[SolverFields], ...] = (
 
 @cache
 def solver_kind(name: str, options: frozenset[str]) -> type[SolverFields]:
-    """Return a record for a solver that uses ``options``, which may include names of `FIELDS`."""
+    """Return the record class for the solver ``name``, with the fields of `FIELDS` that are in ``options``."""
     bases = tuple(one for option, one in reversed(FIELDS.items()) if option in options)
     own: dict[str, Any] = {"__annotations__": {"name": "str"}, "name": _named(name), "__module__": __name__}
     own["__doc__"] = f"Settings of solver {name}."

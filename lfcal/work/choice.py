@@ -19,18 +19,18 @@ BEGUN = ("refuse", "resume", "discard")
 
 @dataclass(frozen=True)
 class RunChoice:
-    """Choice of the executor of units, and of what happens to units left by an earlier run.
+    """Choice of the executor of a run, and of what happens to units left by an earlier run.
 
     Attributes
     ----------
     executor
         One of `EXECUTORS`.
     workers
-        Number of threads or processes; None: one for each processor that this process may use.
+        Number of threads or processes; None: one for each available processor.
     address
-        Address of a running scheduler (``tcp://host:8786``); empty: a local scheduler is started.
+        Address of a running scheduler, such as ``tcp://host:8786``; empty: a local scheduler is started if needed.
     begun
-        What to do if an earlier run left units: ``"refuse"``, ``"resume"`` or ``"discard"``.
+        What to do if an earlier run left units: ``"refuse"`` (raise an error), ``"resume"`` or ``"discard"``.
 
     Raises
     ------
@@ -58,7 +58,7 @@ class RunChoice:
             raise InputError.expected("scheduler", f"an executor that has one ({able})", self.executor, "leave it out")
 
     def make(self) -> Executor:
-        """Return the executor, not yet started."""
+        """Return a new executor, which is not started yet."""
         return EXECUTORS.get(self.executor).make(self.workers, self.address)
 
 
@@ -71,7 +71,9 @@ def iter_begun(
     following: Following | None = None,
     joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
-    """Do the units of ``out``; their files stay in `parts_folder` until the caller discards it. Raises as `iter_made`.
+    """Process the units of ``out``, and return their files, which stay in `parts_folder` until the caller discards it.
+
+    The arguments, and the errors raised, are those of `iter_made` and `iter_run`.
 
     Examples
     --------
@@ -105,29 +107,28 @@ def iter_made(
     in_order: bool = False,
     joined: bool = True,
 ) -> Work[None]:
-    """Do units and join their files to ``out``; yields progress over both steps.
+    """Process units and join their files to ``out``; yields progress over both steps.
 
-    Until ``out`` is complete, the files of the units are in `parts_folder`. A run that was stopped or killed continues
-    from them.
+    Until ``out`` is complete, the files of the units are in `parts_folder`. After a run was stopped or killed, the next
+    run can continue from them.
 
     Parameters
     ----------
     units, title
         As in `iter_run`.
     out
-        The file to make from them.
+        The file to write.
     run
-        Executor, and what happens to an earlier run.
+        Executor, and treatment of an earlier run.
     join
-        Function that makes ``out`` atomically from the units' files, in order.
+        Function that writes ``out`` atomically from the files of the units, which are passed in order.
     keep
-        Whether to keep the units' files when ``out`` is complete, because the caller adds to it and discards them
-        afterwards.
+        Whether to keep the files of the units when ``out`` is complete. The caller must then discard them.
     in_order
-        Whether ``join`` needs one file in each step, after a first step that needs none. Joining then begins while
-        units run.
+        Whether ``join`` reads one file in each step, after a first step that reads none. Joining then begins while
+        units are running.
     joined
-        As in `iter_run`; false if ``out`` may be much smaller than the files.
+        As in `iter_run`; set it to False if ``out`` may be much smaller than the files.
 
     Raises
     ------

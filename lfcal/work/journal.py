@@ -57,7 +57,7 @@ PASS = "pass"
 
 
 class Journal:
-    """Journal of a run, to which events are appended."""
+    """Writer of the journal of a run, to which events are appended."""
 
     def __init__(self, file: TextIO) -> None:
         self._file = file
@@ -65,7 +65,7 @@ class Journal:
     @classmethod
     @contextmanager
     def open(cls, folder: Path) -> Iterator[Journal]:
-        """Open the journal of a folder; it is created if it does not exist."""
+        """Open the journal in ``folder``, which is created if it does not exist."""
         path = folder / JOURNAL
         with storage_errors(path), path.open("a", encoding="utf-8") as file:
             if file.tell() and not path.read_bytes().endswith(b"\n"):
@@ -73,12 +73,12 @@ class Journal:
             yield cls(file)
 
     def note(self, event: str, **values: Any) -> None:
-        """Write one line."""
+        """Append a line with an event, its time and further values."""
         self._file.write(json.dumps({"at": round(time.time(), 3), "event": event, **values}) + "\n")
         self._file.flush()
 
     def settle(self, values: Mapping[str, Any], fingerprints: Iterable[str]) -> None:
-        """Record the settings of units, for a later run that continues with them."""
+        """Record the settings of the units with these fingerprints, so that a later run can continue with them."""
         self.note(SETTLED, values=dict(values), units=list(fingerprints))
 
     def begin(self, title: str, units: Iterable[str], executor: str, workers: int, place: str) -> None:
@@ -88,13 +88,13 @@ class Journal:
 
 
 def read_settled(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the settings with which runs in ``folder`` began their units, by fingerprint."""
+    """Return the settings with which runs in ``folder`` started their units, by fingerprint."""
     return {name: dict(note["values"]) for note in read_notes(folder, SETTLED) for name in note["units"]}
 
 
 @dataclass(frozen=True)
 class UnitState:
-    """State of one unit.
+    """State of one unit of a run.
 
     Attributes
     ----------
@@ -103,13 +103,14 @@ class UnitState:
     state
         ``"waiting"``, ``"under way"``, ``"done"`` or ``"failed"``.
     attempts
-        Number of times that it was begun in this run.
+        Number of times that the unit was started in this run.
     seconds
-        Time that it took or has taken so far (s); NaN if it was not begun, or was done by an earlier run.
+        Time that the unit took, or has taken so far (s); NaN if it has not been started, or was finished by an earlier
+        run.
     worker
-        Name of the worker that does or did it.
+        Name of the worker that processes or processed the unit.
     reason
-        Reason why it failed or was begun again.
+        Reason why the unit failed or was started again; otherwise empty.
     """
 
     name: str
@@ -122,18 +123,18 @@ class UnitState:
 
 @dataclass(frozen=True)
 class RunState:
-    """State of a run.
+    """State of a run, as recorded in its journal.
 
     Attributes
     ----------
     title
-        Description of its output.
+        Description of the output.
     units
         Units of the run, in order.
     executor, workers, place
-        Name of the executor, number of workers, and address of their dashboard.
+        Name of the executor, number of workers, and address of a dashboard that shows them (empty: none).
     running
-        Whether its process is alive, as far as this machine can find out.
+        Whether the process of the run is alive, as far as this machine can determine.
 
     Examples
     --------
@@ -154,7 +155,7 @@ class RunState:
     running: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the state as plain values; unknown times are None."""
+        """Return the state as a dictionary of plain values; unknown times are None."""
         units = [asdict(unit) | {"seconds": None if math.isnan(unit.seconds) else unit.seconds} for unit in self.units]
         return {
             **{key: value for key, value in vars(self).items() if key != "units"},
@@ -166,19 +167,19 @@ class RunState:
         }
 
     def count(self, state: str) -> int:
-        """Return the number of units in a state."""
+        """Return the number of units in the state ``state``."""
         return sum(unit.state == state for unit in self.units)
 
     @property
     def eta_seconds(self) -> float | None:
-        """Estimated time to the end (s), from the durations of finished units; None if there are none."""
+        """Estimated time to the end (s), from the durations of finished units; None if no duration is known."""
         left = sum(u.state in ("waiting", "under way") for u in self.units)
         pace = self.per_hour
         return None if pace is None else 3600 * left / pace
 
     @property
     def per_hour(self) -> float | None:
-        """Units done per hour, from the durations of finished units; None if there are none."""
+        """Number of units finished per hour, from the durations of finished units; None if no duration is known."""
         took = [u.seconds for u in self.units if u.state == "done" and u.seconds == u.seconds]
         if not took:
             return None
@@ -189,7 +190,7 @@ class RunState:
 
 
 def read_seals(folder: Path) -> dict[str, str]:
-    """Return the seals of the files that runs in ``folder`` wrote, by name (see `lfcal.work.unit.seal_of`)."""
+    """Return the seals of the files that runs in ``folder`` wrote, by file name; see `lfcal.work.unit.seal_of`."""
     path = folder / JOURNAL
     if not path.exists():
         return {}
@@ -204,7 +205,7 @@ def read_events(folder: Path) -> list[str]:
 
 
 def read_notes(folder: Path, event: str) -> list[dict[str, Any]]:
-    """Return all entries of an event in the journal of ``folder``, in order; empty if there is no journal."""
+    """Return all entries for ``event`` in the journal of ``folder``, in order; empty if there is no journal."""
     path = folder / JOURNAL
     return [r for r in _records(read_text(path).splitlines()) if r["event"] == event] if path.exists() else []
 
@@ -215,7 +216,7 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     Raises
     ------
     InputError
-        If no run was begun there.
+        If no run was started there.
 
     Examples
     --------
@@ -311,7 +312,7 @@ MAX_ROWS = 40
 
 @dataclass(frozen=True)
 class RunTable:
-    """Texts that display a run.
+    """Texts for displaying the state of a run.
 
     Attributes
     ----------
@@ -320,9 +321,9 @@ class RunTable:
     place
         Address of a dashboard that shows the workers; empty if there is none.
     rows
-        A row of `HEADER` for each unit to list.
+        Cells for the columns of `HEADER`, one row for each unit to list.
     pace
-        Units under way, units done per hour, and the estimated time left, if known; empty if no worker is active.
+        Number of units under way, units per hour and estimated time left, if known; empty if the run is not active.
     """
 
     headline: str
@@ -332,7 +333,7 @@ class RunTable:
 
 
 def run_table(state: RunState) -> RunTable:
-    """Return the texts that display a run."""
+    """Return the texts for displaying a run in the given state."""
     who = f"{state.executor}, {state.workers} at work" if state.running else "not running"
     headline = f"{state.title}: {state.count('done')} of {len(state.units)} units done; {who}"
     shown = [u for u in state.units if len(state.units) <= MAX_ROWS or u.state in ("under way", "failed") or u.reason]

@@ -29,7 +29,7 @@ NUMPY = frozenset({"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"})
 
 
 def save_record(path: Path, value: Any, shared: Mapping[str, object] | None = None) -> None:
-    """Write a record atomically; objects in ``shared``, which the reader also has, are stored only by their names.
+    """Write a record atomically; objects in ``shared``, which the reader must also have, are stored as their names.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def save_record(path: Path, value: Any, shared: Mapping[str, object] | None = No
 
 
 def load_record(path: Path, shared: Mapping[str, object] | None = None) -> Any:
-    """Return the record in a file; references by name become the objects in ``shared``.
+    """Return the record in a file, in which stored names become the objects in ``shared``.
 
     Raises
     ------

@@ -75,26 +75,26 @@ def check_begun(folder: Path, *, resume: bool) -> None:
 
 
 def unit_files(folder: Path) -> list[Path]:
-    """Return the files of units in the folder of a run; each is complete and can be used to continue.
+    """Return the files of finished units in the folder of a run, from which the next run can continue.
 
-    The journal may lack files of an earlier run, if this run ended before it had checked them.
+    The folder is listed, because the journal may lack files of an earlier run that the last run did not check.
     """
     return [p for p in folder.iterdir() if p.is_file() and p.name != JOURNAL and not p.name.startswith(".")]
 
 
 def note_joining(folder: Path) -> None:
-    """Record in the folder of a run that writing of its output has begun."""
+    """Record in the folder of a run that the run has begun to write its output."""
     with Journal.open(folder) as journal:
         journal.note(JOINING)
 
 
 def was_joining(out: str | os.PathLike[str]) -> bool:
-    """Return whether a run had begun to write ``out``; an existing file is then from this run and is written again."""
+    """Return whether an unfinished run had begun to write ``out``; an existing file is then overwritten."""
     return any(event == JOINING for event in read_events(parts_folder(out)))
 
 
 def discard(folder: Path) -> None:
-    """Remove a run's folder with its contents; raises `StorageError` if another program uses it."""
+    """Remove the folder of a run with its contents; raises `StorageError` if another program uses it."""
     if not folder.exists():
         return
     with only_writer(folder):
@@ -117,28 +117,28 @@ def iter_run(
     following: Following | None = None,
     joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
-    """Do the ``units`` that are not done yet; yields progress over all of them.
+    """Process those of ``units`` that are not finished yet; yields progress over all units.
 
-    A unit is done when its file is in ``folder`` under a name that contains its fingerprint. A killed run therefore
-    continues, while one with other inputs or settings starts again. Files with other fingerprints are removed, and
-    damaged ones are made again.
+    A unit is finished when ``folder`` contains its file, whose name contains the unit's fingerprint. A run that was
+    killed can therefore be continued, while a run with other inputs or settings starts again. Files with other
+    fingerprints are removed, and units with damaged files are processed again.
 
     Parameters
     ----------
     units
         The units, with unique names.
     folder
-        Folder for their files, created if needed. Only one run at a time may use it.
+        Folder for the files of the units, created if needed. Only one run at a time may use it.
     executor
-        Executor of the units; it is started and stopped here.
+        Executor of the units, which is started and stopped by this function.
     title
-        Description of their output, for display.
+        Description of the output, for display.
     attempts
-        Number of times that a unit is begun if its worker ends early.
+        Number of times that a unit is started in total if its worker ends early.
     following
-        Consumer of finished files while other units run; the caller closes it.
+        Joins finished files while other units are running; the caller closes it.
     joined
-        Whether their content is written again to the same disk, which must then have space for both.
+        Whether the content of the files is written again to the same disk, which must then have space for both.
 
     Returns
     -------
@@ -376,13 +376,13 @@ def _given_up(event: Event, attempts: int) -> Exception:
 
 
 class Following:
-    """Joining of finished files, step by step while workers are busy.
+    """Join finished files step by step while other units are running.
 
     Parameters
     ----------
     join
-        Function from the files of all units to a generator. Its first step needs no file, the second needs the first
-        file, and so on; the output is complete, and gets its name, only after the last step.
+        Function that returns a generator, given the files of all units. The first step of the generator reads no file,
+        the second reads the first file, and so on. The output is complete, and gets its name, only after the last step.
     """
 
     def __init__(self, join: Callable[[tuple[Path, ...]], Work[None]]) -> None:
@@ -397,7 +397,7 @@ class Following:
         return max(0, self._taken)
 
     def advance(self, files: Sequence[Path], available: int) -> None:
-        """Take a step if one of the first ``available`` files has not been joined yet."""
+        """Join one more file if one of the first ``available`` files has not been joined yet."""
         if self._steps is None:
             self._steps = self._join(tuple(files))
         if self._taken < available <= len(files):
@@ -405,7 +405,7 @@ class Following:
             self._last, self._taken = next(self._steps), self._taken + 1
 
     def rest(self, files: Sequence[Path]) -> Work[None]:
-        """Join all remaining files, and finish."""
+        """Join all remaining files and complete the output; yields progress."""
         if self._steps is None:
             self._steps = self._join(tuple(files))
         elif self._last is not None:

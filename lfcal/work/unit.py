@@ -32,28 +32,29 @@ DIGITS = 16
 
 @dataclass(frozen=True)
 class Unit:
-    """One unit of work, described by paths and plain values, never arrays or open files.
+    """A unit of work, described only by paths and plain values.
 
     Attributes
     ----------
     name
         Name for display and for its file; unique within a run.
     task
-        Function of type `Task` that does the unit, as ``"package.module:function"``.
+        Function of type `Task` that processes the unit, as ``"package.module:function"``.
     arguments
-        Arguments of the function, as plain JSON types.
+        Arguments of the function by name, as plain JSON types.
     inputs
         Files that the unit reads.
     suffix
-        Suffix of the file that it writes.
+        Suffix of the file that the unit writes.
     hints
-        Further arguments that do not change the result, such as memory limits; they are not in the fingerprint.
+        Further arguments that do not change the result, such as memory limits; they do not affect the fingerprint.
     settled
-        Further arguments that change the result only by rounding, such as the way of computing it. They depend on the
-        machine and are not in the fingerprint. A run that continues uses those with which the unit was begun.
+        Further arguments that change the result only by rounding errors, such as the choice of an algorithm. They
+        depend on the machine and do not affect the fingerprint. A continued run uses the arguments with which the unit
+        was started.
     concurrent_bytes
-        Memory (bytes) that it needs with one thread, if units like it may run concurrently in one process; 0 if it
-        runs alone.
+        Memory that the unit needs with one thread (bytes), if it may run concurrently with others in one process; 0 if
+        it runs alone.
 
     Examples
     --------
@@ -74,7 +75,7 @@ class Unit:
     concurrent_bytes: int = 0
 
     def fingerprint(self) -> str:
-        """Return the fingerprint, which changes with inputs, settings and the version of lfcal.
+        """Return the fingerprint, a hexadecimal text that changes with inputs, arguments and the version of lfcal.
 
         Raises
         ------
@@ -85,7 +86,7 @@ class Unit:
         return _digest({"lfcal": __version__, "task": self.task, "arguments": plain(self.arguments), "inputs": stamps})
 
     def function(self) -> Task:
-        """Return the function that computes the unit."""
+        """Return the function that processes the unit."""
         module, _, name = self.task.partition(":")
         found: Task = getattr(importlib.import_module(module), name)
         return found
@@ -100,9 +101,9 @@ class Job:
     number
         Number of the unit in the run, from 0.
     unit
-        Work of the unit.
+        The unit.
     out
-        Its file, whose name contains the fingerprint; it exists when the unit is done.
+        Path of the unit's file, whose name contains the fingerprint; the file exists when the unit is finished.
     """
 
     number: int
@@ -110,7 +111,7 @@ class Job:
     out: str
 
     def steps(self, workers: int) -> Work[str]:
-        """Do the unit with ``workers`` threads; yields progress, and returns the `seal_of` its file."""
+        """Process the unit with ``workers`` threads; yields progress, and returns the seal of its file (`seal_of`)."""
         path = Path(self.out)
         yield from self.unit.function()({**self.unit.arguments, **self.unit.hints, **self.unit.settled}, path, workers)
         if not path.exists():
@@ -119,7 +120,7 @@ class Job:
 
 
 def stamp_of(inputs: Iterable[str]) -> str:
-    """Return a fingerprint of files, for use as an argument of units that all read the same large number of files.
+    """Return a fingerprint of files, to use as an argument of units that all read the same large set of files.
 
     Raises
     ------
@@ -146,12 +147,12 @@ def _digest(data: Any) -> str:
 
 
 def seal_of(path: Path) -> str:
-    """Return size and checksum (CRC-32) of a file, by which it is recognized.
+    """Return a seal, by which a file is recognized: a text with its size in bytes and its CRC-32.
 
     Raises
     ------
     StorageError
-        If it cannot be read.
+        If the file cannot be read.
     """
     size = check = 0
     with storage_errors(path), path.open("rb") as file:
@@ -161,7 +162,7 @@ def seal_of(path: Path) -> str:
 
 
 def file_name(unit: Unit, fingerprint: str) -> str:
-    """Return the name of a unit's file."""
+    """Return the name of the file that a unit writes."""
     plain_name = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in unit.name)
     return f"{plain_name}.{fingerprint}{unit.suffix}"
 
@@ -170,9 +171,9 @@ T = TypeVar("T")
 
 
 class ProcessCache(Generic[T]):
-    """Cache for the input that the units of a run share, kept in each process until another input is needed.
+    """Cache of the input that units of a run share, which each process keeps until another input is needed.
 
-    Only the last input is kept: an H, or frames with their corrections, may take most of the memory.
+    Only the last input is kept, because an H, or frames with their corrections, may occupy most of the memory.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ class ProcessCache(Generic[T]):
         self._kept: tuple[object, T, bool] | None = None
 
     def get(self, key: object, make: Callable[[], T]) -> T:
-        """Return the input identified by ``key``: the one kept, or else the result of ``make``."""
+        """Return the input identified by ``key`` from the cache, or else the result of ``make``, which is then kept."""
         with self._lock:
             if self._kept is None or self._kept[0] != key:
                 self._drop()
@@ -195,7 +196,7 @@ class ProcessCache(Generic[T]):
 
     @contextmanager
     def using(self, key: object, value: T) -> Iterator[None]:
-        """Context in which the units of this process use ``value``, made by their run."""
+        """Context in which units of this process use ``value``, opened by their run, as the input ``key``."""
         with self._lock:
             self._drop()
             self._kept = key, value, False
@@ -216,13 +217,13 @@ _NUMBER: ContextVar[int] = ContextVar("worker", default=0)
 
 
 def worker_number() -> int:
-    """Return the number of the worker that does the current unit, from 0; 0 if there is only one."""
+    """Return the number of the worker that processes the current unit, from 0; 0 if there is only one worker."""
     return _NUMBER.get()
 
 
 @contextmanager
 def numbered(name: int | str) -> Iterator[None]:
-    """Context that sets the worker's number for units; a name is converted to a number."""
+    """Context in which `worker_number` returns ``name``; a name that is not a number is converted to one."""
     text = str(name)
     token = _NUMBER.set(int(text) if text.isdecimal() else zlib.crc32(text.encode()))
     try:

@@ -14,7 +14,7 @@ __all__ = ["EXECUTORS", "FINAL_EVENTS", "Event", "EventKind", "Executor", "Execu
 
 
 class EventKind(Enum):
-    """Kinds of events of a unit."""
+    """Kind of an event of a unit."""
 
     STARTED = "started"
     ADVANCED = "advanced"
@@ -27,7 +27,7 @@ class EventKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event of one unit.
+    """An event of a unit that an executor reports.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class Event:
     stage
         Current step, for display.
     seconds
-        Duration of the unit, if the worker reports it.
+        Duration of the unit (s); None if the worker does not report it.
     error
-        Error of `EventKind.FAILED` and `EventKind.LOST`.
+        For `EventKind.FAILED` and `EventKind.LOST`, the error.
     seal
         For `EventKind.DONE`, the seal of the unit's file (see `lfcal.work.unit.seal_of`).
     """
@@ -64,21 +64,21 @@ FINAL_EVENTS = (EventKind.DONE, EventKind.FAILED, EventKind.LOST)
 
 
 class Executor(Protocol):
-    """Base class of executors, which do units concurrently or one after the other.
+    """Protocol of executors, which process units concurrently or one after the other.
 
-    As a context manager, it stops all running units at its end.
+    Use an executor as a context manager, which stops all running units at the end.
 
     Attributes
     ----------
     name
         As in `ExecutorKind`.
     workers
-        Number of units or threads that run at a time.
+        Number of units or threads that run at the same time.
     place
         Address of a dashboard that shows the workers; empty if there is none.
     ahead
-        Whether workers get the next unit before they have finished one; otherwise they get it at the next call of
-        `events`.
+        Whether a worker receives its next unit before it has finished the current one; otherwise it receives it at the
+        next call of `events`.
     """
 
     name: str
@@ -95,17 +95,17 @@ class Executor(Protocol):
         ...
 
     def submit(self, job: Job) -> None:
-        """Accept a unit; it begins when a worker is free."""
+        """Queue a unit, which starts when a worker is free."""
         ...
 
     def events(self) -> list[Event]:
-        """Return the events since the last call, after a short wait for one."""
+        """Return the events since the last call; if there are none, wait briefly for one."""
         ...
 
 
 @dataclass(frozen=True)
 class ExecutorKind:
-    """Name and constructor of an executor.
+    """A kind of executor: its name and its constructor.
 
     Attributes
     ----------
@@ -114,8 +114,8 @@ class ExecutorKind:
     title
         Short description.
     make
-        Function that makes an executor from ``workers`` (None: all processors of this machine) and ``address`` (empty:
-        none).
+        Function that returns an executor, given ``workers`` (None: all processors of this machine) and ``address``
+        (empty: none).
     addressed
         Whether the executor accepts an address.
     """

@@ -36,7 +36,7 @@ SETTINGS: dict[str, Any] = {
 
 
 def do(job: Job) -> tuple[str, str, dict[str, Any]]:
-    """Do a unit on a worker; return the kind of event, the worker's address, and further fields of the `Event`."""
+    """Process a unit on a worker; return the kind of event, the worker's address, and further fields of the `Event`."""
     from distributed import get_worker
 
     worker, began = get_worker(), time.perf_counter()
@@ -51,9 +51,9 @@ def do(job: Job) -> tuple[str, str, dict[str, Any]]:
 
 
 class Dask:
-    """Executor on workers of dask.distributed; see `lfcal.work.executors.base.Executor`.
+    """Executor that uses workers of dask.distributed; see `lfcal.work.executors.base.Executor`.
 
-    Only records of paths are sent, never arrays: the files must be on a disk that all workers can access.
+    Workers receive paths and plain values, never arrays. The files must be on a disk that all workers can access.
 
     Raises
     ------
@@ -122,7 +122,7 @@ class Dask:
         self._stack.close()
 
     def submit(self, job: Job) -> None:
-        """Accept a unit."""
+        """Queue a unit."""
         # in order, because files are joined while units run; at equal priority, the last submitted would run first
         key, first = f"{job.unit.name}-{next(self._count)}-{job.out}", -job.number
         future = self._client.submit(do, job, pure=False, key=key, priority=first)
@@ -130,7 +130,7 @@ class Dask:
         self._begun.append(job)
 
     def events(self) -> list[Event]:
-        """Return the events since the last call."""
+        """Return the events since the last call; if there are none, wait briefly for one."""
         found = [Event(job, EventKind.STARTED, "cluster") for job in self._begun]
         self._begun.clear()
         try:

@@ -32,11 +32,11 @@ _SCRIPT = threading.Lock()
 
 
 class WorkerLost(LfcalError):
-    """Error of a worker that ended before its unit was done, because it was killed or out of memory."""
+    """Error for a worker that ended before its unit was finished, because it was killed or ran out of memory."""
 
 
 class TaskFailed(LfcalError):
-    """Unexpected error of a task, which is a defect and is reported with its traceback."""
+    """Unexpected error of a task, which is a defect; the message states where it was raised."""
 
 
 def news(error: Exception) -> tuple[EventKind, Exception]:
@@ -70,10 +70,10 @@ def _serve(link: Connection, number: int) -> None:
 
 @contextmanager
 def without_script() -> Iterator[None]:
-    """Context in which started processes do not run the program's script again, as multiprocessing would do.
+    """Context in which new processes do not run the program's script again, as multiprocessing otherwise does.
 
-    A unit names the module of its task and needs nothing from the script. A script without ``if __name__ ==
-    "__main__":`` would start its work again in each process.
+    A unit names the module of its task and needs nothing from the script. Without this context, a script without ``if
+    __name__ == "__main__":`` would start its work again in each process.
     """
     with _SCRIPT:
         script = sys.modules["__main__"]
@@ -128,7 +128,7 @@ class _Worker:
 
 
 class Processes:
-    """Executor in separate processes; a worker that ends early is replaced, and its unit is reported as lost."""
+    """Executor that uses separate processes; one that ends early is replaced, and its unit is reported as lost."""
 
     name, place, ahead = "processes", "", False
 
@@ -148,11 +148,11 @@ class Processes:
             self._team.pop().end()
 
     def submit(self, job: Job) -> None:
-        """Accept a unit."""
+        """Queue a unit."""
         self._waiting.append(job)
 
     def events(self) -> list[Event]:
-        """Return the events since the last call."""
+        """Return the events since the last call; if there are none, wait briefly for one."""
         found = self._begin()
         busy = {worker.link: worker for worker in self._team if worker.job is not None}
         for link in wait(list(busy), timeout=0 if found else POLL_S):

@@ -23,9 +23,10 @@ POLL_S = 0.2
 
 
 def concurrent_units(sizes: Iterable[int], threads: int, memory: int) -> int:
-    """Return how many units may run at the same time, given the bytes that each needs; 0: none fits into ``memory``.
+    """Return how many of the next units may run at the same time, given the memory that each needs.
 
-    A size of 0 marks a unit that runs alone.
+    ``sizes`` and ``memory`` are in bytes; a size of 0 marks a unit that runs alone. The result is 0 if the first unit
+    runs alone or does not fit into ``memory``.
     """
     count = 0
     for size in itertools.islice(sizes, max(0, threads)):
@@ -79,11 +80,11 @@ class _Worker:
 
 
 class Threads:
-    """Executor in threads of this process; errors of a task are raised unchanged.
+    """Executor that uses threads of this process; errors of a task are raised unchanged.
 
-    Units that state their memory (`Unit.concurrent_bytes`) run concurrently as far as memory allows, with the threads
-    divided among them. This is faster, because two threads on one unit wait for each other. All other units run one
-    after the other, with all threads, in the caller's thread.
+    Units that state their memory (`Unit.concurrent_bytes`) run concurrently as far as memory allows, and the threads
+    are divided among them. This is faster than several threads per unit, which wait for each other. All other units run
+    one after the other in the caller's thread, each with all threads.
     """
 
     name, place, ahead = "threads", "", False
@@ -112,11 +113,11 @@ class Threads:
             self._busy.pop().thread.join()
 
     def submit(self, job: Job) -> None:
-        """Accept a unit."""
+        """Queue a unit."""
         self._waiting.append(job)
 
     def events(self) -> list[Event]:
-        """Advance a unit that runs alone by one step, or return the events of concurrent units."""
+        """Return the events since the last call, after one step of a unit that runs alone, if any."""
         begun = self._begin()
         if begun:
             return begun
