@@ -107,7 +107,7 @@ class Subject:
         """Check that there is something to measure."""
         if self.plan is None and self.matrix is None:
             raise InputError.expected(
-                "subject of the accuracy measurement", "a scan plan or H", "neither", "give one of the two"
+                "subject of the accuracy measurement", "a scan plan or H", "neither", "give a plan or an H"
             )
 
     @classmethod

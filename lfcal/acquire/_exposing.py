@@ -238,7 +238,7 @@ def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last
         )
     if frame.number <= last_number:
         raise StaleFrame.expected(
-            "frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer"
+            "frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer: flush its buffers"
         )
     if frame.started_s is not None and frame.started_s < arrived_s - SLACK_S:
         raise StaleFrame.expected(

@@ -107,7 +107,10 @@ class Options:
         # a bracket without 1 has no frame at the plan's exposure, to which the others are scaled
         if not self.bracket or 1.0 not in self.bracket or len(set(self.bracket)) != len(self.bracket):
             raise InputError.expected(
-                "exposure bracket", "different factors that include 1", self.bracket, "use for example 1, 0.25, 0.0625"
+                "exposure bracket",
+                "different factors that include 1",
+                self.bracket,
+                "list different factors, one of which is 1: 1, 0.25, 0.0625",
             )
         for factor in self.bracket:
             check_number("exposure factor", factor, above=0, at_most=1e4)
@@ -125,7 +128,9 @@ class Options:
         for name in ("tolerance_um", "overshoot_um"):
             values = getattr(self, name)
             if values is not None and len(values) != 3:
-                raise InputError.expected(name, "three numbers (x, y, z) in µm", values, "correct it")
+                raise InputError.expected(
+                    name, "three numbers (x, y, z) in µm", values, "give one number for each axis"
+                )
         if self.origin_tolerance_px is not None:
             check_number("origin tolerance (px)", self.origin_tolerance_px, above=0)
 

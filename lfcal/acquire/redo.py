@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lfcal.acquire.recording import open_session
-from lfcal.base import FileFormatError, parse_json, read_text, write_text
+from lfcal.base import FileFormatError, parse_json, read_text, stated_format, write_text
 from lfcal.frames import Position
 
 __all__ = ["RedoList", "read_suspects"]
@@ -73,7 +73,10 @@ class RedoList:
         data: Any = parse_json(read_text(path, limit=LARGEST), str(path))
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise FileFormatError.expected(
-                str(path), f'"format": "{FORMAT}", version {VERSION}', "another kind of file", "check the file"
+                str(path),
+                f'"format": "{FORMAT}", version {VERSION}',
+                stated_format(data),
+                "choose a list written by lfcal inspect",
             )
         positions: Any = data.get("positions")
         reasons: Any = data.get("reasons", [])

@@ -100,9 +100,12 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
         If the plan has no such frame, or an option applies only to single points.
     """
     if options.order != "plan" or options.controls:
-        what = "order coarse" if options.order != "plan" else "control frames"
+        what = f"the order {options.order}" if options.order != "plan" else f"{options.controls} control frames"
         raise InputError.expected(
-            "frames of many points", "the plan's order and no control frames", what, "leave it out"
+            "recording of a target of many points",
+            "the order of the plan and no control frames",
+            what,
+            "leave this option out",
         )
     there = frame_positions(plan)
     if not len(there):
@@ -114,7 +117,9 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
         again = _redo_positions(frame_grid(plan), redo)
         for position in again.tolist():
             if not (there == position).all(axis=1).any():
-                raise InputError.expected("frame to redo", "one of the plan", tuple(position), "use this plan's list")
+                raise InputError.expected(
+                    "frame to redo", "a frame of the plan", tuple(position), "use a list made for this plan"
+                )
         count = len(again)
         return [Block.of(Kind.POSITION, again, np.arange(count)), *_references(middle, options, count, count)]
     count = len(there)
@@ -233,11 +238,13 @@ def _periods_to_edge(plan: ScanPlan, middle: NDArray[Any], shape: tuple[int, int
 def _redo_positions(shape: tuple[int, ...], redo: Sequence[Position]) -> NDArray[np.int64]:
     positions = np.array(sorted(set(redo)), np.int64).reshape(-1, 3)
     if not len(positions):
-        raise InputError.expected("positions to redo", "at least one", "none", "check the list")
+        raise InputError.expected("positions to redo", "at least one", "an empty list", "list at least one position")
     bad = ((positions < 0) | (positions >= np.array(shape))).any(axis=1)
     if bad.any():
         first = tuple(positions[np.flatnonzero(bad)[0]].tolist())
-        raise InputError.expected("position to redo", f"(z, y, x) inside {shape}", first, "use the list of this plan")
+        raise InputError.expected(
+            "position to redo", f"(z, y, x) inside {shape}", first, "use a list made for this plan"
+        )
     return positions
 
 

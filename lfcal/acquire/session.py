@@ -164,7 +164,7 @@ def iter_record(
         raise InputError.expected(
             "positions to record",
             "none together with a target",
-            "some",
+            f"{len(only or ()) + len(kept_aside)} positions",
             "leave them out: the plan of the target decides",
         )
     if not isinstance(plan, ScanPlan) and plan.lit is not None and not rig.switches:
@@ -273,7 +273,7 @@ def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequenc
     if only is None:
         return replace(file, kept_aside=aside)
     if not len(only):
-        raise InputError.expected("positions to record", "at least one", "none", "check the list")
+        raise InputError.expected("positions to record", "at least one", "an empty list", "list at least one position")
     positions = tuple(tuple(map(int, p)) for p in file.plan.in_scan_order(only).tolist())
     return replace(file, redo=(positions,), kept_aside=aside)
 

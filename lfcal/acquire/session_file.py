@@ -17,7 +17,16 @@ from lfcal.acquire.frame_plan import FramePlan, frame_grid, read_frame_plan
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording import Kind, RecordingFile, file_name
 from lfcal.acquire.schedule import Schedule
-from lfcal.base import FileFormatError, InputError, LfcalError, StorageError, parse_json, read_text, write_text
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    LfcalError,
+    StorageError,
+    parse_json,
+    read_text,
+    stated_format,
+    write_text,
+)
 from lfcal.camera import ScanPlan, build
 from lfcal.devices import CheckedCamera, Rig
 from lfcal.frames import Position
@@ -260,7 +269,7 @@ class SessionFile:
         version = data.get("version") if isinstance(data, Mapping) else None
         if version not in (VERSION, TARGET_VERSION) or data.get("format") != FORMAT:
             wanted = f'"format": "{FORMAT}", version {VERSION} or {TARGET_VERSION}'
-            raise FileFormatError.expected(str(path), wanted, "another kind of file", "check the file")
+            raise FileFormatError.expected(str(path), wanted, stated_format(data), "choose the folder of a session")
         if (version == TARGET_VERSION) != ("target" in data):
             raise FileFormatError.expected(str(path), "a target in version 2", f"version {version}", "restore it")
         body = {"kept_aside": (), "target": None, **data}

@@ -57,7 +57,9 @@ class Bound:
         # the order of the comparison rejects NaN too
         known = math.isfinite(bound.low) or math.isfinite(bound.high)
         if not (sign and colon and bound.gauge and known and bound.low < bound.high):
-            raise InputError.expected("--suspend", "GAUGE=LOW:HIGH such as temperature=20:22", repr(text), "correct it")
+            raise InputError.expected(
+                "--suspend", "GAUGE=LOW:HIGH", repr(text), "write a name and two bounds: temperature=20:22"
+            )
         return bound
 
     def holds(self, value: float) -> bool:
@@ -79,7 +81,10 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
         return FileGauge(Path(name))
     own = ", ".join(gauge.name for gauge in rig.gauges) or "no gauge"
     raise InputError.expected(
-        "--suspend", f"a gauge of the devices ({own}) or a file that ends with the newest number", name, "correct it"
+        "--suspend",
+        f"a gauge of the devices ({own}) or a file that ends with the newest number",
+        name,
+        "name one of these gauges, or an existing file",
     )
 
 

@@ -7,12 +7,13 @@ import json
 import math
 import re
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from lfcal.base.errors import FileFormatError
 
-__all__ = ["parse_json", "plain"]
+__all__ = ["parse_json", "plain", "stated_format"]
 
 MAX_NESTING = 50
 """Largest nesting depth of lists and objects; files of lfcal have 6 levels."""
@@ -87,6 +88,14 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
     if re.search(r"\\u[dD][89a-fA-F]", text) and not _is_unicode(value):
         raise refuse("invalid Unicode characters")
     return value
+
+
+def stated_format(data: object) -> str:
+    """Return the format and version that the content of a JSON file states, in words for a message."""
+    if not isinstance(data, Mapping) or "format" not in data:
+        return 'a file without the entry "format"'
+    version = f", version {data['version']}" if "version" in data else ""
+    return f'"format": "{data["format"]}"{version}'
 
 
 def _deeper_than(value: Any, levels: int) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lfcal._lazy import lazy_face
-from lfcal.base._plain import parse_json, plain
+from lfcal.base._plain import parse_json, plain, stated_format
 from lfcal.base.axes import (
     AXES,
     Position,
@@ -33,7 +33,7 @@ from lfcal.base.checks import (
     check_wavelength,
 )
 from lfcal.base.compiled import njit, preparing_seconds
-from lfcal.base.errors import Cancelled, LfcalError, StorageError, UnsafeFileError, choose, one_line
+from lfcal.base.errors import Cancelled, LfcalError, StorageError, UnsafeFileError, any_of, choose, one_line
 from lfcal.base.figures import COLOURS, DIFFERENCE_MAP, IMAGE_MAP, LINES, draw_image, figure, save_figure
 from lfcal.base.files import (
     MAX_EXPANSION,
@@ -134,6 +134,7 @@ __all__ = [
     "WorkAbandoned",
     "abandonable",
     "add_html_section",
+    "any_of",
     "as_sensor_frame",
     "bounded_threads",
     "centre",
@@ -214,6 +215,7 @@ __all__ = [
     "sample_session",
     "save_figure",
     "shows_on_x11",
+    "stated_format",
     "storage_words",
     "sweep_scratch",
     "sync_data",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base.errors import InputError, choose
+from lfcal.base.errors import InputError, any_of, choose
 
 if TYPE_CHECKING:
     import numpy as np
@@ -120,14 +120,14 @@ def _finite(value: Any) -> bool:
 def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:
     """Raise `InputError` unless ``value`` is one of ``choices``."""
     if value not in choices:
-        raise InputError.expected(what, " or ".join(choices), repr(value), choose(value, choices))
+        raise InputError.expected(what, any_of(choices), repr(value), choose(value, choices))
 
 
 def check_tuple(what: str, values: object, count: int | None = None, **bounds: Any) -> tuple[Any, ...]:
     """Return ``values`` as a tuple of ``count`` numbers (None: one or more), each within `check_number`'s bounds."""
     wanted = "one or more numbers" if count is None else f"{count} numbers"
     if not isinstance(values, Sequence) or isinstance(values, str) or (len(values) != count if count else not values):
-        raise InputError.expected(what, wanted, repr(values)[:60], "correct it")
+        raise InputError.expected(what, wanted, repr(values)[:60], f"give {wanted}")
     for value in values:
         check_number(what, value, **bounds)
     return tuple(int(v) if bounds.get("integer") else float(v) for v in values)
@@ -136,8 +136,8 @@ def check_tuple(what: str, values: object, count: int | None = None, **bounds: A
 def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
     """Raise `InputError` unless ``value`` is of ``kind``."""
     if not isinstance(value, kind):
-        names = " or ".join(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
-        raise InputError.expected(what, names, repr(value)[:60], "correct it")
+        names = any_of(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
+        raise InputError.expected(what, names, repr(value)[:60], "give a value of this type")
 
 
 def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:

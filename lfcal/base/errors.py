@@ -14,6 +14,7 @@ __all__ = [
     "LfcalError",
     "StorageError",
     "UnsafeFileError",
+    "any_of",
     "choose",
     "one_line",
 ]
@@ -34,6 +35,12 @@ def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
         return line
     tail = longest // 3  # the remedy is at the end
     return f"{line[: longest - tail - 1]}…{line[-tail:]}"
+
+
+def any_of(choices: Iterable[str]) -> str:
+    """Return the choices as a list in words: ``"direct, sparse or auto"``."""
+    *first, last = list(choices) or [""]
+    return f"{', '.join(first)} or {last}" if first else last
 
 
 def choose(name: object, choices: Iterable[str]) -> str:

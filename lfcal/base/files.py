@@ -347,7 +347,7 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bo
         data = file.read(limit + 1)  # one byte more shows whether the file is larger
     if len(data) > limit:
         raise FileFormatError.expected(
-            str(source), f"text of at most {format_bytes(limit)}", "a larger file", "check the path"
+            str(source), f"text of at most {format_bytes(limit)}", "a larger file", "choose another file"
         )
     encodings: tuple[str, ...] = ("utf-8-sig",)
     if foreign and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -357,7 +357,9 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bo
     for encoding in encodings:
         with suppress(UnicodeDecodeError):
             return data.decode(encoding)
-    raise FileFormatError.expected(str(source), "text in UTF-8", "another encoding", "check the path")
+    raise FileFormatError.expected(
+        str(source), "text in UTF-8", "text in another encoding, or binary data", "save the file as UTF-8"
+    )
 
 
 def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:

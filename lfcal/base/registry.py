@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from importlib import metadata
 from typing import Any, Generic, Protocol, TypeVar
 
-from lfcal.base.errors import InputError, choose
+from lfcal.base.errors import InputError, any_of, choose
 
 __all__ = ["Named", "Registry"]
 
@@ -94,7 +94,7 @@ class Registry(Generic[T]):
                     parts = tuple(map(self._make, parts))
                 for part in parts:
                     if not isinstance(getattr(part, "name", None), str):
-                        raise TypeError("it has no name")
+                        raise TypeError("expected a part with a name (str), got one without")
                     if self._check is not None:
                         self._check(part)
             except Exception as error:  # a third-party package can raise any error
@@ -110,7 +110,7 @@ class Registry(Generic[T]):
         """Return the part named ``name``; raises `InputError` with the known names if there is none."""
         found = self._found()
         if name not in found:
-            raise InputError.expected(self.what, " or ".join(found), repr(name), choose(name, found))
+            raise InputError.expected(self.what, any_of(found), repr(name), choose(name, found))
         return found[name]
 
     def failures(self) -> dict[str, str]:

@@ -12,7 +12,16 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import FileFormatError, InputError, check_choice, check_number, check_type, check_wavelength, parse_json
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    check_choice,
+    check_number,
+    check_type,
+    check_wavelength,
+    parse_json,
+    stated_format,
+)
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice
 from lfcal.camera.main_lens import MainLens, Microscope, Optics
@@ -287,7 +296,7 @@ class Camera:
             raise FileFormatError.expected(
                 "camera description",
                 f'"format": "{FORMAT}"',
-                "another kind of file",
+                stated_format(data),
                 "check that the file describes a camera for lfcal",
             )
         version = data.get("version")

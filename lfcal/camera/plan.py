@@ -21,6 +21,7 @@ from lfcal.base import (
     check_tuple,
     check_type,
     parse_json,
+    stated_format,
 )
 from lfcal.camera.description import Camera, build, nearest_lens
 from lfcal.camera.main_lens import Microscope
@@ -442,7 +443,7 @@ class ScanPlan:
         """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
         if not cls.is_one(data):
             raise FileFormatError.expected(
-                "scan plan", f'"format": "{FORMAT}"', "another kind of file", "choose a plan made by lfcal plan"
+                "scan plan", f'"format": "{FORMAT}"', stated_format(data), "choose a plan made by lfcal plan"
             )
         if data.get("version") != VERSION:
             raise FileFormatError.expected("scan plan", f"version {VERSION}", data.get("version"), "update lfcal")

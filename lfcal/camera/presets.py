@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from lfcal.base import InputError, choose
+from lfcal.base import InputError, any_of, choose
 from lfcal.camera.description import Camera
 from lfcal.camera.lattice import LensletLattice, LensType
 from lfcal.camera.main_lens import MainLens, Microscope
@@ -121,5 +121,5 @@ def preset(name: str) -> Camera:
     31.7 px, f/5 (4384, 6576)
     """
     if name not in PRESETS:
-        raise InputError.expected("preset", " or ".join(PRESETS), repr(name), choose(name, PRESETS))
+        raise InputError.expected("preset", any_of(PRESETS), repr(name), choose(name, PRESETS))
     return PRESETS[name]()

@@ -26,7 +26,10 @@ class NoLatticeError(InputError, AttributeError):
         """Return the error for the lattice property called ``name``."""
         got = "a Fourier light-field microscope, whose lenslets form no lattice"
         return cls.expected(
-            name, "a camera with a periodic lenslet array", got, "this property does not exist for this camera"
+            name,
+            "a camera with a periodic lenslet array",
+            got,
+            "use a camera with such an array: this property does not exist for others",
         )
 
 
@@ -97,8 +100,8 @@ class PupilLenslets:
             raise InputError.expected(
                 "centres of the lenslets",
                 "a different centre for each lenslet",
-                "a repeated one",
-                "remove the repetition",
+                f"{max(centres, key=centres.count)} more than once",
+                "remove the repeated centre",
             )
         object.__setattr__(self, "lens_centres_um", centres)
         check_length("focal length of the Fourier lens (µm)", self.fourier_um)

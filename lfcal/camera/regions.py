@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, check_tuple, check_type, parse_json
+from lfcal.base import FileFormatError, InputError, check_tuple, check_type, parse_json, stated_format
 from lfcal.camera.description import nearest_lens
 from lfcal.camera.plan import ScanPlan
 
@@ -64,8 +64,9 @@ class RegionPlan:
         object.__setattr__(self, "anchors", anchors)
         bad = [name for name in names if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name))]
         if bad or len({name.lower() for name in names}) < len(names) or not 1 <= len(names) <= MAX_REGIONS:
-            wanted = f"1 to {MAX_REGIONS} different names of letters and digits"
-            raise InputError.expected("regions of the field", wanted, bad[:1] or len(names), "rename the regions")
+            wanted = f"1 to {MAX_REGIONS} different names of letters, digits, _ and -"
+            got = repr(bad[0]) if bad else ", ".join(names[:8]) or "none"
+            raise InputError.expected("regions of the field", wanted, got, "rename the regions")
         if len(anchors) != len(names) or anchors[0] != self.scan.anchor:
             wanted = f"one for each of the {len(names)} regions, of which the first is that of the scan"
             raise InputError.expected("anchors of the regions", wanted, len(anchors), "give as many anchors as regions")
@@ -141,7 +142,9 @@ class RegionPlan:
         what = "plan of regions"
         if not cls.is_one(data) or data.get("version") != VERSION:
             wanted = f'"format": "{FORMAT}", version {VERSION}'
-            raise FileFormatError.expected(what, wanted, "another kind of file", "check the file, or update lfcal")
+            raise FileFormatError.expected(
+                what, wanted, stated_format(data), "choose a plan made by lfcal plan --regions, or update lfcal"
+            )
         regions = data.get("regions")
         if set(data) != {"format", "version", "regions", "scan"} or not isinstance(regions, list):
             raise FileFormatError.expected(
@@ -171,7 +174,7 @@ def parse_regions(text: str) -> tuple[int, int]:
     """Return the numbers of rows and columns of regions from a text such as ``3x3``."""
     match = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text)
     if match is None:
-        raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "give a value such as 3x3")
+        raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "give two whole numbers: 3x3")
     return _checked(int(match[1]), int(match[2]))
 
 

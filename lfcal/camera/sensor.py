@@ -95,7 +95,7 @@ class Sensor:
                 "colour filter pattern",
                 f"1, 4, 16 or 36 letters of {CFA_LETTERS}",
                 repr(self.cfa),
-                'give a value such as "GRBG", or "" for a monochrome sensor',
+                'list the letters of one period row by row ("GRBG"), or give "" for a monochrome sensor',
             )
 
     @property

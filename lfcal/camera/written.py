@@ -48,7 +48,12 @@ def _centre(text: str) -> tuple[float, float]:
     parts = text.split(",")
     if len(parts) != 2:
         wanted = "centres as X,Y;X,Y; ... (µm)"
-        raise InputError.expected("lattice.lens_centres_um", wanted, repr(text), "give a value such as 0,0; 2500,0")
+        raise InputError.expected(
+            "lattice.lens_centres_um",
+            wanted,
+            repr(text),
+            "write X,Y of each centre, with ; between centres: 0,0; 2500,0",
+        )
     x, y = (read_length(part, "µm", "lattice.lens_centres_um") for part in parts)
     return x, y
 
@@ -96,7 +101,9 @@ def read_sensor(text: str) -> dict[str, Any]:
     """Return the sensor values in a text ``ROWSxCOLUMNS,PIXEL`` by path; the pixel pitch may be omitted."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*[x×*]\s*(\d{1,6})\s*(?:,(.+))?", text)
     if match is None:
-        raise InputError.expected("--sensor", "ROWSxCOLUMNS,PIXEL", repr(text), "give a value such as 4384x6576,5.5")
+        raise InputError.expected(
+            "--sensor", "ROWSxCOLUMNS,PIXEL", repr(text), "give rows, columns and the pixel size (µm): 4384x6576,5.5"
+        )
     found: dict[str, Any] = {"sensor.shape": (int(match[1]), int(match[2]))}
     if match[3]:
         found["sensor.pixel_um"] = read_length(match[3], "µm", "--sensor, pixel pitch")
@@ -107,7 +114,7 @@ def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape
     """Return the values in a comma-separated list, by the path of each; the last values may be omitted."""
     parts = text.split(",")
     if len(parts) > len(paths) or not all(part.strip() for part in parts):
-        raise InputError.expected(shape.split()[0], shape, repr(text), f"give a value such as {example}")
+        raise InputError.expected(shape.split()[0], shape, repr(text), f"write it in this form: {example}")
     given = zip(parts, paths, units, strict=False)
     return {path: read_length(part, unit, path) if unit else _one(part, path) for part, path, unit in given}
 

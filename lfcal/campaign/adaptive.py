@@ -122,7 +122,7 @@ class Goal:
     def __post_init__(self) -> None:
         """Check all values."""
         least = ERRORS[Fineness.finest]
-        remedy = f"give a value such as 0.005; the simulation of patterns itself has an error of {format_share(least)}"
+        remedy = f"give a larger error: the simulation of patterns itself has an error of {format_share(least)}"
         check_number("target error of H", self.error, at_least=least, below=1, remedy=remedy)
         check_number("positions before the first fit", self.first, at_least=FEWEST, integer=True)
         if self.most is not None:

@@ -157,7 +157,10 @@ def _begin(folder: Path, plan: RegionPlan, *, resume: bool) -> None:
             raise InputError.expected(str(folder), f"a session of regions ({REGIONS_FILE})", "none", "check the path")
         if read_regions(folder) != plan:
             raise InputError.expected(
-                str(folder), "the plan of the recorded session", "another plan", "record with the same plan"
+                str(folder),
+                "the plan of the recorded session",
+                "a plan that differs from it",
+                "resume with the plan in this folder",
             )
         return
     check_new(folder)

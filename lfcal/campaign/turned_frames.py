@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of
 from lfcal.camera import ScanPlan
 from lfcal.fit import Fineness, Setup, predict
 from lfcal.frames import AS_IS, ORIENTATIONS, Orientation
@@ -60,14 +60,14 @@ class TurnedFrames:
     @property
     def words(self) -> str:
         """Text that states the orientation of the frames, with the evidence."""
-        ways = " or ".join(turn.words for turn in self.turns)
+        ways = any_of(turn.words for turn in self.turns)
         left = f"{100 * self.residual:.0f} % of the light is then unexplained, {100 * self.as_is:.0f} % as delivered"
         return f"{ways} relative to the camera ({left})"
 
     @property
     def options(self) -> str:
         """The command-line options that turn the frames upright."""
-        return " or ".join(f"--orientation {turn.option}" for turn in self.turns)
+        return any_of(f"--orientation {turn.option}" for turn in self.turns)
 
 
 def seen_patterns(

@@ -126,7 +126,9 @@ def coding(
     check_outputs(files, source, sensor, force=force)
     if Path(source).suffix.lower() in MATRICES:
         if virtual_depth is not None or depth is not None:
-            raise InputError("--depth, --virtual-depth: apply to a simulated plane; use --plane for an H file")
+            raise InputError(
+                "--depth, --virtual-depth: apply only to a simulated plane; choose a plane of an H file with --plane"
+            )
         seen = _stored(Path(source), plane, mat_order)
     else:
         if plane:
@@ -201,7 +203,9 @@ def _display(text: str) -> tuple[tuple[int, int], float]:
     except ValueError:
         pixel = math.nan
     if not (is_whole(columns) and is_whole(rows) and 0 < pixel < math.inf):
-        raise InputError.expected("display", "COLUMNSxROWS@PITCH in µm", repr(text)[:40], "use for example 1920x1080@8")
+        raise InputError.expected(
+            "display", "COLUMNSxROWS@PITCH in µm", repr(text)[:40], "write it in this form: 1920x1080@8"
+        )
     return (int(rows), int(columns)), pixel
 
 

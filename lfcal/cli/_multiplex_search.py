@@ -73,7 +73,9 @@ def search(
         _show_found(filter_set_frontier(ratio), out, json=json)
         return
     if not is_whole(what):
-        raise InputError.expected("search", "filters or a mask's size", repr(what), "give a value such as 11")
+        raise InputError.expected(
+            "search", "filters or a mask's size", repr(what), "write filters, or the size of the mask in pixels: 11"
+        )
     kept: deque[SearchProgress] = deque(maxlen=1)
     try:
         frontier = run_work(iter_mask_frontier(int(what), ratio, starts=starts), quiet=json, seen=kept.append)
@@ -154,7 +156,9 @@ def design(
         refuse(context, "a super-pixel of filters", what, "letters", "kinds")
         found = best_printed_mask(int(what), ratio, levels=levels, most_light=most_light, starts=starts, **shared)
     else:
-        raise InputError.expected("design", "a super-pixel such as 2x2, or a mask's size", repr(what), "correct it")
+        raise InputError.expected(
+            "design", "a super-pixel ROWSxCOLUMNS, or a mask's size", repr(what), "write it in the form 2x2 or 11"
+        )
     m = found.modulator
     if out is not None:
         save_modulator(m, out)

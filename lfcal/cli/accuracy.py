@@ -127,7 +127,10 @@ def _subject(
         yield Subject(f"{plan.camera.name}, {len(plan.depths_um)} planes", plan, workers=workers)
         return
     if any(planes):
-        raise InputError("planes and cutout: expected those of H, got others; leave the options out")
+        raise InputError(
+            "--depths, --virtual-depths, --cutout: expected none of them, because H states planes and cutout; leave "
+            "these options out"
+        )
     with open_matrix(path, mat_order=mat_order) as matrix:
         tell_assumed(matrix.camera, path.name, quiet=quiet)
         yield Subject.of_matrix(matrix, path.name, workers)

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of
 from lfcal.camera import PRESETS, Draft, Marks, preset, quantities_of, read_camera_value, read_pitch, value_at
 from lfcal.cli._camera_values import with_values
 from lfcal.cli._console import report
@@ -74,7 +74,7 @@ def _begin(kind: str, start: str, values: dict[str, Any], *, ask: bool) -> Draft
     if not kind and ask:
         kind = typer.prompt(f"Kind of camera ({', '.join(KINDS)})", default="multifocus")
     if kind not in KINDS:
-        names = f"--type {' or '.join(KINDS)}, or --preset {' or '.join(PRESETS)}"
+        names = f"--type {any_of(KINDS)}, or --preset {any_of(PRESETS)}"
         raise InputError.expected("camera new", names, repr(kind), "choose the kind of your camera")
     optics, assumed = KINDS[kind]
     draft = Draft(optics, values)

@@ -37,7 +37,7 @@ def _show_one(found: Validation) -> None:
         ]
         for one in worst
     ]
-    headers = ["withheld z, y, x", "field", "camera", "H as periodic", "chi²", "displacement (px)"]
+    headers = ["held-out position (z, y, x)", "field", "camera", "H as periodic", "chi²", "displacement (px)"]
     print_table(headers, rows)
     good = not (found.worse(periodic=False) or found.worse(periodic=True))
     typer.secho(found.verdict, fg=typer.colors.GREEN if good else typer.colors.RED, bold=True)

@@ -191,7 +191,7 @@ def check_options(backend: Backend, options: Mapping[str, str]) -> None:
     for key in options:
         if key not in backend.options:
             known = ", ".join(sorted(backend.options)) or "none"
-            raise InputError.expected(f"option of {backend.name}", known, repr(key), "correct it")
+            raise InputError.expected(f"option of {backend.name}", known, repr(key), "choose one of these")
 
 
 def _open(backend: Backend, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
@@ -232,7 +232,9 @@ def number_option(
     except ValueError:
         value = math.nan
     if not low <= value <= high:
-        raise InputError.expected(f"option {key}", f"a number from {low:g} to {high:g}", repr(text), "correct it")
+        raise InputError.expected(
+            f"option {key}", f"a number from {low:g} to {high:g}", repr(text), "give a number in this range"
+        )
     return value
 
 
@@ -254,5 +256,7 @@ def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | N
     except ValueError:
         x0, x1, y0, y1, z0, z1 = 1.0, 0.0, 1.0, 0.0, 1.0, 0.0
     if not (x0 < x1 and y0 < y1 and z0 < z1):
-        raise InputError.expected(f"option {key}", "x0:x1,y0:y1,z0:z1 in µm, low before high", repr(text), "correct it")
+        raise InputError.expected(
+            f"option {key}", "x0:x1,y0:y1,z0:z1 in µm, low before high", repr(text), "give two numbers for each axis"
+        )
     return (x0, x1), (y0, y1), (z0, z1)

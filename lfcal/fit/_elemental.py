@@ -343,7 +343,10 @@ def _remedy(measured: Measured, places: F8, unseen: NDArray[np.bool_]) -> str:
     for k in np.flatnonzero(unseen).tolist():
         counts += _invalid(measured, k, places[k])
     if not counts.any():
-        return "correct lattice.lens_centres_um, or measure it in a white image (lfcal white)"
+        return (
+            "correct the lenslet centres of the camera (lattice.lens_centres_um), or measure them in a white image "
+            "(lfcal white)"
+        )
     return INVALID[int(np.argmax(counts))]
 
 
@@ -382,7 +385,9 @@ def _changes(measured: Measured, lines: _Lines) -> dict[str, float]:
     reach = max(depths) - min(depths)
     if float(np.hypot(*described.slopes.T).max()) * reach < MOVED_PX:
         wanted = f"planes between which elemental images move by {MOVED_PX:g} px or more"
-        raise InputError.expected("depths of the patterns", wanted, f"{reach:g} µm", "record planes farther apart")
+        raise InputError.expected(
+            "depths of the patterns", wanted, f"a range of {reach:g} µm", "record planes farther apart"
+        )
     # slopes = share * described + tilt of the travel
     k = len(lines.slopes)
     by = np.zeros((2 * k, 3))
@@ -390,7 +395,10 @@ def _changes(measured: Measured, lines: _Lines) -> dict[str, float]:
     (share, *tilt), *_ = np.linalg.lstsq(by, lines.slopes.T.ravel(), rcond=None)
     if share <= 0:
         raise InputError.expected(
-            "sign of depth", "as described", "nearer where it says farther", "change the sign of the depths"
+            "sign of the depths",
+            "as in the plan",
+            "the opposite in the images",
+            "change the sign of the depths in the plan",
         )
     lattice, _ = _lenslets(camera)
     moved = (lines.places - described.places)[:, ::-1] * camera.sensor.pixel_um

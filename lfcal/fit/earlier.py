@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, parse_json, read_text
+from lfcal.base import FileFormatError, InputError, parse_json, read_text, stated_format
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit.files import FORMAT, VERSION
 from lfcal.fit.nuisance import Spread
@@ -133,7 +133,7 @@ def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
     data: Any = parse_json(read_text(path), str(path))
     if not isinstance(data, Mapping) or data.get("format") != FORMAT or data.get("version") != VERSION:
         wanted = f'"format": "{FORMAT}", version {VERSION}'
-        raise FileFormatError.expected(str(path), wanted, "another kind of file", "run lfcal fit again")
+        raise FileFormatError.expected(str(path), wanted, stated_format(data), "run lfcal fit again")
     camera = Camera.from_json(read_text(place / "camera.json"))
     try:
         return _earlier(data, camera, place)

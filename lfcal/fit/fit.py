@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Progress, Work, check_number, drained, format_share
+from lfcal.base import InputError, Progress, Work, any_of, check_number, drained, format_share
 from lfcal.camera import Camera, Microscope, PupilLenslets
 from lfcal.fit._elemental import elemental_of
 from lfcal.fit._summary import Degeneracies, iter_degeneracies, summarised
@@ -320,8 +320,10 @@ def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str
     """Return the names of the groups to fit, and of those to try in addition."""
     if isinstance(unknowns, str):
         if unknowns != "auto":
-            names = " or ".join(GROUPS.names())
-            raise InputError.expected("unknowns", "'auto' or a list of groups", repr(unknowns), f"groups are {names}")
+            names = any_of(GROUPS.names())
+            raise InputError.expected(
+                "unknowns", "'auto' or a list of groups", repr(unknowns), f"choose auto, or some of the groups {names}"
+            )
         core = tuple(group.name for group in GROUPS if group.core)
         return core, tuple(group.name for group in GROUPS if not group.core)
     found = tuple(GROUPS.get(name).name for name in unknowns)

@@ -124,7 +124,10 @@ class Unknown:
         if not self.low <= self.start <= self.high:
             wanted = f"{self.low:g} to {self.high:g}"
             raise InputError.expected(
-                f"starting value of {self.name}", wanted, f"{self.start:g}", "correct the camera description"
+                f"starting value of {self.name}",
+                wanted,
+                f"{self.start:g}",
+                "correct this value in the camera description",
             )
 
     def value(self, u: float) -> float:
@@ -198,9 +201,9 @@ class Group(ABC):
 def check_group(group: Group) -> None:
     """Raise `TypeError` unless ``group`` is derived from `Group` and has a title."""
     if not isinstance(group, Group):
-        raise TypeError("it is not an object derived from Group")
+        raise TypeError(f"expected an object derived from Group, got {type(group).__name__}")
     if not isinstance(getattr(group, "title", None), str):
-        raise TypeError("it has no title")
+        raise TypeError("expected a group with a title (str), got one without")
 
 
 def find_groups() -> Registry[Group]:

@@ -127,7 +127,7 @@ def check_described(measured: Measured) -> None:
             "depths of the patterns",
             f"depths at which the camera {plan.camera.name!r} has patterns of about {max(plan.cutout)} px",
             f"light over {side} px",
-            "check the camera and the depths",
+            "check the optics and the pitch of the camera, and the depths of the plan",
         )
 
 

@@ -20,6 +20,7 @@ from lfcal.base import (
     format_share,
     parse_json,
     read_text,
+    stated_format,
     worker_count,
 )
 from lfcal.camera import Camera, ScanPlan
@@ -163,7 +164,9 @@ def read_fits(folder: Path) -> dict[str, StoredFit]:
     names = [str(one["name"]) for one in listed if isinstance(one, dict) and "name" in one]
     # a file from elsewhere must not refer to places outside of its folder
     if not names or not all(Path(name).name == name for name in names):
-        raise FileFormatError.expected(str(path), "a fit of regions", "another kind of file", "run lfcal fit again")
+        raise FileFormatError.expected(
+            str(path), "a fit of several regions", f"regions {names}" if names else "no regions", "run lfcal fit again"
+        )
     return {name: read_fit(folder / name) for name in names}
 
 
@@ -180,7 +183,7 @@ def read_fit(folder: Path) -> StoredFit:
     found = parse_json(read_text(path), str(path), remedy=again)
     if not isinstance(found, dict) or found.get("format") != FORMAT or found.get("version") != VERSION:
         raise FileFormatError.expected(
-            str(path), f'"format": "{FORMAT}", version {VERSION}', "another kind of file", again
+            str(path), f'"format": "{FORMAT}", version {VERSION}', stated_format(found), again
         )
     if "scan" not in found:
         raise FileFormatError.expected(

@@ -219,7 +219,9 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     seen = known_of.positions if same and not another else frozenset()
     known = [k for k, at in enumerate(withheld.index.tolist()) if tuple(at) not in seen]
     if not known:
-        raise InputError.expected("held-out points", "points that were not fitted", "none", "record more positions")
+        raise InputError.expected(
+            "held-out points", "points that were not fitted", "none", "give points at other positions, or record more"
+        )
     if withheld.plan.camera.sensor.shape != known_of.setup.camera.sensor.shape:
         shapes = known_of.setup.camera.sensor.shape, withheld.plan.camera.sensor.shape
         raise InputError.expected(

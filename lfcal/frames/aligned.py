@@ -59,7 +59,9 @@ def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
         try:
             bits = int(text)
         except ValueError:
-            raise InputError.expected("shift", "auto or a number of bits", repr(text), "correct it") from None
+            raise InputError.expected(
+                "shift", "auto or a number of bits", repr(text), "write auto or a whole number"
+            ) from None
         try:
             found = 0 if bits else find_shift(source)
         except InputError as error:

@@ -31,7 +31,7 @@ def check_cfa(cfa: str) -> str:
             "colour filter pattern",
             f"1, 4, 16 or 36 letters of {_LETTERS}",
             repr(cfa),
-            'use for example "GRBG", or "" for monochrome',
+            'list the letters of one period row by row ("GRBG"), or give "" for a monochrome sensor',
         )
     return cfa
 
@@ -138,5 +138,5 @@ def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
             f"{name}, green pixels of {cfa}",
             "similar values at both green pixels of a cell",
             f"a difference {ratio:.1f} times that of the other two",
-            "correct the Bayer tag",
+            "correct the Bayer tag of the file, or the colour filter pattern that was given",
         )

@@ -20,6 +20,7 @@ from lfcal.base import (
     InputError,
     StorageError,
     UnsafeFileError,
+    any_of,
     check_exposure,
     check_number,
     parse_json,
@@ -72,7 +73,12 @@ class FrameEntry:
         """Check every value."""
         name = self.file
         if not name or "\0" in name or "\\" in name:
-            raise InputError.expected("file of a frame", "a path with / between folders", repr(name), "correct it")
+            raise InputError.expected(
+                "file of a frame",
+                "a path with / between folders",
+                repr(name),
+                "write the path relative to the manifest",
+            )
         # checked before any access to the file system: "..", drive letters and absolute paths would leave the folder
         if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):
             raise _leads_out(name, "the session folder")
@@ -160,7 +166,7 @@ class Manifest:
                         f"{axis} of {entry.file} page {entry.page}",
                         f"0 … {n - 1}",
                         value,
-                        "correct it or the scan shape",
+                        "correct this number, or the scan shape",
                     )
 
     def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
@@ -294,7 +300,7 @@ def number(text: object, what: str, *, integer: bool = False) -> Any:
         value = math.nan
     if not math.isfinite(value):
         wanted = "a whole number" if integer else "a number"
-        raise FileFormatError.expected(what, wanted, repr(text), "correct it")
+        raise FileFormatError.expected(what, wanted, repr(text), f"write {wanted}")
     return value
 
 
@@ -317,7 +323,7 @@ def entry_from(record: Mapping[str, Any], where: str) -> FrameEntry:
 
 def _pair(shape: Any) -> tuple[int, int]:
     if not isinstance(shape, tuple | list) or len(shape) != 2:
-        raise InputError.expected("frame shape", "(rows, columns)", shape, "correct it")
+        raise InputError.expected("frame shape", "(rows, columns)", shape, "give two whole numbers")
     for n in shape:
         check_number("frame rows and columns", n, at_least=1, at_most=200_000, integer=True)
     return int(shape[0]), int(shape[1])
@@ -326,7 +332,7 @@ def _pair(shape: Any) -> tuple[int, int]:
 def _dtype(name: str) -> str:
     allowed = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
     if name not in allowed:
-        raise InputError.expected("frame dtype", ", ".join(allowed), repr(name), "correct it")
+        raise InputError.expected("frame dtype", any_of(allowed), repr(name), "choose one of these")
     return name
 
 
@@ -439,7 +445,10 @@ def _from_json(path: Path, text: str) -> Manifest:
     frames = body.get("frames") if isinstance(body, dict) else None
     if not isinstance(frames, list) or not all(isinstance(f, dict) for f in frames):
         raise FileFormatError.expected(
-            f"manifest {path}", 'a list of objects under "frames"', "other contents", "correct the file"
+            f"manifest {path}",
+            'a list of objects under "frames"',
+            "content of another form",
+            "write the manifest as docs/files.md describes",
         )
     known = {"format", "version", "frames", *_EXPECTED}
     unknown = sorted(set(body) - known)

@@ -212,7 +212,7 @@ class OrientedSource(SourceView):
                 f"{info.label}, frame to turn",
                 f"rows and columns on the sensor of {self.sensor} px",
                 f"{first} … {last}",
-                "state the size of its sensor",
+                "give the size of the whole sensor together with the orientation",
             )
         row, column = self.turn.places([first, last], self.sensor).min(axis=0).astype(int).tolist()
         mask = None if info.mask is None else self.turn.apply(info.mask)

@@ -34,7 +34,7 @@ def parse_origin(text: str) -> Place | None:
         return None
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(field.isascii() and field.isdigit() for field in fields):
-        remedy = "give two whole numbers, e.g. 120,64"
+        remedy = "give two whole numbers: 120,64"
         raise InputError.expected("origin of the frames", "ROW,COLUMN", repr(text), remedy)
     return int(fields[0]), int(fields[1])
 
@@ -95,7 +95,7 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
         "origin of the frames (row, column)",
         f"a position on the sensor of {sensor[0]} x {sensor[1]} px",
         f"{origin[0]},{origin[1]} for frames of {shape[0]} x {shape[1]} px",
-        "correct it, or the camera's sensor",
+        "correct the origin (the row comes first), or the camera's sensor",
     )
 
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lfcal.base import RANK, FileFormatError, InputError, Merit, parse_json, read_text
+from lfcal.base import RANK, FileFormatError, InputError, Merit, parse_json, read_text, stated_format
 from lfcal.camera import Camera
 from lfcal.fit import FORMAT as FIT_FORMAT
 from lfcal.judge.quality import QualityReport
@@ -114,7 +114,7 @@ def read_dated_fit(folder: str | os.PathLike[str], label: str = "") -> DatedFit:
     data = parse_json(read_text(path), str(path))
     if not isinstance(data, dict) or data.get("format") != FIT_FORMAT:
         raise FileFormatError.expected(
-            str(path), "a file written by lfcal fit", "another kind of file", "give the folder of a fit"
+            str(path), "a file written by lfcal fit", stated_format(data), "give the folder of a fit"
         )
     camera = _camera(place / CAMERA)
     try:
@@ -231,7 +231,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
     data = parse_json(read_text(place), str(place), remedy="run lfcal inspect again")
     if not isinstance(data, dict) or data.get("format") != QUALITY_FORMAT:
         raise FileFormatError.expected(
-            str(place), "a file written by lfcal inspect", "another kind of file", "give the folder of its report"
+            str(place), "a file written by lfcal inspect", stated_format(data), "give the folder of its report"
         )
     try:
         said = data.get("inspected")

@@ -114,7 +114,7 @@ def _effects(matrix: PSFMatrix) -> tuple[Any, ...]:
     if not isinstance(said, list) or not said:
         return described_effects(matrix.camera)
     if not all(isinstance(one, Mapping) and isinstance(one.get("name"), str) for one in said):
-        raise InputError.expected("effects of H", "a list of effects", "another value", "run lfcal fit again")
+        raise InputError.expected("effects of H", "a list of named effects", repr(said)[:60], "run lfcal fit again")
     return tuple(effect_from(one["name"], {k: v for k, v in one.items() if k != "name"}) for one in said)
 
 

@@ -138,7 +138,7 @@ def _part(camera: Camera, shape: tuple[int, ...], origin: tuple[int, int]) -> tu
             "origin of the white image (row, column)",
             f"a position on the sensor of {sensor.shape[0]} x {sensor.shape[1]} px",
             f"{origin[0]},{origin[1]} for {shape[0]} x {shape[1]} px",
-            "correct it, or the camera's sensor",
+            "correct the origin (the row comes first), or the camera's sensor",
         )
     x, y = camera.sensor_um([o + (n - 1) / 2 for o, n in zip(origin, shape, strict=True)]).tolist()
     # the part's description starts from a lenslet of type 0 within the part

@@ -108,7 +108,9 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     seeds, levels = _seeds(light)
     count = len(lenslets.lens_centres_um)
     if len(seeds) != count:
-        remedy = "correct lattice.lens_centres_um, or take an even white image"
+        remedy = (
+            "correct the lenslet centres of the camera (lattice.lens_centres_um), or record an evenly lit white image"
+        )
         raise InputError.expected(
             "separate discs in the white image", f"{count}, one for each lenslet of {camera.name}", len(seeds), remedy
         )
@@ -156,8 +158,8 @@ def _fitted(light: F8, levels: tuple[float, float], middle: F8, radius: float) -
             raise InputError.expected(
                 f"disc at row {row:.0f}, column {column:.0f}",
                 "its whole edge on the frame",
-                "a part",
-                "record all of it",
+                "only a part of it",
+                "record a frame with the whole disc",
             )
         step, *_ = np.linalg.lstsq(ways[:half][seen], apart[seen], rcond=None)
         # edges next to a touching disc contain its light too
@@ -208,7 +210,10 @@ def _in_order(centres: F8, camera: Camera) -> NDArray[np.intp]:
     if away[rows, order].max() > spacing / 2:
         far = f"one {away[rows, order].max():.0f} px away"
         raise InputError.expected(
-            "discs", f"near the lenslets of {camera.name}", far, "correct lattice.lens_centres_um"
+            "discs",
+            f"near the lenslets of {camera.name}",
+            far,
+            "correct the lenslet centres of the camera (lattice.lens_centres_um)",
         )
     found: NDArray[np.intp] = order
     return found

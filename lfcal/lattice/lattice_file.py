@@ -21,6 +21,7 @@ from lfcal.base import (
     parse_json,
     read_text,
     save_figure,
+    stated_format,
     write_text,
 )
 from lfcal.camera import LatticeDistortion
@@ -135,7 +136,7 @@ def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
     data = parse_json(read_text(path), str(path), remedy=REMEDY)
     if not isinstance(data, dict) or (data.get("format"), data.get("version")) != (LATTICE_FORMAT, LATTICE_VERSION):
         raise FileFormatError.expected(
-            str(path), f"{LATTICE_FORMAT} of version {LATTICE_VERSION}", "another format", REMEDY
+            str(path), f"{LATTICE_FORMAT} of version {LATTICE_VERSION}", stated_format(data), REMEDY
         )
     try:
         return _fit(data)

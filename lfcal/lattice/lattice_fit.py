@@ -209,7 +209,9 @@ class LatticeFit:
             )
         stated = camera.periodic
         if stated.kind != self.kind:
-            raise InputError.expected("lattice of the white image", stated.kind, self.kind, "correct the camera")
+            raise InputError.expected(
+                "lattice of the white image", stated.kind, self.kind, "correct the kind of lattice in the camera"
+            )
         pixel = camera.sensor.pixel_um
         if origin is None:
             row, column = camera.pixels(stated.offset_um)

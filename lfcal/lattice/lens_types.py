@@ -182,7 +182,10 @@ def classify_lens_types(
 def _expected(fit: LatticeFit, blur: Sequence[float]) -> Array:
     if fit.kind != "hexagonal":
         raise InputError.expected(
-            "lattice with three lens types", "hexagonal", fit.kind, ("such a lattice has only one lens type")
+            "lattice with three lens types",
+            "hexagonal",
+            fit.kind,
+            f"leave the lens types out, because a {fit.kind} lattice has only one",
         )
     expected = np.array(check_tuple("expected blur of the lens types", blur, 3, at_least=0))
     gaps = np.diff(np.sort(expected))

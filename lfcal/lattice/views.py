@@ -199,7 +199,7 @@ def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLatti
             f"dark of the {what}",
             f"shape {tuple(lattice.shape)}",
             level.shape,
-            ("record both with the same sensor settings"),
+            "record both with the same sensor settings",
         )
     return (image - level).astype(np.float32, copy=False)
 

@@ -53,7 +53,10 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
     """
     if not isinstance(pattern, str):
         raise InputError.expected(
-            "colour filter pattern", "letters that name filters", repr(pattern)[:60], 'give a value such as "RG/GB"'
+            "colour filter pattern",
+            "letters that name filters",
+            repr(pattern)[:60],
+            'write the letters of each row, with / between rows: "RG/GB"',
         )
     wanted = "".join(pattern.lower().split()).replace("-", "").replace("×", "x")
     known = {"".join(name.lower().split()).replace("-", ""): rows for name, rows in CFA_PATTERNS.items()}
@@ -74,7 +77,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
             repr(pattern),
             f'stripes are "{rows[0]}/{rows[0]}"'
             if row and len(text) <= MAX_SIDE
-            else 'give a value such as "RG/GB" or "GRBG"',
+            else 'write the letters of each row, with / between rows: "RG/GB"',
         )
     if max(len(rows), len(rows[0])) > MAX_SIDE:
         raise InputError.expected(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_tuple
+from lfcal.base import InputError, any_of, check_tuple
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 
 __all__ = ["camera_array", "coded_shutter", "interleave", "neutral_density"]
@@ -132,7 +132,7 @@ def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np
         raise InputError.expected(
             "frames to interleave",
             wanted,
-            f"{len(arrays)} of {sorted(shapes)}",
+            f"{len(arrays)} of shape {any_of(map(str, sorted(shapes)))}",
             "give one frame for each pixel of a super-pixel",
         )
     h, w = arrays[0].shape

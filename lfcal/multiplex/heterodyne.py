@@ -269,7 +269,10 @@ def _cells(shape: tuple[int, ...], origin: Array, along: Array, across: Array) -
     reach = math.ceil(2 * math.hypot(*shape) / min(math.hypot(*along), math.hypot(*across))) + 1
     if reach * reach > 64 * MAX_SAMPLES:
         raise InputError.expected(
-            "number of super-pixels for the filter sinc", f"at most {MOST_CELLS}", "more", "use the filter cubic"
+            "number of super-pixels for the filter sinc",
+            f"at most {MOST_CELLS}",
+            "a larger number",
+            "use the filter cubic",
         )
     q, r = (v.ravel() for v in np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)))
     centres = origin + q[:, None] * along + r[:, None] * across

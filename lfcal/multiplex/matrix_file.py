@@ -13,6 +13,7 @@ import numpy as np
 from lfcal.base import (
     FileFormatError,
     InputError,
+    any_of,
     map_npy,
     npy_header,
     plain,
@@ -79,7 +80,7 @@ def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
     file = Path(path)
     if file.suffix.lower() not in MATRIX_SUFFIXES:
         raise InputError.expected(
-            "file of a modulator", " or ".join(MATRIX_SUFFIXES), file.name, "convert the file to one of these formats"
+            "file of a modulator", any_of(MATRIX_SUFFIXES), file.name, "convert the file to one of these formats"
         )
     if file.suffix.lower() == ".json":
         kept = {key: getattr(modulator, key) for key in sorted(KEYS)}

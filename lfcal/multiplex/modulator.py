@@ -110,7 +110,7 @@ class Modulator:
             raise InputError.expected(
                 f"unmodulated light of {self.name}",
                 wanted,
-                f"an array of shape {light.shape}",
+                f"an array of shape {light.shape}" if light.shape != (self.count,) else repr(light.tolist())[:60],
                 "give one value per sample",
             )
         light.setflags(write=False)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of
 from lfcal.multiplex.colour_filters import cfa
 from lfcal.multiplex.exposures import camera_array, coded_shutter, neutral_density
 from lfcal.multiplex.masks import MASKS, mask
@@ -68,7 +68,9 @@ def modulator_of(text: str) -> Modulator:
             raise InputError.expected("modulator", GRAMMAR, repr(text)[:60], "write the name like one of these")
         return cfa(written)
     if ":" in written and not is_whole(rest.strip()):
-        raise InputError.expected(f"size of {found} (px)", "a whole number", repr(rest), "write it like MURA:11")
+        raise InputError.expected(
+            f"size of {found} (px)", "a whole number", repr(rest), "write the name, a colon and the size: MURA:11"
+        )
     return mask(found, int(rest or 11))
 
 
@@ -77,7 +79,7 @@ def _table(what: str, text: str) -> Any:
         return np.array([[float(cell) for cell in row.split(",")] for row in text.split("/")])
     except ValueError as error:
         raise InputError.expected(
-            what, "rows of equally many numbers", repr(text)[:60], "write it like 1,0.25/0.5,1"
+            what, "rows of equally many numbers", repr(text)[:60], "write it in this form: 1,0.25/0.5,1"
         ) from error
 
 
@@ -86,13 +88,13 @@ def _bands(text: str) -> Modulator:
     count, _, given = rest.partition(":")
     if not is_whole(count):
         raise InputError.expected(
-            "bands", "a pattern and a number of bands", repr(text)[:60], "write it like bands:RG/GB:3"
+            "bands", "a pattern and a number of bands", repr(text)[:60], "write it in this form: bands:RG/GB:3"
         )
     tables: dict[str, Spectra] = {}
     for words in filter(None, given.split(",")):
         what, _, table = (word.strip() for word in words.partition("="))
         if what not in BAND_TABLES or what in tables or not table:
-            wanted = " or ".join(f"{name}=FILE.csv" for name in BAND_TABLES)
+            wanted = any_of(f"{name}=FILE.csv" for name in BAND_TABLES)
             raise InputError.expected(
                 "tables of the bands", wanted, repr(words)[:60], "give each table once, separated by commas"
             )
@@ -115,7 +117,7 @@ def _shutter(text: str) -> Modulator:
     lengths = {len(pixel) for row in rows for pixel in row}
     if set(text) - set("01,/") or len({len(row) for row in rows}) != 1 or len(lengths) != 1:
         raise InputError.expected(
-            "shutter", "rows of equally many digits 0 and 1", repr(text)[:60], "write it like 100,010/001,111"
+            "shutter", "rows of equally many digits 0 and 1", repr(text)[:60], "write it in this form: 100,010/001,111"
         )
     return coded_shutter([[[float(c) for c in pixel] for pixel in row] for row in rows])
 
@@ -123,7 +125,7 @@ def _shutter(text: str) -> Modulator:
 def _cameras(text: str) -> Modulator:
     rows, _, columns = text.partition("x")
     if not (is_whole(rows) and is_whole(columns)):
-        raise InputError.expected("cameras", "ROWSxCOLUMNS", repr(text)[:60], "write it like cameras:2x2")
+        raise InputError.expected("cameras", "ROWSxCOLUMNS", repr(text)[:60], "write it in this form: cameras:2x2")
     return camera_array(int(rows), int(columns))
 
 

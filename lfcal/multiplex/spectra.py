@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import FileFormatError, InputError, check_number, check_tuple, read_text
+from lfcal.base import FileFormatError, InputError, any_of, check_number, check_tuple, read_text
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 
 __all__ = [
@@ -106,7 +106,7 @@ class Spectra:
     def named(self, name: str) -> Spectra:
         """Return the curve called ``name`` as a table of one curve."""
         if name not in self.names:
-            raise InputError.expected("spectrum", " or ".join(self.names), repr(name), "choose one of these")
+            raise InputError.expected("spectrum", any_of(self.names), repr(name), "choose one of these")
         return Spectra((name,), self.wavelengths_nm, self.values[[self.names.index(name)]], self.source)
 
 
@@ -159,7 +159,7 @@ def shipped_spectra(name: str) -> Spectra:
     """
     if name not in TABLES:
         raise InputError.expected(
-            "table", " or ".join(TABLES), repr(name), "choose one of these, or read your own table with read_spectra"
+            "table", any_of(TABLES), repr(name), "choose one of these, or read your own table with read_spectra"
         )
     return read_spectra(FOLDER / f"{name}.csv")
 

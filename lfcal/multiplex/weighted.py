@@ -62,7 +62,7 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
             "weights of the pixels",
             f"finite values of 0 or more, not all 0, with shape {shape}",
             told,
-            "correct the weights",
+            "give one weight of 0 or more for each pixel",
         )
     return array
 

@@ -70,7 +70,7 @@ def read_layers(path: str | Path) -> list[Layer]:
         raise FileFormatError.expected(
             str(source),
             "H, HT, a recorded session or a volume of lfcal",
-            "another file",
+            "a file of another kind",
             "open it with another reader",
         )
     return read(source)

@@ -17,6 +17,7 @@ from lfcal.base import (
     Clock,
     InputError,
     Work,
+    any_of,
     check_other_file,
     drained,
     npy_header,
@@ -309,7 +310,7 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
     if suffix not in WRITERS:
         raise InputError.expected(
             "export format",
-            " ".join(WRITERS),
+            any_of(WRITERS),
             suffix or "no suffix",
             "end the name of the file with one of these suffixes",
         )

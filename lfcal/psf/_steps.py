@@ -81,7 +81,10 @@ def check_store_tolerance(tolerance: float) -> float:
     """Return a tolerance of storage; raises `InputError` unless it is between 0 and 1."""
     if not 0 < tolerance < 1:
         raise InputError.expected(
-            "storage tolerance", "a fraction above 0 and below 1", tolerance, "for example, give 0.005 for 0.5 %"
+            "storage tolerance",
+            "a fraction above 0 and below 1",
+            tolerance,
+            "give the tolerance as a fraction, 0.005 for 0.5 %",
         )
     return float(tolerance)
 

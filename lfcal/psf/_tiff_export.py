@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, require_space, write_tiff
+from lfcal.base import Clock, InputError, Work, any_of, require_space, write_tiff
 from lfcal.psf.matrix import PSFMatrix
 from lfcal.psf.voxels import pixel_um, voxel_um
 
@@ -55,7 +55,7 @@ def iter_write_tiff(
     target = Path(path)
     if matrix.dtype.name not in OME_TYPES:
         raise InputError.expected(
-            "type of the values for TIFF", " ".join(OME_TYPES), matrix.dtype, "export a .npy or .h5 file"
+            "type of the values for TIFF", any_of(OME_TYPES), matrix.dtype, "export a .npy or .h5 file"
         )
     files = tiff_files(matrix, path, position)
     share = 1 if position is None else matrix.period[0] * matrix.period[1]

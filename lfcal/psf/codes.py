@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base import Clock, InputError, Work, npy_header, replace_whole, require_space, storage_errors
+from lfcal.base import Clock, InputError, Work, any_of, npy_header, replace_whole, require_space, storage_errors
 from lfcal.psf.lens_centre import lens_centre_of, lens_centred
 from lfcal.psf.matrix import PSFMatrix
 
@@ -105,7 +105,7 @@ CODES = {
 def code_of(name: str) -> Code:
     """Return the code called ``name``; raises `InputError` for an unknown name."""
     if name not in CODES:
-        raise InputError.expected("code", " or ".join(CODES), repr(name), "choose one of these")
+        raise InputError.expected("code", any_of(CODES), repr(name), "choose one of these")
     return CODES[name]
 
 

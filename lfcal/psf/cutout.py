@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Region, centre, check_cutout, clipped, moved, part_of, region_shape
+from lfcal.base import InputError, Region, any_of, centre, check_cutout, clipped, moved, part_of, region_shape
 from lfcal.camera import ScanPlan
 from lfcal.frames import FrameInfo, FrameSource, Noise, Position, Samples
 
@@ -88,7 +88,7 @@ class Cutout:
             ("outside", self.outside, ("error", "zero")),
         ):
             if value not in choices:
-                raise InputError.expected(what, " or ".join(choices), repr(value), "choose one of these")
+                raise InputError.expected(what, any_of(choices), repr(value), "choose one of these")
         object.__setattr__(self, "scale", tuple(float(v) for v in self.scale))
         # a factor far from 1 means a wrong period, not one that is rounded to whole pixels
         if not all(0.5 <= v <= 2 for v in self.scale):
@@ -222,7 +222,9 @@ def find_cutout(
     (5, 15)
     """
     if not 0 < lost < 1:
-        raise InputError.expected("energy that a cutout may lose", "a fraction from 0 to 1", lost, "0.005 is usual")
+        raise InputError.expected(
+            "energy that a cutout may lose", "a fraction from 0 to 1", lost, "give a fraction, usually 0.005"
+        )
     height = width = 0
     for image, (row, column) in zip(images, centres, strict=True):
         data = np.asarray(image, np.float64)

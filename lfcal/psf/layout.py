@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_psf_shape
+from lfcal.base import InputError, any_of, check_psf_shape
 from lfcal.base.h5 import H5Data
 from lfcal.psf._steps import check_store_tolerance
 from lfcal.psf.facts import Facts
@@ -90,9 +90,9 @@ class Stored:
     def __post_init__(self) -> None:
         """Check what an H file can hold."""
         if self.dtype not in STORED_TYPES:
-            raise InputError.expected("stored type", " or ".join(STORED_TYPES), self.dtype, "choose one of these")
+            raise InputError.expected("stored type", any_of(STORED_TYPES), self.dtype, "choose one of these")
         if self.compression not in COMPRESSIONS:
-            raise InputError.expected("compression", " or ".join(COMPRESSIONS), self.compression, "choose one of these")
+            raise InputError.expected("compression", any_of(COMPRESSIONS), self.compression, "choose one of these")
         if self.store_tolerance is not None:
             check_store_tolerance(self.store_tolerance)
 

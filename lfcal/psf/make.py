@@ -343,7 +343,7 @@ def _opened(arguments: Mapping[str, Any], workers: int) -> Iterator[PlaneSource]
         module, _, name = arguments["opener"].partition(":")
         if not name:
             expected = "threads of the process that has the frames open"
-            raise InputError.expected("executor", expected, "another executor", "use threads")
+            raise InputError.expected("executor", expected, "an executor of other processes", "use threads")
         found: PlaneSource = getattr(importlib.import_module(module), name)(arguments["values"], workers)
         return found
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, storage_errors
+from lfcal.base import FileFormatError, InputError, any_of, storage_errors
 from lfcal.base.h5 import H5File
 from lfcal.psf._matlab import COLUMNS_FIRST, ROWS_FIRST
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes
@@ -40,7 +40,7 @@ def check_mat_order(mat_order: str) -> str:
     """Return ``mat_order`` unchanged; raises `InputError` unless it is empty or one of `MAT_ORDERS`."""
     if mat_order and mat_order not in MAT_ORDERS:
         raise InputError.expected(
-            "order of the axes in a .mat file", " or ".join(MAT_ORDERS), mat_order, "choose one of these"
+            "order of the axes in a .mat file", any_of(MAT_ORDERS), mat_order, "choose one of these"
         )
     return mat_order
 

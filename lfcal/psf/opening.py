@@ -12,7 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import AXES, MAX_SAMPLE, FileFormatError, InputError, check_psf_shape, map_npy, parse_json, read_tiff
+from lfcal.base import (
+    AXES,
+    MAX_SAMPLE,
+    FileFormatError,
+    InputError,
+    any_of,
+    check_psf_shape,
+    map_npy,
+    parse_json,
+    read_tiff,
+)
 from lfcal.base.h5 import Attributes, H5Data, H5File
 from lfcal.camera import Camera
 from lfcal.psf._chunk_codec import parallel_read
@@ -243,7 +253,7 @@ def _region_group(file: H5File, region: str) -> str:
                 f"{file.path}: the file contains one region of the field, which has no name; omit --region"
             )
         raise InputError.expected(
-            f"{file.path}, region", " or ".join(filter(None, names)), repr(region), "choose one of these"
+            f"{file.path}, region", any_of(filter(None, names)), repr(region), "choose one of these"
         )
     return f"{REGIONS}/{region}"
 
@@ -397,7 +407,7 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
         if found not in wanted:
             raise FileFormatError.expected(
                 f"{file.path}, attribute {key}",
-                " or ".join(wanted),
+                any_of(wanted),
                 repr(found[:60]),
                 "get the file from its source again",
             )

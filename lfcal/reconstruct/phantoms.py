@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of
 
 __all__ = ["PHANTOMS", "nrmse", "phantom", "points", "vesicle"]
 
@@ -121,4 +121,4 @@ def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
         return vesicle(shape, z_step=max(1.0, min(shape[1:]) / (2 * shape[0])))
     if name == "plume":
         return plume(shape, seed=seed)
-    raise InputError.expected("phantom", " or ".join(PHANTOMS), repr(name), "choose one of these")
+    raise InputError.expected("phantom", any_of(PHANTOMS), repr(name), "choose one of these")

@@ -79,7 +79,10 @@ class Resampling:
         """Check that the map exists."""
         if min(self.period) < 1 or min(self.shape) < 1:
             raise InputError.expected(
-                "period and shape", "positive values", (self.period, self.shape), "give the number of pixels per period"
+                "period and shape",
+                "positive values",
+                (self.period, self.shape),
+                "give the period in pixels, and the rows and columns",
             )
         _invertible(self.down, self.across, self.period)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import FileFormatError, InputError, Progress, Work
+from lfcal.base import FileFormatError, InputError, Progress, Work, any_of
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers import SOLVERS, NothingMeasured, Reconstruction, SolverChoice, SolverProgress, iter_solve
 
@@ -64,7 +64,7 @@ def check_any(results: Sequence[FrameResult]) -> None:
 def check_warm(choice: SolverChoice) -> None:
     """Raise `InputError` unless the solver of ``choice`` can start from a volume."""
     if "initial" not in choice.solver.honours:
-        able = " or ".join(solver.name for solver in SOLVERS if "initial" in solver.honours)
+        able = any_of(solver.name for solver in SOLVERS if "initial" in solver.honours)
         raise InputError.expected("warm start", "a solver that starts from a volume", choice.name, f"choose {able}")
 
 

@@ -26,6 +26,7 @@ from lfcal.base import (
     FileFormatError,
     InputError,
     StorageError,
+    any_of,
     check_writable,
     map_npy,
     npy_header,
@@ -281,7 +282,7 @@ def check_suffix(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise InputError.expected(
-            "volume file", " or ".join(SUFFIXES), target.name, "end the name of the file with one of these"
+            "volume file", any_of(SUFFIXES), target.name, "end the name of the file with one of these"
         )
     return target
 

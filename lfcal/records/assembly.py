@@ -97,4 +97,4 @@ class AssemblySettings:
             check_cutout(*self.cutout)
         elif self.cutout not in (None, "auto"):
             wanted = "auto, or odd numbers of pixels such as '41', '41x41' or (41, 41)"
-            raise InputError.expected("cutout", wanted, repr(self.cutout), "correct it")
+            raise InputError.expected("cutout", wanted, repr(self.cutout), "give one of these forms")

@@ -17,7 +17,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any, TypeVar, Union, cast, get_args, get_origin
 
-from lfcal.base import InputError, check_choice, check_number, choose
+from lfcal.base import InputError, any_of, check_choice, check_number, choose
 from lfcal.records.reading import read_as
 
 __all__ = [
@@ -508,7 +508,7 @@ def _check_kind(row: FieldRow, by: FieldRow, values: Mapping[str, Any], called: 
     name = values.get(by.name, by.default)
     if row.name not in _defaults(row.variants.find(name)):
         names = row.only or tuple(row.variants.name_of(kind) for kind in row.variants.kinds)
-        raise InputError.expected(called(row), f"{called(by)} {' or '.join(names)}", name, "leave it out")
+        raise InputError.expected(called(row), f"{called(by)} {any_of(names)}", name, "leave it out")
 
 
 def to_dict(whole: Any) -> dict[str, Any]:

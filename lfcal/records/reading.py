@@ -64,7 +64,7 @@ def read_pair(text: str) -> tuple[float, float]:
     if len(fields) in (1, 2) and all(re.fullmatch(NUMBER, field) for field in fields):
         return _number(fields[0]), _number(fields[-1])
     raise InputError.expected(
-        "value", "one number or two (rows,columns)", repr(text), "give a value such as 181 or 181,181"
+        "value", "one number or two (rows,columns)", repr(text), "write it in the form 181 or 181,181"
     )
 
 
@@ -73,7 +73,7 @@ def read_range(text: str) -> tuple[float, float]:
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
         raise InputError.expected(
-            "value", "the smallest and the largest value, MIN,MAX", repr(text), "give a value such as 2,6"
+            "value", "the smallest and the largest value, MIN,MAX", repr(text), "write two numbers with a comma: 2,6"
         )
     return _number(fields[0]), _number(fields[1])
 
@@ -84,7 +84,9 @@ def read_cutout(text: str) -> tuple[int, int] | None:
         return None
     rows, columns = read_pair(text)
     if not (rows.is_integer() and columns.is_integer()):
-        raise InputError.expected("cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "correct it")
+        raise InputError.expected(
+            "cutout", "whole numbers of pixels", f"{rows:g}, {columns:g}", "give odd whole numbers"
+        )
     return int(rows), int(columns)
 
 
@@ -97,7 +99,7 @@ def read_position(text: str) -> tuple[int, int]:
     """Return the position (y, x) from a text such as ``"9,16"``."""
     found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
     if found is None:
-        raise InputError.expected("position", "y,x", repr(text), "give a value such as 9,16")
+        raise InputError.expected("position", "y,x", repr(text), "write two whole numbers with a comma: 9,16")
     return int(found[1]), int(found[2])
 
 
@@ -110,7 +112,7 @@ def read_share(text: str) -> float:
     """Return the fraction from a text such as ``"0.03"`` or ``"3%"``."""
     found = re.fullmatch(rf"({NUMBER})\s*(%)?", text.strip())
     if found is None:
-        raise InputError.expected("share", "a number, or percent", repr(text), "give a value such as 0.03 or 3%")
+        raise InputError.expected("share", "a number, or percent", repr(text), "write it in the form 0.03 or 3%")
     return _times_ten(found[1], -2) if found[2] else _number(found[1])
 
 
@@ -131,7 +133,7 @@ def read_length_um(text: str) -> float:
     found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
     if found is None:
         raise InputError.expected(
-            "length", "a number with nm, um or mm", repr(text), "give a value such as 250 um or 1.5 mm"
+            "length", "a number with nm, um or mm", repr(text), "write it in the form 250 um or 1.5 mm"
         )
     return _number(found[1]) * UNITS[found[2] or ""]
 
@@ -143,13 +145,15 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
     if ":" not in text:
         return tuple(values)
     if "," in text or len(values) != 3 or values[2] == 0:
-        raise InputError.expected("planes", "a,b,c or start:stop:step", repr(text), "give a value such as 2:5.5:0.5")
+        raise InputError.expected(
+            "planes", "a,b,c or start:stop:step", repr(text), "write it in the form 2,3,5 or 2:5.5:0.5"
+        )
     start, stop, step = values
     # rounded generously: 0.1:0.7:0.1 means seven planes, although 0.6 / 0.1 is below 6 in floating point
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if not 1 <= count <= MAX_PLANES:
         wanted = f"1 to {MAX_PLANES} steps from start to stop"
-        raise InputError.expected("planes", wanted, repr(text), "correct the step")
+        raise InputError.expected("planes", wanted, repr(text), "change the step, or the sign of it")
     return tuple(start + k * step for k in range(count))
 
 
@@ -179,7 +183,7 @@ def _plane(field: str, lengths: bool) -> float:
     # virtual depths are ratios: a unit indicates that the wrong option was used
     if found is None or (found[2] and not lengths):
         wanted = "numbers, in µm or with mm" if lengths else "numbers"
-        raise InputError.expected("planes", wanted, repr(field), "give a value such as 2,3,5")
+        raise InputError.expected("planes", wanted, repr(field), "separate numbers by commas: 2,3,5")
     # the second number of "1,000", which would mean the planes 1 and 0
     if re.match(r"[-+−]?0\d", found[1]):
         raise InputError.expected("planes", "numbers without leading zeros", repr(field), "write 1000 for 1,000")
@@ -194,7 +198,7 @@ def read_effect(text: str) -> str:
     if not sign and name.lower().endswith(".json"):
         return name
     wanted = "NAME=on, off, auto or a magnitude, or a JSON file"
-    raise InputError.expected("effect", wanted, repr(text), "give a value such as coma=0.3@40deg")
+    raise InputError.expected("effect", wanted, repr(text), "write name and value in the form coma=0.3@40deg")
 
 
 def read_orientation(text: str) -> str:
@@ -206,7 +210,7 @@ def read_pixel(text: str) -> tuple[float, float]:
     """Return the pixel (row, column) from a text such as ``"12,7"``; fractions of a pixel are allowed."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
-        raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "give a value such as 12,7")
+        raise InputError.expected("pixel", "ROW,COLUMN", repr(text), "write two numbers with a comma: 12,7")
     return _number(fields[0]), _number(fields[1])
 
 
@@ -223,7 +227,7 @@ def check_count(name: str, value: object, at_least: int, *words: str) -> None:
         return
     if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
         raise InputError.expected(
-            name, f"a whole number ≥ {at_least}, or {' or '.join(words)}", repr(value), "correct it"
+            name, f"a whole number ≥ {at_least}, or {' or '.join(words)}", repr(value), "give one of these"
         )
 
 
@@ -232,7 +236,7 @@ def read_voxel(text: str) -> float | str:
     try:
         return text.strip() if text.strip() == "auto" else read_length_um(text)
     except InputError:
-        raise InputError.expected("voxel", "a number of µm, or auto", repr(text), "correct it") from None
+        raise InputError.expected("voxel", "a number of µm, or auto", repr(text), "give one of these") from None
 
 
 def check_voxel(name: str, value: object) -> None:
@@ -240,7 +244,7 @@ def check_voxel(name: str, value: object) -> None:
     if value in (None, "auto"):
         return
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
-        raise InputError.expected(name, "a positive number of µm, or auto", repr(value), "correct it")
+        raise InputError.expected(name, "a positive number of µm, or auto", repr(value), "give one of these")
 
 
 def read_names(text: str) -> tuple[str, ...]:

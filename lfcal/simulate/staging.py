@@ -10,7 +10,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, choose
+from lfcal.base import InputError, any_of, choose
 from lfcal.camera import Camera, LensletLattice, Microscope, NoLatticeError, ScanPlan
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.effects import (
@@ -284,7 +284,7 @@ def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]:
     from lfcal.simulate.engines import choose_mode  # compiled code: loaded only when it is needed
 
     if level not in ALL_LEVELS:
-        raise InputError.expected("level", " or ".join(ALL_LEVELS), repr(level), choose(level, ALL_LEVELS))
+        raise InputError.expected("level", any_of(ALL_LEVELS), repr(level), choose(level, ALL_LEVELS))
     if isinstance(scene, PupilScene):
         return scene, "wave" if level == "auto" else level  # its engine refuses levels that it has not
     if level == "microscope":

@@ -101,7 +101,10 @@ class TargetCamera(Frames):
         chosen = budget.effects
         if any(isinstance(effect, MotionEffect) for effect in chosen):
             raise InputError.expected(
-                "effects of a target's frames", "no effect of stage motion", "one", "leave it out"
+                "effects of a target's frames",
+                "no effect of stage motion",
+                next(effect.name for effect in chosen if isinstance(effect, MotionEffect)),
+                "leave this effect out",
             )
         if self.target.hole_um > 0 and not any(isinstance(effect, FiniteSource) for effect in chosen):
             chosen = (*chosen, FiniteSource(self.target.hole_um))
@@ -110,7 +113,10 @@ class TargetCamera(Frames):
         if light.shape != (count,) or not np.isfinite(light).all() or (light < 0).any():
             wanted = f"{count} values of 0 or more, one for each hole"
             raise InputError.expected(
-                "brightness of holes", wanted, f"an array of shape {light.shape}", "give one value for each hole"
+                "brightness of holes",
+                wanted,
+                f"shape {light.shape}" if light.shape != (count,) else f"{light.min():g} to {light.max():g}",
+                "give one value for each hole",
             )
         self.brightness: NDArray[np.float64] = light
         # only light; the sensor is applied once for all holes

@@ -33,7 +33,7 @@ __all__ = [
 DISC = 2 / math.sqrt(3)
 """Ratio of the diameter of a disc to the side of a square pixel of the same rms width."""
 
-EXAMPLE = "give a value such as display:2160x3840@8um"
+EXAMPLE = "write it in the form display:2160x3840@8um"
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base import Finding, InputError
+from lfcal.base import Finding, InputError, any_of
 from lfcal.camera import Camera, half_extent_px
 from lfcal.targets._mistakes import mistakes_of
 from lfcal.targets._pose_fit import PoseFit, fit_pose
@@ -450,7 +450,7 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
     near = [one for one in right if _within(one, spots, places, target, (camera, z_um, lattice))]
     if len(near) == 1:
         return near[0]
-    shifts = " or ".join(f"{a.shift[0] - right[0].shift[0]}:{a.shift[1] - right[0].shift[1]}" for a in right[:4])
+    shifts = any_of(f"{a.shift[0] - right[0].shift[0]}:{a.shift[1] - right[0].shift[1]}" for a in right[:4])
     raise InputError.expected(
         "labels of the points",
         "a unique assignment to the holes of the target",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from lfcal.base import FileFormatError, InputError, check_number, check_tuple, check_type, parse_json
+from lfcal.base import FileFormatError, InputError, check_number, check_tuple, check_type, parse_json, stated_format
 from lfcal.camera import Forecast, RegionPlan, ScanPlan, build, readout_hours
 from lfcal.targets.images import HoleImages, hole_images, whole_at
 from lfcal.targets.offsets import covered_by
@@ -204,8 +204,11 @@ class TargetPlan:
         object.__setattr__(self, "crosstalk", check_tuple("crosstalk", self.crosstalk, planes, at_least=0))
         check_type("offsets of the target", self.offsets_px, (tuple, list))
         if len(self.offsets_px) != planes or sum(map(len, self.offsets_px)) > MOST_OFFSETS:
-            wanted = f"one list for each of the {planes} planes"
-            raise InputError.expected("offsets of the target", wanted, len(self.offsets_px), "give one list per plane")
+            wanted = f"one list for each of the {planes} planes, and at most {MOST_OFFSETS} offsets"
+            got = f"{len(self.offsets_px)} lists, {sum(map(len, self.offsets_px))} offsets"
+            raise InputError.expected(
+                "offsets of the target", wanted, got, "give one list per plane, with fewer offsets"
+            )
         offsets = tuple(
             tuple(check_tuple("offset (rows, columns) (px)", offset, 2) for offset in plane)
             for plane in self.offsets_px
@@ -335,7 +338,7 @@ class TargetPlan:
         what = "plan of a target"
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
-                what, f'"format": "{FORMAT}"', "another kind of file", "choose a plan made by lfcal plan target"
+                what, f'"format": "{FORMAT}"', stated_format(data), "choose a plan made by lfcal plan target"
             )
         if data.get("version") != VERSION:
             raise FileFormatError.expected(what, f"version {VERSION}", data.get("version"), "update lfcal")

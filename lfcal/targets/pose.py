@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, check_number
+from lfcal.base import InputError, any_of, check_number
 
 __all__ = ["Pose", "length_um"]
 
@@ -74,7 +74,10 @@ class Pose:
             name, _, value = (piece.strip() for piece in part.partition("="))
             if name not in DEGREES and name not in LENGTHS:
                 raise InputError.expected(
-                    "pose", " or ".join([*DEGREES, *LENGTHS]), repr(part), "give a value such as rotation=1"
+                    "pose",
+                    any_of([*DEGREES, *LENGTHS]),
+                    repr(part),
+                    "write one of these names, = and its value: rotation=1",
                 )
             key = DEGREES.get(name) or LENGTHS[name]
             if key in found:
@@ -144,6 +147,9 @@ def _number(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise InputError.expected(
-            "number of a target", "a number, or a length in um or mm", repr(text), "write it like one of these"
+            "number in the target",
+            "a number, or a length in um or mm",
+            repr(text),
+            "write it in the form 12, 20um or 1.2mm",
         )
     return value

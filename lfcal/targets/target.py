@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, check_choice, check_number, check_tuple, check_type, parse_json
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    check_choice,
+    check_number,
+    check_tuple,
+    check_type,
+    parse_json,
+    stated_format,
+)
 from lfcal.camera import build
 from lfcal.targets.pose import Pose, length_um
 
@@ -147,7 +156,7 @@ class Target:
         """Return the target described by ``data``; unknown or missing entries raise `InputError`."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
-                "target", f'"format": "{FORMAT}"', "another kind of file", "choose a file that describes a target"
+                "target", f'"format": "{FORMAT}"', stated_format(data), "choose a file that describes a target"
             )
         if data.get("version") != VERSION:
             raise FileFormatError.expected("target", f"version {VERSION}", data.get("version"), "update lfcal")
@@ -159,7 +168,7 @@ class Target:
         return cls.from_dict(parse_json(text, "target"))
 
 
-EXAMPLE = "give a value such as array:12x12@1.2mm,hole=20um or array:12x12@1.2mm,hex"
+EXAMPLE = "write it in the form array:12x12@1.2mm,hole=20um or array:12x12@1.2mm,hex"
 
 
 def parse_target(text: str) -> Target:

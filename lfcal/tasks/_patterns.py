@@ -61,13 +61,13 @@ def _read_noise(text: str) -> tuple[float, float] | None:
     if len(values) != 2:
         wanted = "CONSTANT,SLOPE of the variance of a sample"
         raise InputError.expected(
-            "noise", wanted, repr(text), "give a value such as 64,1 for the variance 64 + 1 x value"
+            "noise", wanted, repr(text), "give a constant and a slope: 64,1 means the variance 64 + 1 x value"
         )
     for value in values:
         check_number("noise", value, at_least=0)
     if not sum(values):
         raise InputError.expected(
-            "noise", "a variance above 0", repr(text), "give a constant and a slope, such as 64,1"
+            "noise", "a variance above 0", repr(text), "give a constant and a slope, one of them above 0: 64,1"
         )
     return values[0], values[1]
 

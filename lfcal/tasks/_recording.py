@@ -31,7 +31,7 @@ def pairs(options: tuple[str, ...]) -> dict[str, str]:
     for text in options:
         key, sign, value = text.partition("=")
         if not sign or not key:
-            raise InputError.expected("--option", "NAME=VALUE", text, "write it like NAME=VALUE")
+            raise InputError.expected("--option", "NAME=VALUE", text, "write the name of the option, = and its value")
         found[key.strip()] = value.strip()
     return found
 

@@ -36,7 +36,7 @@ def _numbers(text: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise InputError.expected(
-            "numbers", "numbers separated by commas", text, "give a value such as 1,0.25"
+            "numbers", "numbers separated by commas", text, "write them in the form 1,0.25"
         ) from None
 
 

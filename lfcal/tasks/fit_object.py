@@ -90,7 +90,7 @@ class PredictObject(Task):
             raise InputError.expected(
                 f"{self.scene}, volume",
                 "finite values, not all zero",
-                "other values",
+                "NaN, infinity, or only zeros",
                 "correct the volume",
             )
         return shot, volume

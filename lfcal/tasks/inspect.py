@@ -123,7 +123,7 @@ class Inspect(MatrixTask):
     )
     strict: bool = opt(
         False,
-        "Exit with code 1 unless the verdict is “good” or “usable after a look”.",
+        "Exit with code 1 unless the verdict is “good” or “usable; check the findings”.",
         label="Fail unless good",
         more=True,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import InputError, note
+from lfcal.base import InputError, any_of, note
 from lfcal.records import opt, record, required
 from lfcal.tasks.task import Task
 
@@ -72,9 +72,7 @@ class CopyTask(MatrixTask):
         from lfcal.psf import regions_of
 
         if not self.region and len(names := regions_of(self.source)) > 1:
-            raise InputError.expected(
-                f"{self.source.name}, region", " or ".join(names), "none", "choose one with --region"
-            )
+            raise InputError.expected(f"{self.source.name}, region", any_of(names), "none", "choose one with --region")
         return open_matrix(self.source, region=self.region, mat_order=self.mat_order, quiet=quiet)
 
 

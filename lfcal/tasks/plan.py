@@ -42,7 +42,7 @@ def _exposures(text: str) -> float | tuple[float, ...]:
         return values if len(values) > 1 else values[0]
     except ValueError:
         raise InputError.expected(
-            "exposure (s)", "numbers", repr(text), "give a value such as 0.02 or 0.02,0.05"
+            "exposure (s)", "numbers", repr(text), "write one number, or one for each plane: 0.02,0.05"
         ) from None
 
 

@@ -241,7 +241,7 @@ class PlanDisplay(_PlanTarget):
         found = parse_display(self.source)
         if found is None:
             raise InputError.expected(
-                "source", "display:ROWSxCOLUMNS@PITCH", repr(self.source), "write it like display:2160x3840@8um"
+                "source", "display:ROWSxCOLUMNS@PITCH", repr(self.source), "write it in the form display:2160x3840@8um"
             )
         return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 
-from lfcal.base import InputError, choose
+from lfcal.base import InputError, any_of, choose
 from lfcal.tasks.task import TaskSet
 
 __all__ = ["TASKS", "task_set"]
@@ -33,7 +33,7 @@ TASKS = {
 def task_set(name: str) -> TaskSet:
     """Return the set of tasks of the command ``name``; raise `InputError` if the name is unknown."""
     if name not in TASKS:
-        raise InputError.expected("task", " or ".join(TASKS), repr(name), choose(name, TASKS))
+        raise InputError.expected("task", any_of(TASKS), repr(name), choose(name, TASKS))
     module, _, attribute = TASKS[name].partition(":")
     found: TaskSet = getattr(importlib.import_module(module), attribute)
     return found

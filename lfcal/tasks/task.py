@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work, drain, note
+from lfcal.base import InputError, Work, any_of, drain, note
 from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, rows_of, to_dict, value_at
 
 if TYPE_CHECKING:
@@ -236,4 +236,4 @@ class TaskSet:
         for name in given:
             if name not in known:
                 kinds = [one.input_words for one in self.kinds if name in {row.name for row in rows(one)}]
-                raise InputError.expected(called(name), " or ".join(kinds), kind.input_words, "leave it out")
+                raise InputError.expected(called(name), any_of(kinds), kind.input_words, "leave it out")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.base import InputError, Work, check_choice
+from lfcal.base import InputError, Work, any_of, check_choice
 from lfcal.work.executors import EXECUTORS, Executor
 from lfcal.work.runs import Following, check_begun, discard, iter_run, note_joining, parts_folder
 from lfcal.work.unit import Unit
@@ -54,7 +54,7 @@ class RunChoice:
         """Check that the settings go together."""
         check_choice("an earlier run", self.begun, BEGUN)
         if not EXECUTORS.get(self.executor).addressed and self.address:
-            able = " or ".join(kind.name for kind in EXECUTORS if kind.addressed)
+            able = any_of(kind.name for kind in EXECUTORS if kind.addressed)
             raise InputError.expected("scheduler", f"an executor that has one ({able})", self.executor, "leave it out")
 
     def make(self) -> Executor:

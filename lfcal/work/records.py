@@ -124,7 +124,7 @@ class _Reader(pickle._Unpickler):  # the Python implementation, whose operations
         """Make an empty dataclass, or a named tuple with its values."""
         arguments, kind = self.stack.pop(), self.stack.pop()
         if not isinstance(kind, type) or issubclass(kind, Enum):
-            raise _Refused("an object of no class")
+            raise _Refused("an object without a class")
         made = tuple.__new__(kind, arguments) if issubclass(kind, tuple) else object.__new__(kind)
         self.append(made)
 
@@ -140,7 +140,7 @@ class _Reader(pickle._Unpickler):  # the Python implementation, whose operations
         # with slots, the state is a list of values in order; without fields, a pair with one empty part
         values = dict(zip(names, state, strict=True)) if isinstance(state, list) else _named(state)
         if not values.keys() <= set(names):
-            raise _Refused(f"other values of {type(made).__name__} than it has")
+            raise _Refused(f"values for fields that {type(made).__name__} does not have")
         for name, value in values.items():
             object.__setattr__(made, name, value)
 
@@ -158,5 +158,5 @@ class _Reader(pickle._Unpickler):  # the Python implementation, whose operations
 def _named(state: Any) -> dict[str, Any]:
     parts = [part for part in (state if isinstance(state, tuple) else (state,)) if part]
     if len(parts) > 1 or not all(isinstance(part, dict) for part in parts):
-        raise _Refused("values without names")
+        raise _Refused("an object whose values have no names")
     return parts[0] if parts else {}

@@ -256,7 +256,7 @@ def test_fault_resume_redo_and_coarse_order(
     [
         (["--backend", "nothing"], "device backend: expected"),
         (["--option", "velocity"], "--option: expected NAME=VALUE"),
-        (["--option", "axes=-x,+y,+z"], "the scan would run the wrong way"),
+        (["--option", "axes=-x,+y,+z"], "the scan would run in the wrong direction"),
         (["--origin", "1,2"], "give three numbers"),
         (["--tolerance", "a"], "--tolerance: expected numbers"),
         (["--bracket", "0.5"], "exposure bracket"),

@@ -104,7 +104,7 @@ def test_every_wrong_sign_and_swap_is_caught_and_the_right_axes_are_named(right:
     if (right, down) == ("+x", "+y"):
         check_stage(fit, PLAN)
     else:
-        with pytest.raises(InputError, match="wrong way"):
+        with pytest.raises(InputError, match="wrong direction"):
             check_stage(fit, PLAN)
 
 
@@ -150,7 +150,7 @@ def test_stage_fit_returns_scale_rotation_and_residual() -> None:
     check_stage(fit, PLAN, cell_px=0.1 * max(PLAN.period))
     with pytest.raises(InputError, match="magnification"):
         check_stage(fit, PLAN)
-    with pytest.raises(InputError, match="turn the camera"):
+    with pytest.raises(InputError, match="rotate the camera"):
         check_stage(replace(fit, matrix=((1.0, -angle), (angle, 1.0))), PLAN, cell_px=0.01 * max(PLAN.period))
     with pytest.raises(InputError, match="linear within"):
         check_stage(fit, PLAN, cell_px=0.1 * max(PLAN.period), residual_px=0.01)

@@ -154,9 +154,9 @@ def test_parts_are_found_in_modules_and_distributions(
     found: Registry[Part] = Registry("kind", package, "PART", "lfcal.kinds", order=lambda part: part.rank)
     assert found.names() == ("four", "two", "one", "three"), "in order; private modules are not searched"
     assert found.get("one").rank == 2, "others cannot hide lfcal's own"
-    assert set(found.failures()) == {"bad", "gone"} and "it has no name" in found.failures()["bad"]
+    assert set(found.failures()) == {"bad", "gone"} and "expected a part with a name" in found.failures()["bad"]
     assert "two" in found and len(found) == 4 and [part.name for part in found][1] == "two"
-    with pytest.raises(InputError, match="kind: expected four or two or one or three, got 'five'; choose one of these"):
+    with pytest.raises(InputError, match="kind: expected four, two, one or three, got 'five'; choose one of these"):
         found.get("five")
 
 

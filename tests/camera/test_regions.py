@@ -75,7 +75,7 @@ def test_a_plan_comes_back_from_its_file() -> None:
         ({"regions": 3}, "format, version, regions and scan"),
         ({"more": 1}, "format, version, regions and scan"),
         ({"regions": [{"name": "a"}]}, "a name and an anchor"),
-        ({"regions": [{"name": "../a", "anchor": [150, 144]}]}, "letters and digits"),
+        ({"regions": [{"name": "../a", "anchor": [150, 144]}]}, "letters, digits, _ and -"),
         ({"regions": [{"name": "a", "anchor": [150, 144]}, {"name": "A", "anchor": [55, 45]}]}, "different names"),
         ({"regions": [{"name": "a", "anchor": [55, 45]}]}, "the first is that of the scan"),
         ({"regions": [{"name": "a", "anchor": [150, 144]}, {"name": "b", "anchor": [0, 45]}]}, "cutout"),

@@ -87,7 +87,9 @@ def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]
     run = lfcal("accuracy", h, *options)
     assert (
         run.code == 2
-        and run.err == "lfcal: planes and cutout: expected those of H, got others; leave the options out\n"
+        and run.err
+        == "lfcal: --depths, --virtual-depths, --cutout: expected none of them, because H states planes and cutout; "
+        "leave these options out\n"
     )
 
 
@@ -99,7 +101,7 @@ def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]
         (("--error", "1.2.3%"), "--error: expected a number, or percent"),
         (("--seconds", "0"), "time for each measurement (s): expected a number > 0"),
         (("--seconds", "nan"), "time for each measurement (s): expected a number > 0"),
-        (("--place", "moon"), "place of accuracy: expected simulation or sampling or"),
+        (("--place", "moon"), "place of accuracy: expected simulation, sampling, "),
         (
             ("--place", "lattice"),
             "nothing could be measured; camera of the measurement: expected the camera of a scan, got H of an unknown",

@@ -80,7 +80,7 @@ def test_an_h_file_marks_them(lfcal: Lfcal, H: PSFMatrix) -> None:
     with open_psf("again.h5") as again:
         np.testing.assert_array_equal(again.missing, H.missing)
     useless = lfcal("export", "H.h5", "-o", "other.h5", "--allow-missing")
-    assert useless.code == 2 and "--allow-missing: expected a .mat file or a .npy file" in useless.err
+    assert useless.code == 2 and "--allow-missing: expected a .mat file, a .npy file" in useless.err
 
 
 @pytest.mark.parametrize("executor", [(), ("--executor", "threads")])

@@ -152,7 +152,7 @@ def test_frames_on_their_side_with_an_upright_dark_are_named(
 def test_an_unknown_orientation_is_one_line(lfcal: Callable[..., Run], tmp_path: Path, straight: Path) -> None:
     done = lfcal(*arguments(straight, tmp_path / "H.h5", "--orientation", "upside-down"))
     assert done.code == 2
-    assert "expected check or auto or as-is or rot90" in done.err
+    assert "expected check, auto, as-is, rot90" in done.err
 
 
 def test_the_colours_of_the_upright_sensor_are_not_taken_for_those_of_turned_frames(

@@ -129,7 +129,7 @@ def test_all_positions_of_such_a_session_can_be_thinned(lfcal: Lfcal, place: Pat
         ("plan fit plan.json", "Missing option '--count'"),
         ("plan fit plan.json --count 2", "positions to record: expected"),
         ("plan fit plan.json --count 9 --from nowhere", "the folder of a fit"),
-        ("plan fit plan.json --count 9 --unknowns gap", "--unknowns: expected geometry or"),
+        ("plan fit plan.json --count 9 --unknowns gap", "--unknowns: expected geometry, "),
         ("plan fit plan.json --count 9 --unknowns depths", "needs at least two planes"),
         ("plan fit plan.json --count 9 --full 2", "--full: expected a number > 0 and ≤ 1"),
         ("plan fit plan.json --count 9 --speed 0", "--speed: expected a number > 0"),

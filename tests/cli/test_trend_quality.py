@@ -155,7 +155,7 @@ def test_a_report_says_when_it_was_made(lfcal: Lfcal, tmp_path: Path, monkeypatc
     [
         (None, "no such folder"),
         ("", "quality.json"),
-        ("{}", "another kind of file"),
+        ("{}", 'got a file without the entry "format"'),
         ('{"format": "lfcal-quality"}', "damaged"),
     ],
 )

@@ -110,7 +110,8 @@ def test_a_wrong_variable_is_one_line(lfcal: Lfcal, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv(WORKERS, "all")
     run = lfcal("plan", "bench", "--virtual-depths", "3")
     assert run.code == 2
-    assert run.err == "lfcal: LFCAL_WORKERS: expected a whole number of at least 1, got 'all'; correct or unset it\n"
+    words = "LFCAL_WORKERS: expected a whole number of at least 1, got 'all'; set such a number, or unset the variable"
+    assert run.err == f"lfcal: {words}\n"
 
 
 def test_the_doctor_says_what_was_found(lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch) -> None:

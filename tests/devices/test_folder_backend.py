@@ -105,7 +105,7 @@ def test_numbered_files_answer_their_own_request_only(tmp_path: Path) -> None:
     options = {"path": str(tmp_path), "pattern": "f{number:03d}.npy", "quiet": "0.01", "wait": "0.15"}
     with other_program(tmp_path, late), open_rig(PLAN, "folder", options) as rig:
         for _ in range(2):
-            with pytest.raises(FrameTimeout, match="check the other program"):
+            with pytest.raises(FrameTimeout, match="check the program that writes the files"):
                 rig.camera.grab(0.1)
 
 
@@ -131,7 +131,7 @@ def test_half_a_file_and_a_wrong_one_are_never_taken(tmp_path: Path) -> None:
     with other_program(tmp_path, answer), open_rig(PLAN, "folder", options) as rig:
         with pytest.raises(IncompleteFrame, match="unreadable"):
             rig.camera.grab(0.1)
-        with pytest.raises(IncompleteFrame, match="match plan and camera"):
+        with pytest.raises(IncompleteFrame, match="correct the sensor of the plan"):
             rig.camera.grab(0.1)
 
 

@@ -247,5 +247,5 @@ def test_gentl_says_what_is_missing() -> None:
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "camera": "77"}, stage="sim")
     with pytest.raises(InputError, match=r"expected Mono or Bayer.* 12Packed, got R"):
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "format": "RGBa8"}, stage="sim")
-    with pytest.raises(CameraError, match="check the feature"):
+    with pytest.raises(CameraError, match="check that the camera has this feature"):
         open_rig(plan, "gentl", {**GENTL_OPTIONS, "set": "NoSuchFeature=1"}, stage="sim")

@@ -154,14 +154,15 @@ def test_what_does_not_suffice_is_refused_with_one_message():
         fit_camera(measured(camera, light[:2], depths=DEPTHS[:2]), unknowns=ASKED)
     with pytest.raises(InputError, match=r"move by 2 px or more, got 0\.04 µm; record planes farther apart"):
         fit_camera(measured(camera, light, depths=(-0.02, -0.01, 0.0, 0.01, 0.02)), unknowns=ASKED)
-    with pytest.raises(InputError, match=r"sign of depth.*change the sign of the depths"):
+    with pytest.raises(InputError, match=r"sign of the depths.*change the sign of the depths"):
         fit_camera(measured(camera, light[::-1]), unknowns=ASKED)
     dark = replace(measured(camera, light), patterns=measured(camera, 0 * light + 1e-9, peak=1e-9).patterns)
     with pytest.raises(InputError, match="light of the patterns: expected more light than noise"):
         fit_camera(dark, unknowns=ASKED)
     elsewhere = camera_of([*CENTRES.tolist(), (-480.0, 500.0)])
     with pytest.raises(
-        InputError, match=r"lenslet at \(-480, 500\) µm: .* got 0 of 5 planes; correct lattice.lens_centres_um"
+        InputError,
+        match=r"lenslet at \(-480, 500\) µm: .* got 0 of 5 planes; correct the lenslet centres of the camera",
     ):
         fit_camera(measured(elsewhere, light), unknowns=ASKED)
 
@@ -174,7 +175,7 @@ def test_the_reason_of_invalid_pixels_is_named():
         (bright, light, "expose shorter: its pixels are saturated"),
         (bright, np.where(bright, np.nan, light), "record these planes again: its pixels are NaN or infinite"),
         (bright, np.where(bright, 0.0, light), "correct the mask of defective pixels.* its pixels are masked"),
-        (far, gone, r"correct lattice\.lens_centres_um"),
+        (far, gone, r"correct the lenslet centres .*lattice\.lens_centres_um"),
     ):
         given = measured(camera, light, valid=~invalid)
         given = replace(given, patterns=(12e3 * values / light.max()).astype(np.float32))

@@ -94,7 +94,7 @@ def test_a_width_is_fitted_by_its_square() -> None:
 
 
 def test_what_is_no_unknown_is_refused() -> None:
-    with pytest.raises(InputError, match=r"unknowns: expected geometry or .*, got 'gap'; choose one of these"):
+    with pytest.raises(InputError, match=r"unknowns: expected geometry, .*, got 'gap'; choose one of these"):
         vector("bench", ("gap",))
     with pytest.raises(InputError, match="gap_um twice"):
         vector("bench", ("geometry", "geometry"))

@@ -234,7 +234,9 @@ STEPS = {
 )
 def test_wrong_order_says_what_to_swap(first: str, second: str) -> None:
     CorrectionChain((STEPS[second], STEPS[first]))
-    with pytest.raises(InputError, match=f"expected {second} before {first}, got {first} before {second}; swap them"):
+    with pytest.raises(
+        InputError, match=f"expected {second} before {first}, got {first} before {second}; exchange the two"
+    ):
         CorrectionChain((STEPS[first], STEPS[second]))
 
 
@@ -308,7 +310,7 @@ def test_unknown_exposure_names_the_frame() -> None:
         (lambda: Dark(np.array([[np.inf]])), "dark frame: expected finite values"),
         (lambda: Dark(level=np.nan), "dark level"),
         (lambda: Exposure(0.0), "reference exposure"),
-        (lambda: Background("mean"), "background: expected constant or border or plane"),
+        (lambda: Background("mean"), "background: expected constant, border or plane"),
         (lambda: Background("border", width=0), "background border"),
         (lambda: average_frames([]), "frames to average: expected at least one"),
         (lambda: average_frames([np.ones((2, 3)), np.ones((3, 2))]), "frame 1 of the average"),

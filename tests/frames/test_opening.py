@@ -328,7 +328,7 @@ CANNOT: dict[str, tuple[dict[str, Any], str]] = {
         {"order": "raster", "plan_shape": (2, 3, 5)},
         "frames: expected 30 for a scan of 2 x 3 x 5, got 24",
     ),
-    "unknown NaN policy": ({"pattern": NAMES, "nan": "ignore"}, "NaN in frames: expected auto or mask or refuse"),
+    "unknown NaN policy": ({"pattern": NAMES, "nan": "ignore"}, "NaN in frames: expected auto, mask or refuse"),
     "unknown colour": ({"pattern": NAMES, "colour": "r"}, "colour: expected R, G or B"),
 }
 

@@ -61,7 +61,9 @@ def test_the_simulated_white_frame_of_touching_discs_gives_the_described_centres
 def test_what_cannot_be_found_is_refused_in_one_sentence():
     camera = camera_of()
     fewer = replace(camera, lattice=replace(camera.lattice, lens_centres_um=camera.lattice.lens_centres_um[:5]))
-    with pytest.raises(InputError, match="expected 7, one for each lenslet of flfm_20x05, got 5; correct lattice"):
+    with pytest.raises(
+        InputError, match="expected 7, one for each lenslet of flfm_20x05, got 5; correct the lenslet centres"
+    ):
         fit_discs(white_of(fewer, 60.0), camera)
     with pytest.raises(InputError, match="white image: expected bright discs on a dark ground, got even light"):
         fit_discs(np.full(camera.sensor.shape, 7.0), camera)

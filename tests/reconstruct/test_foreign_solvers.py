@@ -100,7 +100,7 @@ def test_the_command_line_runs_it(foreign, run, tmp_path):
     code, out, _ = run("solvers")
     assert code == 0 and "landweber" in out and "Landweber 1951" in out
     code, _, err = run(*arguments, "--solver", "landweber", "--read-noise", 3)
-    assert code == 2 and "--read-noise: expected --solver sieve or rl or" in err and len(err.strip().splitlines()) == 1
+    assert code == 2 and "--read-noise: expected --solver sieve, rl, " in err and len(err.strip().splitlines()) == 1
 
 
 def test_the_window_lists_it(foreign, tmp_path):
@@ -117,8 +117,8 @@ print(ReconstructSettings("landweber", read_noise=3.0).choice().solver.title)
 @pytest.mark.parametrize(
     ("source", "reason"),
     [
-        ("SOLVER = 3", "it has no name"),
-        ("class SOLVER:\n    name = 'theirs'", "not a Solver"),
+        ("SOLVER = 3", "expected a part with a name"),
+        ("class SOLVER:\n    name = 'theirs'", "expected a Solver with a function"),
         (PAGE[0].replace('frozenset({"background",', 'frozenset({"backgrounds",'), "backgrounds"),
         ("import a_library_that_is_missing", "a_library_that_is_missing"),
     ],

@@ -95,14 +95,17 @@ print(*(row.name for row in verdict_of(small_plan(), settings).rows if row.on))
 SHOWN = PAGE[0].replace("ArrayDecentre", "effect")
 ABSTRACT = "from lfcal.simulate.effects import SceneEffect\nclass effect(SceneEffect):\n    name = title = 'theirs'"
 BROKEN = {
-    "nameless": ("def effect(): ...", "it has no name"),
-    "no effect": ("class effect:\n    name = 'theirs'", "not a class derived from Effect"),
-    "abstract": (ABSTRACT, "it lacks estimate"),
-    "not frozen": (SHOWN.replace("frozen=True, ", ""), "not a frozen dataclass"),
+    "nameless": ("def effect(): ...", "expected a part with a name"),
+    "no effect": ("class effect:\n    name = 'theirs'", "expected a class derived from Effect"),
+    "abstract": (ABSTRACT, "lacks the methods estimate"),
+    "not frozen": (SHOWN.replace("frozen=True, ", ""), "expected a frozen dataclass"),
     "no title": (SHOWN.replace("    title:", "    subtitle:"), "lacks a title"),
     "no defaults": (SHOWN.replace("float = 1.0", "float"), "rows_um"),
     "estimate fails": (SHOWN.replace("outlook.pixel_um", "outlook.pixels_um"), "pixels_um"),
-    "no estimate": (SHOWN.replace('return Estimate(shift, "px", ', 'return (shift, "px", '), "it has no estimate"),
+    "no estimate": (
+        SHOWN.replace('return Estimate(shift, "px", ', 'return (shift, "px", '),
+        "did not return an Estimate",
+    ),
     "does not load": ("raise RuntimeError('their library is missing')", "their library is missing"),
 }
 

@@ -121,7 +121,7 @@ def test_stages_are_few() -> None:
 def test_what_has_no_stages_is_told() -> None:
     assert not any(FusedResponse.transforms(n) for n in (8, 26, 17 * 32))
     for n in (7, 26):
-        with pytest.raises(ValueError, match=f"{n} numbers: expected two factors or more, primes up to 11"):
+        with pytest.raises(ValueError, match=f"expected a product of two or more primes up to 11, got {n}"):
             way_of(n)
 
 

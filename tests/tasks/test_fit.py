@@ -185,9 +185,9 @@ def test_a_fit_of_regions_is_read_by_their_names(tmp_path: Path, monkeypatch: py
     Path("field").mkdir()
     task = ValidateFit(fit=Path("field"), sources=(Path("centre.h5"),))
     for text, words in (
-        ('{"regions": []}', "expected a fit of regions"),
-        ('{"regions": [{"name": "../away"}]}', "expected a fit of regions"),
-        ("[]", "expected a fit of regions"),
+        ('{"regions": []}', "expected a fit of several regions"),
+        ('{"regions": [{"name": "../away"}]}', "expected a fit of several regions"),
+        ("[]", "expected a fit of several regions"),
         ("{", "field.json"),
     ):
         Path("field", "field.json").write_text(text)

@@ -118,9 +118,9 @@ def test_a_volume_says_of_which_task_it_is_and_is_made_again(lfcal: Lfcal, place
     [
         (("--strength", 0.1), "--strength: expected --solver rl-tv or rl-tikhonov, got sieve; leave it out"),
         (("--solver", "isra", "--read-noise", 0), "got isra; leave it out"),
-        (("--solver", "rl", "--subsets", 2), "--subsets: expected --solver sieve or osem or phase-space, got rl"),
+        (("--solver", "rl", "--subsets", 2), "--subsets: expected --solver sieve, osem or phase-space, got rl"),
         (("--solver", "list"), "lfcal solvers lists the names"),
-        (("--solver", "magic"), "solver: expected rl or"),
+        (("--solver", "magic"), "solver: expected rl, "),
         (("--goal", "measure"), "--goal: expected --iterations auto, got 15"),
         (("--warm",), "--warm: expected a series of frames or a forecast, got one frame"),
         (("--format", ".h5"), "--format: expected a series of frames, got one frame"),
@@ -189,7 +189,7 @@ def test_a_solver_of_another_distribution_has_the_fields_of_its_options(
         solver_settings("theirs", subsets=2)
     words = ("reconstruct", place / "H.h5", place / "frame.tif", "-o", place / "e.npy", "--solver", "theirs")
     done = lfcal(*words, "--tolerance", 0.1)
-    assert done.code == 2 and "--tolerance: expected --solver sieve or rl or" in done.err and "got theirs" in done.err
+    assert done.code == 2 and "--tolerance: expected --solver sieve, rl, " in done.err and "got theirs" in done.err
 
 
 def test_kinds_are_told_apart_by_what_is_there(place: Path) -> None:

@@ -195,7 +195,7 @@ def test_a_field_of_another_kind_is_refused(kind: type[Task], tmp_path: Path) ->
         ('frames = "f"\nprogressive = true', "progressive: expected H in passes, got frames"),
         ('out = "H.h5"\nplan_only = true\nseed = 1', "seed: expected frames, got a forecast"),
         ('out = "H.h5"\ntolerance = 5', "tolerance: expected a number > 0 and ≤ 4, got 5"),
-        ('out = "H.h5"\nlevel = "waves"', "level: expected auto or geometric or"),
+        ('out = "H.h5"\nlevel = "waves"', "level: expected auto, geometric, "),
         ('out = "H.h5"\neffects = ["coma"]', "effects: expected NAME=on, off, auto or a magnitude"),
         ('out = "H.h5"\ndepths = "1 kg"', "depths: expected numbers"),
         ('out = "H.h5"\ndepths = [1, "a"]', "depths: expected numbers, in µm or with mm, got 'a'"),

@@ -74,7 +74,10 @@ class CompareRequest:
         orders = {order for path, order in files if path.lower().endswith(".mat")}
         if len(orders) > 1:
             raise InputError.expected(
-                "order of axes", "the same for both .mat files", "two orders", "choose the same order for both in H"
+                "order of axes",
+                "the same for both .mat files",
+                " and ".join(sorted(order or "automatic" for order in orders)),
+                "choose the same order for both in H",
             )
         return next(iter(orders), "")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, njit
+from lfcal.base import InputError, any_of, njit
 
 COLOUR_MAPS = ("magma", "viridis", "cividis", "gray")
 """Perceptually uniform colour maps for intensities; in the first one, zero is black."""
@@ -54,9 +54,9 @@ class DisplaySettings:
     def __post_init__(self) -> None:
         """Check every value."""
         if self.scale not in SCALES:
-            raise InputError.expected("scaling", " or ".join(SCALES), self.scale, "choose one of these")
+            raise InputError.expected("scaling", any_of(SCALES), self.scale, "choose one of these")
         if self.colour_map not in (*COLOUR_MAPS, DIVERGING):
-            raise InputError.expected("colour map", " or ".join(COLOUR_MAPS), self.colour_map, "choose one")
+            raise InputError.expected("colour map", any_of(COLOUR_MAPS), self.colour_map, "choose one of these")
 
 
 def level_words(value: float, levels: tuple[float, float]) -> str:

@@ -210,7 +210,7 @@ def next_step(sitting: Sitting) -> Step:
         if not (step.optional and step.place in BEFORE_H):
             return replace(step, other=other)
         other = other or step
-    raise AssertionError("the last row always holds")
+    raise AssertionError("the last row of the table has no condition and should apply")
 
 
 # -- words -------------------------------------------------------------------------------------------------

@@ -102,7 +102,7 @@ def _order(spec: PageSpec) -> tuple[float, str]:
 
 def _check(spec: PageSpec) -> None:
     if not isinstance(spec, PageSpec):
-        raise TypeError("it is not a PageSpec")
+        raise TypeError(f"expected a PageSpec, got {type(spec).__name__}")
 
 
 PAGES = page_registry()

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lfcal.base import FileFormatError, LfcalError, on_network, parse_json, read_text, write_text
+from lfcal.base import FileFormatError, LfcalError, on_network, parse_json, read_text, stated_format, write_text
 from lfcal.camera import Camera, ScanPlan, preset
 
 FORMAT = "lfcal-project"
@@ -85,7 +85,12 @@ class ProjectState:
             data = _modern(data) if data["format"] == OLD_FORMAT else data
             given = {name: data[name] for name in ENTRIES}
         except (KeyError, TypeError, ValueError) as error:
-            raise FileFormatError.expected("project", "every entry", f"{error}", "the file is incomplete") from None
+            raise FileFormatError.expected(
+                "project",
+                "every entry",
+                f"a file without {error}",
+                "the file is incomplete; choose another project file",
+            ) from None
         left_out: list[str] = []
         readers: dict[str, Callable[[Any], Any]] = {
             **{name: partial(_file, name, left_out=left_out) for name in FILES},
@@ -141,7 +146,10 @@ def _parsed(text: str) -> dict[str, Any]:
     known = ((FORMAT, VERSION), (OLD_FORMAT, 1))
     if not isinstance(data, dict) or (data.get("format"), data.get("version")) not in known:
         raise FileFormatError.expected(
-            "project", f"format {FORMAT} version {VERSION}", "another kind of file", "check the file"
+            "project",
+            f"format {FORMAT} version {VERSION}",
+            stated_format(data),
+            "choose a project file of this version",
         )
     return data
 
@@ -313,7 +321,7 @@ class Project:
         """Write the project to its file (atomically)."""
         target = path or self.path
         if target is None:
-            raise FileFormatError("project: no file yet; choose a name")
+            raise FileFormatError("project: not saved to a file yet; choose a file name")
         write_text(target, self._state.to_json())
         self.path, self._saved = target, self._state
         self._stamp = _stamp(target)

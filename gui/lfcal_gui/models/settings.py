@@ -121,7 +121,9 @@ class OpeningSettings(PageSettings):
         """Check every pair."""
         for pair in self.mat_orders:
             if not isinstance(pair, tuple) or len(pair) != 2 or not all(isinstance(part, str) for part in pair):
-                raise InputError.expected("mat_orders", "pairs of file and order", repr(pair), "correct it")
+                raise InputError.expected(
+                    "mat_orders", "pairs of file and order", repr(pair), "give the file and the order of its axes"
+                )
             check_mat_order(pair[1])
 
     def with_order(self, path: str, order: str) -> OpeningSettings:

@@ -83,12 +83,14 @@ class Solid:
         Without depths or voxel size all voxels are cubes.
         """
         if volume.ndim != 3 or 0 in volume.shape:
-            raise InputError.expected("volume", "three axes (z, y, x)", volume.shape, "choose another one")
+            raise InputError.expected("volume", "three axes (z, y, x)", volume.shape, "choose another volume")
         depths, sides, measured = np.arange(len(volume), dtype=float), (1.0, 1.0), False
         if depths_um is not None and voxel_um is not None:
             depths, sides, measured = np.asarray(depths_um, np.float64), voxel_um, True
         if len(depths) != len(volume) or not np.isfinite(depths).all() or not min(sides) > 0:
-            raise InputError.expected("volume", "a depth for each plane", (depths, sides), "correct it")
+            raise InputError.expected(
+                "volume", "a depth for each plane", (depths, sides), "give one depth for each plane"
+            )
         values = np.asarray(volume, np.float32)
         known = np.isfinite(values)
         if not known.all():

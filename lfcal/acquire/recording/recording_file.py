@@ -79,7 +79,12 @@ def read_layout(path: Path) -> Layout:
     with H5File(path) as file:
         attributes = file.attributes()
         if attributes.text("format") != FORMAT:
-            raise FileFormatError.expected(str(path), "a recording", "another HDF5 file", "choose recording.h5")
+            raise FileFormatError.expected(
+                str(path),
+                "a recording of lfcal",
+                "an HDF5 file of another format",
+                "choose the recording.h5 of a session",
+            )
         if attributes.integer("version") != VERSION:
             raise FileFormatError.expected(
                 str(path), f"version {VERSION}", attributes.integer("version"), "update lfcal"
@@ -117,7 +122,9 @@ class RecordingJournal:
         self.path = path
         self.layout = read_layout(path)
         if not self.layout.in_place:
-            raise StorageError(f"{path}: recording is packed; record further positions into a separate file")
+            raise StorageError(
+                f"{path}: the recording is packed, so nothing can be added; record further positions in a new session"
+            )
         with storage_errors(path):
             self._descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
         self._closed = False
@@ -208,7 +215,9 @@ def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
     with storage_errors(path):
         data = read_bytes(descriptor, size, offset)
     if len(data) != size:
-        raise FileFormatError.expected(str(path), f"{size} bytes at {offset}", len(data), "the file was cut short")
+        raise FileFormatError.expected(
+            str(path), f"{size} bytes at {offset}", len(data), "the file was cut short; restore it from a copy"
+        )
     return data
 
 

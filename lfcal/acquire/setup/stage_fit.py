@@ -129,7 +129,10 @@ def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) 
     spread = np.linalg.svd(moves - moves.mean(axis=0), compute_uv=False) if len(moves) > 2 else np.zeros(2)
     if len(moves) < 3 or spread[-1] < 1e-3 * spread[0] or spread[0] == 0:
         raise InputError.expected(
-            "moves of the stage", "three or more positions, not on one line", len(moves), "move both axes"
+            "moves of the stage",
+            "three or more positions, not on one line",
+            f"{len(moves)}{' on one line' if len(moves) > 2 else ''}",
+            "move the stage along both lateral axes",
         )
     solution, *_ = np.linalg.lstsq(design, seen, rcond=None)
     matrix = solution[:2].T
@@ -176,7 +179,7 @@ def check_axes(fit: StageFit, plan: ScanPlan) -> None:
             "stage axes (right, down)",
             f"{old.right}, {old.down} as in the plan",
             f"{new.right}, {new.down} as measured in the image{why}",
-            "set these in the plan: the scan would run the wrong way",
+            "set the measured axes in the plan, or the scan would run in the wrong direction",
         )
 
 
@@ -221,7 +224,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
             "angle between stage and sensor",
             f"below {math.degrees(most):.2f}° ({cell_px:g} px over a period of the lenslets)",
             f"{math.degrees(fit.rotation_rad):.2f}°",
-            "turn the camera",
+            "rotate the camera until its rows are parallel to the stage axis",
         )
     if fit.residual_px > residual_px:
         raise InputError.expected(

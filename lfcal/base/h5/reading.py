@@ -11,7 +11,7 @@ from weakref import WeakSet
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError, any_of
 from lfcal.base.files import MAX_EXPANSION, check_regular, storage_errors, system_error
 from lfcal.base.h5.chunks import ChunkTable
 from lfcal.base.h5.probe import probe
@@ -537,7 +537,7 @@ class Attributes:
             raise self._wrong(key, "numbers", value)
         numbers = np.asarray(value, np.float64)
         if numbers.ndim > 1 or numbers.size not in lengths or not np.isfinite(numbers).all():
-            wanted = " or ".join(str(n) for n in sorted(set(lengths)))
+            wanted = any_of(str(n) for n in sorted(set(lengths)))
             raise self._wrong(key, f"finite numbers, {wanted} of them", value)
         return numbers.ravel()
 

@@ -127,7 +127,10 @@ def file_text(source: Path) -> str:
         return data.decode("utf-16" if utf16 else "utf-8-sig")
     except UnicodeDecodeError:
         raise FileFormatError.expected(
-            str(source), "a camera description in UTF-8 or UTF-16 text", "other data", "check the path"
+            str(source),
+            "a camera description in UTF-8 or UTF-16 text",
+            "binary data, or text in another encoding",
+            "save the file as UTF-8",
         ) from None
 
 
@@ -192,6 +195,6 @@ def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = 
     raise FileFormatError.expected(
         str(source),
         f"a camera description ({names})",
-        "another kind of file",
+        "a file of another format",
         "describe the camera with lfcal camera new",
     )

@@ -20,7 +20,7 @@ from lfcal.base import InputError
 __all__ = ["PixelFormat"]
 
 NAME = re.compile(r"(?:Mono|Bayer(?:GR|RG|GB|BG))(?:(8|10|12|14|16)|(10|12)p|(10|12)packed)", re.IGNORECASE)
-SUPPORTED = "Mono or BayerGR, RG, GB, BG with 8, 10, 12, 14, 16, 10p, 12p, 10Packed or 12Packed"
+SUPPORTED = "Mono or Bayer (GR, RG, GB, BG), with 8, 10, 12, 14, 16, 10p, 12p, 10Packed or 12Packed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,9 @@ class PixelFormat:
         """Return the format ``name`` of ``camera``; raises `InputError` if it is not supported."""
         match = NAME.fullmatch(name)
         if match is None:
-            raise InputError.expected(f"pixel format of {camera}", SUPPORTED, name, "set option format")
+            raise InputError.expected(
+                f"pixel format of {camera}", SUPPORTED, name, "choose one of these with the option format"
+            )
         plain, stream, legacy = (int(bits or 0) for bits in match.groups())
         if plain:
             size = 1 if plain == 8 else 2
@@ -86,7 +88,7 @@ class PixelFormat:
         step = line + padding if padding else filled
         needed = (rows - 1) * step + line if step else stream
         if len(data) < needed:
-            raise ValueError(f"{len(data)} bytes of {self.name} for {rows} x {columns} pixels, {needed} needed")
+            raise ValueError(f"expected {needed} bytes of {self.name} for {rows} x {columns} pixels, got {len(data)}")
         if not step:
             return self._unpacked(data[None, :stream], rows * columns).reshape(shape)
         lines = np.lib.stride_tricks.as_strided(data, (rows, line), (step, 1), writeable=False)

@@ -249,7 +249,9 @@ class _Camera(CameraFacts):
         bits = lib.buffer_get_image_pixel_format(buffer) >> 16 & 0xFF
         if bits != self._format.stored_bits:
             got = f"{bits} bits per pixel"
-            raise CameraError.expected(f"{self.name}: frame", self._format.name, got, "set option format")
+            raise CameraError.expected(
+                f"{self.name}: frame", self._format.name, got, "choose the format of the frames with the option format"
+            )
         raw = memoryview((c.c_char * size.value).from_address(address)).cast("B")
         try:
             # new arrays: the buffer goes back to the stream

@@ -57,7 +57,12 @@ class FolderBackend:
             raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "create it first")
         pattern = options.get("pattern", "*")
         if "/" in pattern or os.sep in pattern:
-            raise InputError.expected("option pattern", "a name without folders", repr(pattern), "correct it")
+            raise InputError.expected(
+                "option pattern",
+                "a name without folders",
+                repr(pattern),
+                "leave the folders out, and give the folder with the option path",
+            )
         stage = ExternalStage()
         bits = int(number_option(options, "bits", plan.camera.sensor.bit_depth, low=1, high=16))
         quiet = number_option(options, "quiet", 0.2, low=0)
@@ -121,7 +126,7 @@ class _Camera(CameraFacts):
             raise IncompleteFrame(f"{self._folder}: a file remained unreadable: {trouble}")
         message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
         if "{number" in self._pattern:
-            raise FrameTimeout(f"{message}; check the other program")
+            raise FrameTimeout(f"{message}; check the program that writes the files")
         raise DeviceLost(f"{message}; a late file could be mistaken for the next, so use {{number}} in the pattern")
 
     def close(self) -> None:
@@ -168,7 +173,12 @@ class _Camera(CameraFacts):
             return None
         frame = np.asarray(read_image(path))
         if frame.shape != self._shape:
-            raise InputError.expected(path.name, f"{self._shape} pixels", frame.shape, "match plan and camera")
+            raise InputError.expected(
+                path.name,
+                f"{self._shape} pixels",
+                frame.shape,
+                "correct the sensor of the plan, or the region of the camera",
+            )
         if frame.dtype != self._dtype and not (frame.dtype == np.uint8 and self._dtype == np.uint16):
             raise InputError.expected(path.name, f"{self._dtype}", frame.dtype, "save raw samples")
         return frame.astype(self._dtype)

@@ -218,7 +218,10 @@ class _Camera(CameraFacts):
         found = self._format if name is None else PixelFormat.named(name, self.name)
         if found.bits != self._bits or (number and number >> 16 & 0xFF != found.stored_bits):
             raise CameraError.expected(
-                f"{self.name}: frame", self._format.name, name or f"format {number:#x}", "set option format"
+                f"{self.name}: frame",
+                self._format.name,
+                name or f"format {number:#x}",
+                "choose the format of the frames with the option format",
             )
         return found
 
@@ -249,7 +252,9 @@ class _Camera(CameraFacts):
             else:
                 node.value = value
         except Exception as error:
-            raise CameraError(f"{self.name}: {name} = {value}: {error}; check the feature") from error
+            raise CameraError(
+                f"{self.name}: {name} = {value}: {error}; check that the camera has this feature and accepts this value"
+            ) from error
 
     def _command(self, name: str) -> None:
         try:

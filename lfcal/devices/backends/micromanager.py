@@ -271,7 +271,7 @@ class _Shutter:
             self._core.setShutterOpen(self._label, on)
             self._core.waitForDevice(self._label)
         except RuntimeError as error:
-            raise DeviceError(f"shutter {self._label}: {error}; check it") from error
+            raise DeviceError(f"shutter {self._label}: {error}; check its connection and configuration") from error
 
 
 def _settings_of(core: Any, label: str) -> tuple[dict[str, str], list[str]]:

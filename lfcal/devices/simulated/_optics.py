@@ -119,7 +119,7 @@ class FramesRenderer:
     def __init__(self, plan: ScanPlan, frames: FrameSource) -> None:
         if tuple(frames.shape) != tuple(plan.camera.sensor.shape):
             raise InputError.expected(
-                "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "match them"
+                "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "give frames of this sensor"
             )
         self._plan, self._frames = plan, frames
         # a live view shows the same place repeatedly

@@ -217,7 +217,9 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
         return None
     names = [name.strip() for name in text.split(",")]
     if len(names) != 3:
-        raise InputError.expected("option axes", "right,down,away such as +x,+y,+z", repr(text), "correct it")
+        raise InputError.expected(
+            "option axes", "three axes right,down,away", repr(text), "write it in this form: +x,+y,+z"
+        )
     return replace(plan.stage, right=names[0], down=names[1], away=names[2])
 
 

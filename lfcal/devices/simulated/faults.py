@@ -86,7 +86,9 @@ def parse_faults(text: str) -> list[DeviceFault]:
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError.expected("option faults", "kind@call[*times]", repr(part), "correct it") from None
+            raise InputError.expected(
+                "option faults", "kind@call[*times]", repr(part), "write it in this form"
+            ) from None
     return faults
 
 

@@ -134,7 +134,9 @@ def _listed(path: str | os.PathLike[str]) -> NDArray[np.int64]:
             pixels.append((int(cells[row]), int(cells[column])))
         except ValueError:
             wanted, got = "whole numbers", f"{cells[row]}, {cells[column]}"
-            raise FileFormatError.expected(f"{path} line {number}", wanted, got, "correct it") from None
+            raise FileFormatError.expected(
+                f"{path} line {number}", wanted, got, "give the row and the column of a pixel"
+            ) from None
     return np.array(pixels, np.int64).reshape(-1, 2)
 
 

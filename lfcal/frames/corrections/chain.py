@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Region, check_region, for_each_chunk, grow_region, region_shape, whole
+from lfcal.base import InputError, Region, any_of, check_region, for_each_chunk, grow_region, region_shape, whole
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.defects import Defects, repair_nan
 from lfcal.frames.corrections.steps import Background, Dark, DarkSet, Exposure, PixelMask, Plane, White
@@ -76,11 +76,13 @@ class CorrectionChain:
         for before, after in itertools.pairwise(steps):
             if _RANK[type(before)] > _RANK[type(after)]:
                 a, b = _name(before), _name(after)
-                raise InputError.expected("order of corrections", f"{b} before {a}", f"{a} before {b}", "swap them")
+                raise InputError.expected(
+                    "order of corrections", f"{b} before {a}", f"{a} before {b}", "exchange the two corrections"
+                )
         for kinds in _ONCE:
             same = [_name(step) for step in steps if type(step) in kinds]
             if len(same) > 1:
-                wanted = " or ".join(kind.__name__ for kind in kinds)
+                wanted = any_of(kind.__name__ for kind in kinds)
                 raise InputError.expected("corrections", f"one {wanted}", " and ".join(same), "merge them into one")
         sized = [step for step in steps if step.shape is not None]
         for step in sized[1:]:

@@ -136,7 +136,7 @@ def _images(place: Path) -> list[Path]:
         files = sorted(p for p in place.iterdir() if p.suffix.lower() in image_suffixes())
         if not files:
             raise InputError.expected(
-                f"calibration frames in {place}", "at least one image", "none", "check the folder"
+                f"calibration frames in {place}", "at least one image", "none", "choose the folder that contains them"
             )
         return files
     if not split_dataset(place)[0].exists():
@@ -187,7 +187,7 @@ def _check_levels(source: FrameSource, recipe: CorrectionRecipe) -> None:
     for name, level in (("black level", recipe.black_level), ("saturation", recipe.saturation)):
         if level is not None and level > most:
             after = f" after a shift by {recipe.shift} bits" if recipe.shift else ""
-            what = f"give {level / (1 << recipe.shift):g}" if recipe.shift else "correct it"
+            what = f"give {level / (1 << recipe.shift):g}" if recipe.shift else "give a value in this range"
             raise InputError.expected(name, f"at most {most}, the largest sample{after}", f"{level:g}", what)
 
 
@@ -287,7 +287,9 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
         try:
             return float(wanted)
         except ValueError:
-            raise InputError.expected("exposure", "auto, none or seconds", repr(wanted), "correct it") from None
+            raise InputError.expected(
+                "exposure", "auto, none or seconds", repr(wanted), "write one of these words, or a number"
+            ) from None
     counts = Counter(source.info(k).exposure_s for k in range(len(source)))
     known = [seconds for seconds in counts if seconds is not None]
     # a single exposure: scaling all frames would only change the unit
@@ -349,5 +351,8 @@ def _background(text: str) -> Background:
         return Background("constant", float(text))
     except ValueError:
         raise InputError.expected(
-            "background", "none, border, plane or a number of counts", repr(text), "correct it"
+            "background",
+            "none, border, plane or a number of counts",
+            repr(text),
+            "write one of these words, or a number",
         ) from None

@@ -205,7 +205,7 @@ def _of_numbers(
         raise InputError.expected(
             f"{planes.name}, steps of its planes",
             "longer steps from each plane to the next, one pixel each",
-            ", ".join(f"{size:.5g}" for size in planes.sizes) + " um",
+            ", ".join(f"{size:.5g}" for size in planes.sizes) + " µm",
             "state the depths with --depths, or give z as a length",
         )
     words = (

@@ -143,7 +143,10 @@ def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple
     example = names[0]
     if np.isnan(places[:, 2]).any() and not np.isnan(places[:, 2]).all():
         raise FileFormatError.expected(
-            f"z in the file names of {root}", "in all or none", "only in some", "rename the others"
+            f"z in the file names of {root}",
+            "in all or none",
+            "only in some",
+            "add z to the other names, or remove it from these",
         )
     notes = (f"positions: stage coordinates in the file names, such as {example}",)
     listing = Listing(f"the names in {root.name}", tuple(names), (0,) * len(names), places, "um", notes=notes)

@@ -133,7 +133,7 @@ def _numbers(table: Table, column: Column) -> NDArray[np.float64]:
             values[k] = math.nan
         if not math.isfinite(values[k]):
             where = f"{table.name} line {table.lines[k]}, {column.name}"
-            raise FileFormatError.expected(where, "a number", repr(cell), "correct it")
+            raise FileFormatError.expected(where, "a number", repr(cell), "write a number")
     return values
 
 
@@ -204,7 +204,10 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
     if values.min() <= 0:
         line = table.lines[int(values.argmin())]
         raise FileFormatError.expected(
-            f"{table.name} line {line}, {column.name}", "a time above 0", values.min(), "correct it"
+            f"{table.name} line {line}, {column.name}",
+            "a time above 0",
+            values.min(),
+            "write the exposure of this frame",
         )
     if not column.unit and np.median(values) >= 1000:
         # microseconds, as written by machine-vision cameras, or milliseconds for a faint source
@@ -230,7 +233,10 @@ def _pages(table: Table, column: Column | None) -> tuple[int, ...]:
     values = _numbers(table, column)
     if (values != np.round(values)).any() or values.min() < 0:
         raise FileFormatError.expected(
-            f"{table.name}, {column.name}", "page numbers from 0", "negative numbers or fractions", "correct it"
+            f"{table.name}, {column.name}",
+            "page numbers from 0",
+            "negative numbers or fractions",
+            "number the pages 0, 1, 2 …",
         )
     return tuple(int(v) for v in values)
 

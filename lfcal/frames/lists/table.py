@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from lfcal.base import FileFormatError, InputError, read_text
+from lfcal.base import FileFormatError, InputError, any_of, read_text
 from lfcal.frames.formats import image_suffixes
 
 __all__ = [
@@ -164,7 +164,10 @@ def _decimal(path: Path, rows: Iterable[list[str]]) -> str:
                 point = point or cell
     if comma and point:
         raise FileFormatError.expected(
-            f"list {path.name}, decimal sign", "a point or a comma throughout", f"{comma} and {point}", "save it again"
+            f"list {path.name}, decimal sign",
+            "a point or a comma throughout",
+            f"{comma} and {point}",
+            "save the list with one decimal sign",
         )
     return "," if comma else "."
 
@@ -247,7 +250,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
                 "--columns",
                 f"ROLE=COLUMN,… with each of {', '.join(ROLES)} at most once",
                 repr(part),
-                "use for example file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp",
+                "write it in this form: file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp",
             )
         found[role] = (name, unit)
     return found
@@ -263,7 +266,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
     """
     chosen, doubtful = _sorted_out(table, stated or {})
     for role, found in doubtful.items():
-        names = " or ".join(repr(column.name) for column in found)
+        names = any_of(repr(column.name) for column in found)
         raise InputError.expected(
             f"{table.name}, column of {role}", "one", names, f"state which: --columns '{role}={found[-1].name}'"
         )

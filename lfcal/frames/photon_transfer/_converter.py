@@ -90,7 +90,10 @@ class ConverterScan:
             return Converter(self.top, None, 0, self.step, 1.0)
         if values.size < 2:
             raise InputError.expected(
-                "flats and darks", "varying samples", f"{values[0]} everywhere", "check the files"
+                "flats and darks",
+                "varying samples",
+                f"{values[0]} everywhere",
+                "check the exposure and the saved files",
             )
         # empty low bits: a power of two divides every sample
         whole = int(np.bitwise_or.reduce(values))

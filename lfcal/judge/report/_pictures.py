@@ -245,7 +245,7 @@ def _slices(H: PSFMatrix) -> ReportPicture:
 
 def _metric_map(metric: Metric, quality: QualityReport) -> ReportPicture:
     if metric.map is None:
-        raise ValueError("a metric without a map has no picture")
+        raise ValueError("expected a metric with a map, got one without")
     planes = chosen(len(metric.map), PANELS)
     if len(metric.positions):  # planes in which positions are named come first
         counts = np.bincount(metric.positions[:, 0], minlength=len(metric.map))

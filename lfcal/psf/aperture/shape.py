@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of
 from lfcal.psf.aperture._arcs import Arcs
 
 __all__ = [
@@ -269,7 +269,7 @@ class Aperture:
         """Check every value."""
         if self.refusal and self.refusal not in REFUSALS:
             raise InputError.expected(
-                "reason for refusing the aperture", " or ".join(REFUSALS), repr(self.refusal), "choose one"
+                "reason for refusing the aperture", any_of(REFUSALS), repr(self.refusal), "choose one of these"
             )
         if self.refusal and self.confident:
             raise InputError.expected(
@@ -277,7 +277,7 @@ class Aperture:
             )
         if self.kind not in KINDS:
             raise InputError.expected(
-                "kind of aperture", " or ".join(filter(None, KINDS)), repr(self.kind), "choose one"
+                "kind of aperture", any_of(filter(None, KINDS)), repr(self.kind), "choose one of these"
             )
         if self.blades < 0 or self.blades in (1, 2):
             raise InputError.expected(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, format_bytes
+from lfcal.base import InputError, any_of, format_bytes
 from lfcal.reconstruct.projectors._device_direct import DeviceDirect, direct_bytes
 from lfcal.reconstruct.projectors._device_engine import DeviceEngine, Placement
 from lfcal.reconstruct.projectors._device_polyphase import DevicePolyphase, band_bytes
@@ -128,7 +128,7 @@ def device_forecast(
     known = ("auto", *ON_DEVICES)
     if method not in known:
         what = f"projection method on {device.name}"
-        raise InputError.expected(what, " or ".join(known), repr(method), "choose one of these, or --device cpu")
+        raise InputError.expected(what, any_of(known), repr(method), "choose one of these, or --device cpu")
     rates, free = device_rates(device, problem.dtype.str), device.free_bytes()
     options = [o for name in ON_DEVICES if method in ("auto", name) for o in _options(problem, name, rates, method)]
     # two planes are on the device while one is used and the next is moved

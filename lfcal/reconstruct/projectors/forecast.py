@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base import InputError, format_bytes, format_seconds
+from lfcal.base import InputError, any_of, format_bytes, format_seconds
 from lfcal.reconstruct.projectors import _rates as rates
 from lfcal.reconstruct.projectors._direct import (
     PARTS,
@@ -170,7 +170,7 @@ def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> Proj
     """
     known = ("auto", *METHODS, REDUCED)
     if method not in known:
-        raise InputError.expected("projection method", " or ".join(known), repr(method), "choose one of these")
+        raise InputError.expected("projection method", any_of(known), repr(method), "choose one of these")
     options: list[Option] = []
     for name in (*METHODS, REDUCED) if method == "auto" else (method,):
         if name == "polyphase":

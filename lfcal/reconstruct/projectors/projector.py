@@ -121,7 +121,7 @@ class Projector:
         method, tiles = read_recipe(method)
         if method == REDUCED and tolerance == 0:
             what = f"projection method {REDUCED}"
-            raise InputError.expected(what, "a tolerance above 0", 0, "give a tolerance, such as 0.005")
+            raise InputError.expected(what, "a tolerance above 0", 0, "give a positive tolerance; 0.005 is usual")
         self._tolerance = float(tolerance)
         data = H if hasattr(H, "shape") else np.asarray(H)
         self._reader = PlaneReader(data, np.dtype(dtype), threshold)

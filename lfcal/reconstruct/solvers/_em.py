@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, for_each_chunk, in_order
+from lfcal.base import InputError, any_of, for_each_chunk, in_order
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers._model_noise import ModelNoise
 from lfcal.reconstruct.solvers._repeating import Repeating
@@ -45,7 +45,7 @@ SMALLEST_FACTOR = 0.1
 def check_acceleration(name: str) -> None:
     """Raise `InputError` unless ``name`` is a method of extrapolation."""
     if name not in ACCELERATIONS:
-        raise InputError.expected("acceleration", " or ".join(ACCELERATIONS), repr(name), "choose one of these")
+        raise InputError.expected("acceleration", any_of(ACCELERATIONS), repr(name), "choose one of these")
 
 
 def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:

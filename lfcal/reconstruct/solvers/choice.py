@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import MAX_SAMPLE, InputError, Registry, check_choice, check_number, drained
+from lfcal.base import MAX_SAMPLE, InputError, Registry, any_of, check_choice, check_number, drained
 from lfcal.reconstruct.margin import cropped, widened, widened_start
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.resample import drift_note
@@ -40,7 +40,7 @@ CHOSEN = ("background", "read_noise", "saturation", "strength", "subsets", "tole
 def check_solver(solver: Solver) -> None:
     """Raise `TypeError` unless ``solver`` is a `Solver`."""
     if not isinstance(solver, Solver) or not callable(solver.iterate):
-        raise TypeError("it is not a Solver with a function")
+        raise TypeError(f"expected a Solver with a function, got {type(solver).__name__}")
 
 
 def find_solvers() -> Registry[Solver]:
@@ -162,7 +162,7 @@ class SolverChoice:
 
     def _check_without_weights(self) -> None:
         """Raise where some pixels would have to have no weight."""
-        known = " or ".join(other.name for other in SOLVERS if "weights" in other.honours)
+        known = any_of(other.name for other in SOLVERS if "weights" in other.honours)
         if self.auto and self.stop == "left-out":
             raise InputError.expected(
                 f"iterations of solver {self.name}",

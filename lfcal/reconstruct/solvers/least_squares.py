@@ -141,7 +141,7 @@ def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> 
             "image shape, iterations, damping",
             f"{P.image_shape}, at least 1, at least 0",
             f"{data.image.shape}, {iterations}, {damping}",
-            "correct these values",
+            "give values within these limits",
         )
 
 

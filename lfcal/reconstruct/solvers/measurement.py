@@ -262,5 +262,7 @@ def _fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLi
     if array.ndim and array.shape != shape:
         raise InputError.expected(what, f"a number or shape {shape}", array.shape, "crop it like the image")
     if not np.isfinite(array).all() or (array < 0).any():
-        raise InputError.expected(what, "finite values of 0 or more", "other values", "correct these values")
+        raise InputError.expected(
+            what, "finite values of 0 or more", "negative values, NaN or infinity", "replace these values"
+        )
     return np.broadcast_to(array, shape) if what == "weights" else array

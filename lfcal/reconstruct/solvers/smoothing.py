@@ -102,7 +102,12 @@ class DepthSmoothing:
         """Check every value."""
         object.__setattr__(self, "widths", tuple(float(w) for w in self.widths))
         if not all(0 <= w < 1e4 for w in self.widths) or self.lobes < 1:
-            raise InputError.expected("smoothing widths (voxels)", "0 or more", self.widths, "correct the widths")
+            raise InputError.expected(
+                "smoothing widths (voxels), lobes",
+                "widths from 0 to below 10000, and at least one lobe",
+                f"{self.widths}, {self.lobes}",
+                "give values within these limits",
+            )
 
     @classmethod
     def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:

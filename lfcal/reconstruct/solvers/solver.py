@@ -9,7 +9,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from numpy.typing import ArrayLike
 
-from lfcal.base import InputError, in_place_of
+from lfcal.base import InputError, any_of, in_place_of
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement
 from lfcal.reconstruct.solvers.records import SolverState, SolverWork
@@ -229,5 +229,5 @@ class Solver:
             return
         got = f"{given}" if isinstance(given, int | float) else "one"
         wanted = f"none for solver {self.name}, which does not use it"
-        remedy = f"leave it out, or choose {' or '.join(others)}" if others else "omit it"
+        remedy = f"leave it out, or choose {any_of(others)}" if others else "omit it"
         raise InputError.expected(option.replace("_", " "), wanted, got, remedy)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from lfcal.base import InputError, check_number, choose, format_seconds, format_share
+from lfcal.base import InputError, any_of, check_number, choose, format_seconds, format_share
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy._estimates import estimates_of
 from lfcal.simulate.accuracy.cost import engine_times
@@ -146,7 +146,7 @@ class EffectSelection:
             if row.name == name:
                 return row
         names = [row.name for row in self.rows]
-        raise InputError.expected("effect", " or ".join(names), name, choose(name, names))
+        raise InputError.expected("effect", any_of(names), name, choose(name, names))
 
     def __iter__(self) -> Iterator[Effect]:
         """Iterate over the effects that are on at any plane."""
@@ -258,7 +258,7 @@ def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dic
     names = [effect.name for effect in candidates]
     for name, setting in overrides.items():
         if name not in names:
-            raise InputError.expected("effect", " or ".join(names), repr(name), choose(name, names))
+            raise InputError.expected("effect", any_of(names), repr(name), choose(name, names))
         if setting not in SETTINGS:
             raise InputError.expected(f"setting of {name}", "auto, on or off", repr(setting), "choose one of these")
     return {name: overrides.get(name, "auto") for name in names}

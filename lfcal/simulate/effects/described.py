@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from lfcal.base import FileFormatError, InputError, check_choice, read_text
+from lfcal.base import FileFormatError, InputError, any_of, check_choice, read_text
 from lfcal.simulate.effects import CATALOGUE, Effect
 from lfcal.simulate.effects.magnitudes import GIVEN, TRIPLES, Magnitude, kind_of, magnitudes_of, number_in, units_of
 
@@ -93,7 +93,7 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
                 "effect",
                 "NAME=on, off, auto or a magnitude, or a JSON file",
                 repr(item),
-                "give a value such as coma=0.3@40deg",
+                "write name and value in the form coma=0.3@40deg",
             )
         else:
             found.append(Entry(None, name, setting=text) if text in SETTINGS else _from_words(name, text))
@@ -149,7 +149,7 @@ def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
     if not isinstance(data, list) or not all(
         isinstance(one, dict) and isinstance(one.get("name"), str) for one in data
     ):
-        raise FileFormatError.expected(str(source), wanted, "another kind of content", "correct the file")
+        raise FileFormatError.expected(str(source), wanted, "JSON of another form", "correct the file")
     return tuple(_entry(one) for one in data)
 
 
@@ -192,9 +192,7 @@ def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]  # effects are dataclasses
     for key in magnitudes:
         if key not in known:
-            raise InputError.expected(
-                f"magnitude of {name}", " or ".join(known) or "none", key, "choose one of these names"
-            )
+            raise InputError.expected(f"magnitude of {name}", any_of(known) or "none", key, "choose one of these names")
     values = {key: _frozen(f"{key} of {name}", known[key], value) for key, value in magnitudes.items()}
     return kind(**values)
 
@@ -271,7 +269,7 @@ def _field(name: str, word: str, known: Mapping[str, str]) -> str:
         return word
     found = [key for key in known if word == key.rpartition("_")[0]]
     if not found:
-        raise InputError.expected(f"magnitude of {name}", " or ".join(known), repr(word), "choose one of these names")
+        raise InputError.expected(f"magnitude of {name}", any_of(known), repr(word), "choose one of these names")
     return found[0]
 
 
@@ -287,5 +285,7 @@ def _terms(name: str, text: str, three: str, example: str) -> list[list[float]]:
     except ValueError:
         terms = []
     if not terms or any(len(term) != 3 for term in terms):
-        raise InputError.expected(f"terms of {name}", f"{three};{three}", repr(text), f"give a value such as {example}")
+        raise InputError.expected(
+            f"terms of {name}", f"{three};{three}", repr(text), f"write it in this form: {example}"
+        )
     return terms

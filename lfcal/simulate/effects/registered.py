@@ -20,20 +20,20 @@ GROUP = "lfcal.effects"
 def check_effect(kind: type[Effect]) -> None:
     """Raise `TypeError`, or an error of the effect, if ``kind`` cannot be listed, planned or stored in a file."""
     if not (isinstance(kind, type) and issubclass(kind, Effect)):
-        raise TypeError("it is not a class derived from Effect")
+        raise TypeError(f"expected a class derived from Effect, got {kind!r}")
     if inspect.isabstract(kind):
-        raise TypeError(f"it lacks {', '.join(sorted(kind.__abstractmethods__))}")
+        raise TypeError(f"the class lacks the methods {', '.join(sorted(kind.__abstractmethods__))}")
     # the fields are the magnitudes stored in provenance; two equal effects must compare equal
     if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
-        raise TypeError("it is not a frozen dataclass")
+        raise TypeError("expected a frozen dataclass, got another class")
     if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
-        raise TypeError("it lacks a title (str) or acts_on (ActsOn)")
+        raise TypeError("the class lacks a title (str) or acts_on (ActsOn)")
     # tried here, because an estimate that fails later would stop every plan, even one without this effect
     camera = preset("bench")
     outlook = Outlook(camera, camera.depth_of(4.0), (61, 61), (33, 19))
     found = kind().estimate(outlook)
     if not isinstance(found, Estimate) or not math.isfinite(found.error):
-        raise TypeError("it has no estimate")
+        raise TypeError("estimate() did not return an Estimate with a finite error")
     kind().seconds(outlook, EngineSeconds(1.0, 1.0, 1.0))
 
 

@@ -264,7 +264,10 @@ def debye_field(
     pupil = pupil_light(scene, nodes or debye_nodes(scene, float(np.max(r_um, initial=0.0))))
     if not 0 <= order < len(pupil.light):
         raise InputError.expected(
-            "order of the angular term of the field", f"0 to {len(pupil.light) - 1}", order, "see Scene.vectorial"
+            "order of the angular term of the field",
+            f"0 to {len(pupil.light) - 1}",
+            order,
+            "give an order in this range",
         )
     rate = 2 * math.pi * optics.medium_index / scene.wavelength_um / optics.magnification * pupil.sine
     return hankel_sum(np.asarray(r_um, np.float64), rate, pupil.light[order], order)

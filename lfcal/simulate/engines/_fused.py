@@ -37,7 +37,7 @@ def way_of(n: int) -> Way:
     """
     radices = _fewest(n, RADICES[-1])
     if radices is None or len(radices) < 2:
-        raise ValueError(f"{n} numbers: expected two factors or more, primes up to 11")
+        raise ValueError(f"length of a transform: expected a product of two or more primes up to 11, got {n}")
     small_first = radices[::-1]
     return Way(_stages(n, small_first[:1]), _stages(n // small_first[0], small_first[1:]))
 

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.fft as sf
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of
 from lfcal.simulate._symmetry import folded
 from lfcal.simulate.engines._debye import DIPOLE_FIELDS, DebyeField, debye_fields, radial_field
 from lfcal.simulate.engines._polygon import Points, area, clip, disc_transform, iris_outline, spectrum
@@ -336,7 +336,7 @@ def _round_near_field(scene: Scene, dx: float, half: float) -> Complex:
 def _debye(scene: Scene, dx: float, half: float, mode: str) -> Complex:
     """D-modes: the microscope's radial field on the grid, or one of its dipoles'."""
     if scene.vectorial != (mode in DIPOLE_MODES):
-        fitting = " or ".join(DIPOLE_MODES) if scene.vectorial else "D"
+        fitting = any_of(DIPOLE_MODES) if scene.vectorial else "D"
         raise InputError.expected("mode of the microscope's field", fitting, mode, "obtain the engine from engine_for")
     field = DIPOLE_MODES[mode] if scene.vectorial else DIPOLE_FIELDS[0]
     values = _turned(radial_field(scene, (half + 8 * dx) * math.sqrt(2), field.order), dx, half)

@@ -72,7 +72,9 @@ def _per_px(sampling: Sampling) -> int:
     wanted = sampling.samples_per_px
     per = 4 if wanted is None else round(wanted)
     if per < 1 or (wanted is not None and per != wanted):
-        raise InputError.expected("samples per pixel of a grid", "a whole number", wanted, "round the number")
+        raise InputError.expected(
+            "samples per pixel of a grid", "a whole number of 1 or more", wanted, "give such a number"
+        )
     return per
 
 

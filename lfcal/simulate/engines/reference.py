@@ -68,7 +68,7 @@ class ReferencePlane:
         self.per_px = 8 if wanted is None else round(wanted)
         if self.per_px < 1 or (wanted is not None and self.per_px != wanted):
             raise InputError.expected(
-                "samples per pixel of the reference", "a whole number", wanted, "round the number"
+                "samples per pixel of the reference", "a whole number of 1 or more", wanted, "give such a number"
             )
         self._dx = scene.reduced_pixel_um / self.per_px
         self._reach = self._lit_radius()

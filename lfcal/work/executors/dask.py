@@ -69,7 +69,12 @@ class Dask:
         except ImportError:
             raise InputError("dask.distributed is not installed; run: pip install 'lfcal[cluster]'") from None
         if address and not ADDRESS.fullmatch(address):
-            raise InputError.expected("scheduler", "an address such as tcp://host:8786", repr(address), "correct it")
+            raise InputError.expected(
+                "scheduler",
+                "an address such as tcp://host:8786",
+                repr(address),
+                "give the address that the scheduler prints",
+            )
         self._library: Any = distributed
         self.workers, self.address, self.place = worker_count(workers), address, ""
         self._stack = ExitStack()

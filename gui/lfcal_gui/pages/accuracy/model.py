@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from lfcal.accuracy import Curve, Rung
-from lfcal.base import InputError, LfcalError
+from lfcal.base import InputError, LfcalError, any_of
 from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
 
 SUBJECTS = (("plan", "Scan plan"), ("psf", "H"))
@@ -52,11 +52,13 @@ class AccuracySettings(PageSettings):
     def __post_init__(self) -> None:
         """Check every value; a place of a package that is not installed is kept."""
         if self.subject not in dict(SUBJECTS):
-            raise InputError.expected("subject", " or ".join(dict(SUBJECTS)), self.subject, "choose one of these")
+            raise InputError.expected("subject", any_of(dict(SUBJECTS)), self.subject, "choose one of these")
         if not 0 < self.seconds <= 86_400:
-            raise InputError.expected("time per place (s)", "above 0 and up to a day", self.seconds, "correct it")
+            raise InputError.expected(
+                "time per place (s)", "above 0 and up to 86400 (a day)", self.seconds, "enter such a number"
+            )
         if not 0 < self.error <= 10:
-            raise InputError.expected("error", "above 0 and up to 1000 %", self.error, "correct it")
+            raise InputError.expected("error", "above 0 and up to 1000 %", self.error, "enter such a number")
 
 
 def subjects(project: ProjectState) -> tuple[str, ...]:

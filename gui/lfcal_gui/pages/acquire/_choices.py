@@ -166,14 +166,18 @@ class TargetChoice:
             return scan
         found = self._moved(scan)
         if found is None:
-            raise InputError.expected("plan of the target", "a readable file", self._path, "choose the file again")
+            raise InputError.expected(
+                "plan of the target", "a file that was read", f"{self._path}, which was not", "choose the file again"
+            )
         if found.scan != scan:
             remedy = "open the target's plan again, or plan it for this scan"
             raise InputError.expected(
                 "plan of the target", "a plan for the scan of this project", "a plan for another scan", remedy
             )
         if folder.there is not None and folder.target != found:
-            raise InputError.expected("folder", "a session of this target", "another session", remedy)
+            raise InputError.expected(
+                "folder", "a session of this target", "a session of another target or of a single point", remedy
+            )
         return found
 
 

@@ -249,9 +249,9 @@ def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
     if len(target) != 3 or all(value is None for value in target):
         raise InputError.expected(
             "position of the stage",
-            "x, y, z in µm such as 100, -20, 1500 (empty: unchanged)",
+            "three values x, y, z in µm, of which an empty one leaves its axis unchanged",
             repr(words),
-            "correct it",
+            "separate the values by commas: 100, -20, 1500",
         )
     middles = [(low + high) / 2 for low, high in limits]
     x, y, z = (middle if value is None else value for value, middle in zip(target, middles, strict=True))
@@ -263,7 +263,7 @@ def in_limits(target: Point, limits: Limits) -> None:
     """Raise `LimitError` if ``target`` is outside ``limits`` (µm); nothing moves."""
     for name, value, (low, high) in zip("xyz", target, limits, strict=True):
         if not math.isfinite(value):
-            raise InputError.expected(f"stage axis {name}", "a number (µm)", value, "correct it")
+            raise InputError.expected(f"stage axis {name}", "a number (µm)", value, "enter a number")
         if not low <= value <= high:
             raise LimitError.expected(
                 f"stage axis {name}",

@@ -59,7 +59,9 @@ def check_ways(choice: ImportChoice) -> None:
     ways = {"List": choice.listed, "Names": choice.pattern, "Order": choice.order}
     if len(said := [name for name, value in ways.items() if value]) > 1:
         words = f"{', '.join(said[:-1])} and {said[-1]}"
-        raise InputError.expected("positions of the frames", "one of List, Names and Order", words, "clear the others")
+        raise InputError.expected(
+            "positions of the frames", "one of List, Names and Order", words, "keep one and clear the others"
+        )
 
 
 def list_of(choice: ImportChoice) -> Path | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work
+from lfcal.base import InputError, Work, any_of
 from lfcal.records import rows
 from lfcal.tasks import Inspect
 from lfcal_gui.models import (
@@ -118,7 +118,7 @@ class QualitySettings(PageSettings):
         for name, row in ROWS.items():
             row.value(getattr(self, name), row.label)
         if self.camera not in (*dict(CAMERAS), "saved"):
-            raise InputError.expected("camera", " or ".join(dict(CAMERAS)), self.camera, "choose one of these")
+            raise InputError.expected("camera", any_of(dict(CAMERAS)), self.camera, "choose one of these")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, LfcalError, plain
+from lfcal.base import InputError, LfcalError, any_of, plain
 from lfcal.camera import Camera, ScanPlan
 from lfcal.fit import GROUPS, Fit, Setup, kept_aside, lacking, measured_camera, starting_effects
 from lfcal.psf import PSFMatrix, noise_of
@@ -65,7 +65,7 @@ class FitSettings(PageSettings):
     def __post_init__(self) -> None:
         """Check every value."""
         if self.camera not in dict(STARTS):
-            raise InputError.expected("start", " or ".join(dict(STARTS)), self.camera, "choose one of these")
+            raise InputError.expected("start", any_of(dict(STARTS)), self.camera, "choose one of these")
         if not all(isinstance(name, str) for name in self.groups):
             raise InputError.expected("groups", "names", self.groups, "choose some of the list")
         for row in ROWS:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, check_number
+from lfcal.base import InputError, any_of, check_number
 from lfcal.frames.formats import image_suffixes
 from lfcal.multiplex import (
     CFA_PATTERNS,
@@ -329,13 +329,15 @@ class MultiplexSettings(PageSettings):
         offered["right"] = ("difference", "truth")
         for key, values in offered.items():
             if getattr(self, key) not in values:
-                raise InputError.expected(labels.get(key, key), " or ".join(values), getattr(self, key), "choose")
+                raise InputError.expected(
+                    labels.get(key, key), any_of(values), getattr(self, key), "choose one of these"
+                )
         parse_pattern(self.pattern)
         if not 1 <= self.size <= MAX_SIZE:
-            raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "correct it")
+            raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "enter a number in this range")
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
-            raise InputError.expected("amplifier gain", "above 0", self.gain, "correct it")
+            raise InputError.expected("amplifier gain", "above 0", self.gain, "enter a positive number")
         if self.spacing is not None:
             check_number("node spacing (px)", self.spacing, at_least=0.5, at_most=1e3)
         check_number("smoothness", self.smoothness, at_least=0, at_most=1e3)
@@ -343,7 +345,9 @@ class MultiplexSettings(PageSettings):
             raise InputError.expected("figure", "3, 5, 6, 7, or 0 for the gain map", self.figure, "choose one of these")
         for what, (low, high) in RANGES.items():
             if not low <= getattr(self, what) <= high:
-                raise InputError.expected(labels[what], f"{low} to {high}", getattr(self, what), "correct it")
+                raise InputError.expected(
+                    labels[what], f"{low} to {high}", getattr(self, what), "enter a number in this range"
+                )
 
     def changed(self, key: str, value: Any) -> MultiplexSettings:
         """Return the settings with one field changed; the size is adjusted to one that the mask supports."""
@@ -410,7 +414,7 @@ def _small(modulator: Modulator) -> Modulator:
     if modulator.pixels * modulator.count > MAX_ENTRIES:
         entries = modulator.pixels * modulator.count
         raise InputError.expected(
-            f"matrix of {modulator.name}", f"up to {MAX_ENTRIES} entries", entries, "a smaller one"
+            f"matrix of {modulator.name}", f"up to {MAX_ENTRIES} entries", entries, "choose a smaller modulator"
         )
     return modulator
 

@@ -250,7 +250,7 @@ def _scene_shape(modulator: Modulator, camera: Camera) -> tuple[int, int]:
             "mask for a built-in scene on this lattice",
             f"up to {int(MOST_SHARES / (FEWEST_CELLS * pitch) ** 2)} views",
             modulator.count,
-            "choose a smaller one, or open a recorded frame",
+            "choose a smaller mask, or open a recorded frame",
         )
     return min(sensor[0], round(most)), min(sensor[1], round(most))
 
@@ -333,7 +333,7 @@ def scene_of(kind: str, modulator: Modulator) -> NDArray[np.float64]:
             "size for a built-in scene (px)",
             "up to 17, fewer with colours",
             views,
-            "choose a smaller one, or open a recorded frame",
+            "choose a smaller size, or open a recorded frame",
         )
     if kind == "edges":
         light = view_edges(views, (cells, cells))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
-from lfcal.base import InputError, Work, format_bytes
+from lfcal.base import InputError, Work, any_of, format_bytes
 from lfcal.psf import (
     CODES,
     PSFMatrix,
@@ -87,13 +87,13 @@ class ExportSettings(PageSettings):
         if self.code not in ("", *CODE_NAMES):
             code_of(self.code)
         if self.suffix not in KINDS:
-            raise InputError.expected("file format", " ".join(KINDS), repr(self.suffix), "choose one")
+            raise InputError.expected("file format", any_of(KINDS), repr(self.suffix), "choose one of these")
         for name in ("interpolation", "dtype"):
             allowed = dict(OPTIONS[name].choices)
             if getattr(self, name) not in allowed:
-                raise InputError.expected(name, " or ".join(map(str, allowed)), getattr(self, name), "choose one")
+                raise InputError.expected(name, any_of(map(str, allowed)), getattr(self, name), "choose one of these")
         if len(self.position) not in (0, 2):
-            raise InputError.expected("position", "y,x", self.position, "give a value such as 2,1")
+            raise InputError.expected("position", "y,x", self.position, "enter two whole numbers: 2,1")
 
     @classmethod
     def of_path(cls, path: str) -> Self:

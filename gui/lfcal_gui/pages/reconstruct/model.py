@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import (
     METHODS,
@@ -252,13 +252,13 @@ class ReconstructSettings(PageSettings):
     def __post_init__(self) -> None:
         """Check values that the library would refuse only after the work has started."""
         if self.stop not in ("", *STOPS):
-            raise InputError.expected("end", f"no value, {' or '.join(STOPS)}", repr(self.stop), "choose one")
+            raise InputError.expected("end", any_of(("no value", *STOPS)), repr(self.stop), "choose one of these")
         for row in CHECKED:
             row.check(getattr(self, row.name), row.label)
         if not 1 <= self.iterations <= 100_000:
-            raise InputError.expected("iterations", "1 to 100000", self.iterations, "correct it")
+            raise InputError.expected("iterations", "1 to 100000", self.iterations, "enter a number in this range")
         if self.margin is not None and self.margin < 0:
-            raise InputError.expected("margin", "not negative (px)", self.margin, "correct it")
+            raise InputError.expected("margin", "0 px or more", self.margin, "enter such a number")
         if self.voxel not in ("", "auto"):
             _side(self.voxel)
         if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:
@@ -269,7 +269,7 @@ class ReconstructSettings(PageSettings):
                 "enter them, for example 0, 0, 400, 400",
             )
         if self.device not in dict(DEVICE.choices):
-            raise InputError.expected("device", "auto, cpu or cuda", repr(self.device), "choose one")
+            raise InputError.expected("device", "auto, cpu or cuda", repr(self.device), "choose one of these")
         if len(self.anchor) not in (0, 2):
             raise InputError.expected("anchor", "row, column in pixels", self.anchor, "enter them, for example 12, 7")
         if self.lattice and self.as_is:

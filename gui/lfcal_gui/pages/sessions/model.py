@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from lfcal.base import InputError, format_bytes
+from lfcal.base import InputError, any_of, format_bytes
 from lfcal_gui.models import PageSettings, ProjectState, capital, kept_verdict
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class SessionsSettings(PageSettings):
         """Check every value."""
         for name, value, known in (("kind", self.kind, KIND_WORDS), ("order", self.order, dict(ORDERS))):
             if value not in known:
-                raise InputError.expected(name, " or ".join(known), value, "choose one of these")
+                raise InputError.expected(name, any_of(known), value, "choose one of these")
 
 
 def own_folders(project: ProjectState, path: Path | None) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ def trend_of(folders: Sequence[Path]) -> Trend:
             "quality reports in the gallery",
             "two or more",
             len(places),
-            "write reports in H > Checks, with Write report",
+            "open each H and choose Write report in H > Checks",
         )
     return trend([read_inspection(place, label) for place, label in zip(places, labels_of(places), strict=True)])
 

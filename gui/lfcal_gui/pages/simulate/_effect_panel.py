@@ -264,7 +264,7 @@ class MagnitudeEditor(QWidget):
         elif self.magnitude.counts or self.magnitude.kind != "terms":
             self.given.emit(self.magnitude.field, self.magnitude.counts, mark)
         else:
-            self._say("add a row first")
+            self._say("add a row to the table first")
             self._show_source()
 
     def _say(self, why: str) -> None:

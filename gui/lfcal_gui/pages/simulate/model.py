@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
-from lfcal.base import InputError, format_seconds, format_share
+from lfcal.base import InputError, any_of, format_seconds, format_share
 from lfcal.camera import ScanPlan
 from lfcal.records import from_flat, rows
 from lfcal.tasks import SimulateFrames, SimulateH, SimulatePasses
@@ -106,10 +106,10 @@ class SimulateSettings(PageSettings):
                 object.__setattr__(self, name, row.value(getattr(self, name), name))
         for effect, choice in self.overrides:
             if choice not in CHOICES:
-                raise InputError.expected(f"choice for {effect}", " or ".join(CHOICES), choice, "choose one of these")
+                raise InputError.expected(f"choice for {effect}", any_of(CHOICES), choice, "choose one of these")
         for effect, field, _, mark in self.magnitudes:
             if not isinstance(effect, str) or not isinstance(field, str) or mark not in GIVEN:
-                raise InputError.expected(f"{field} of {effect}", " or ".join(GIVEN), mark, "choose one of these")
+                raise InputError.expected(f"{field} of {effect}", any_of(GIVEN), mark, "choose one of these")
 
     @classmethod
     def read(cls, data: object) -> tuple[Self, tuple[str, ...]]:

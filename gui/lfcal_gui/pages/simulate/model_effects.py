@@ -222,7 +222,7 @@ def read_terms(effect: str, magnitude: Magnitude, rows: Sequence[Sequence[str]])
         if not any(word.strip() for word in row):
             continue
         if not all(word.strip() for word in row):
-            raise InputError(f"row {k + 1}: {', '.join(magnitude.columns)} are needed")
+            raise InputError(f"row {k + 1}: a cell is empty; fill in {', '.join(magnitude.columns)}")
         try:
             first, second, third = (
                 number_in(name, word, {}) for name, word in zip(magnitude.columns, row, strict=True)

@@ -165,7 +165,12 @@ def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
         write_tiff(part, frame.samples)
         return
     if path.suffix.lower() != ".png":
-        raise InputError.expected(path.name, "a name that ends with .tif or .png", path.suffix or "none", "change it")
+        raise InputError.expected(
+            path.name,
+            "a name that ends with .tif or .png",
+            path.suffix or "no suffix",
+            "end the name with .tif or .png",
+        )
     if frame.samples.dtype != np.uint16:
         raise InputError.expected(
             path.name, "whole numbers", "fractional values", "switch quantisation on, or save as TIFF"

@@ -188,7 +188,7 @@ def test_a_wrong_sign_is_said() -> None:
     mirrored = image.copy()
     mirrored[:, 1] = 2 * mirrored[:, 1].mean() - mirrored[:, 1]
     words, good = _measuring.fit_words(fit_stage(PLAN, 0, stage, mirrored), PLAN)
-    assert not good and "wrong way" in words and "mirrored" in words
+    assert not good and "wrong direction" in words and "mirrored" in words
 
 
 def test_other_words_have_their_units() -> None:

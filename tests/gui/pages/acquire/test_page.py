@@ -242,7 +242,7 @@ def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, c
         return page.panel.setup.results["stage"].text()
 
     words = measure()
-    assert LIGHT.bad in words and "wrong way" in words and seen[-1] == ("acquire", False)
+    assert LIGHT.bad in words and "wrong direction" in words and seen[-1] == ("acquire", False)
     assert "The plan now uses these values" in words
     plan = context.state.plan
     assert plan is not None and (plan.stage.right, plan.stage.down) == ("-x", "+y")
