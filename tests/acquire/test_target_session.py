@@ -184,7 +184,7 @@ def test_offsets_are_no_displacement(plan: TargetPlan, tmp_path: Path) -> None:
 
 def test_options_of_single_points_are_refused(plan: TargetPlan, tmp_path: Path) -> None:
     for options in (replace(CAREFUL, order="coarse"), replace(CAREFUL, controls=2)):
-        with pytest.raises(InputError, match="frames of many points"):
+        with pytest.raises(InputError, match="recording of a target of many points"):
             record(tmp_path / "s", plan, rig_of(plan), options)
     with pytest.raises(InputError, match="together with a target"):
         record(tmp_path / "s", plan, rig_of(plan), CAREFUL, only=[Position(0, 0, 0)])

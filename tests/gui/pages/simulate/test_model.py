@@ -161,7 +161,7 @@ def test_typed_terms() -> None:
         (3, -1, -0.05),
     )
     for words, match in {
-        ("4", "0", ""): "row 1: n, m, waves are needed",
+        ("4", "0", ""): "row 1: a cell is empty; fill in n, m, waves",
         ("4", "1", "0.1"): "row 1: Zernike term: expected n",
         ("4.5", "0", "0.1"): "row 1",
         ("x", "0", "0.1"): "row 1: n: expected a number",
