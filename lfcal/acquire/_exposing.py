@@ -79,7 +79,7 @@ def merge(
     """
     if not len(frames) == len(saturated) == len(exposures_s) > 0 or min(exposures_s) <= 0:
         raise InputError.expected(
-            "exposure bracket", "one positive exposure per frame", list(exposures_s), "correct the bracket"
+            "exposure bracket", "one positive exposure per frame", list(exposures_s), "give one exposure for each frame"
         )
     shortest = int(np.argmin(exposures_s))
     light = np.zeros(frames[0].shape, np.float64)

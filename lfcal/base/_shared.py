@@ -22,6 +22,7 @@ from lfcal.base.axes import (
 )
 from lfcal.base.checks import (
     MAX_SAMPLE,
+    array_words,
     as_sensor_frame,
     check_choice,
     check_commas,
@@ -135,6 +136,7 @@ __all__ = [
     "abandonable",
     "add_html_section",
     "any_of",
+    "array_words",
     "as_sensor_frame",
     "bounded_threads",
     "centre",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MAX_SAMPLE",
+    "array_words",
     "as_sensor_frame",
     "check_choice",
     "check_commas",
@@ -138,6 +139,17 @@ def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
     if not isinstance(value, kind):
         names = any_of(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
         raise InputError.expected(what, names, repr(value)[:60], "give a value of this type")
+
+
+def array_words(values: ArrayLike) -> str:
+    """Return the shape and the range of an array, in words for a message."""
+    import numpy as np  # imported late: records are checked without numpy
+
+    array = np.asarray(values)
+    if not array.size or array.dtype.kind not in "biuf":
+        return f"shape {array.shape}"
+    span = f"{float(array.min()):.4g} to {float(array.max()):.4g}" if np.isfinite(array).all() else "NaN or infinity"
+    return f"shape {array.shape}, values {span}"
 
 
 def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:

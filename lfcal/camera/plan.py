@@ -51,7 +51,10 @@ def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[
     """Return object-space depths (µm) from either depths (µm) or virtual depths; exactly one of them must be given."""
     if (depths is None) == (virtual is None):
         raise InputError.expected(
-            "depth planes", "depths in µm or virtual depths", "both or neither", "give one of the two"
+            "depth planes",
+            "depths in µm or virtual depths",
+            "neither" if depths is None else "both",
+            "give one of the two",
         )
     values: Sequence[float] = tuple(depths if depths is not None else () if virtual is None else virtual)
     for value in values:
@@ -78,7 +81,7 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
         raise InputError.expected(
             "depths (µm)",
             "depths in increasing or decreasing order",
-            "another order, or a repeated plane",
+            ", ".join(f"{z:g}" for z in checked),
             "sort the depths and remove repetitions",
         )
     return checked

@@ -596,7 +596,9 @@ def _inverse_slopes(camera: Camera | None, slopes: tuple[float, float] | None, p
     low, high = slopes or _slopes_of(camera)
     if not low < high or (low < MIN_SLOPE and high > -MIN_SLOPE and slopes is not None):
         wanted = f"smallest and largest, both beyond ±{MIN_SLOPE:g} on one side"
-        raise InputError.expected("slopes", wanted, f"{low:g} to {high:g}", "correct them, or use the method views")
+        raise InputError.expected(
+            "slopes", wanted, f"{low:g} to {high:g}", "give such a range, or use the method views"
+        )
     ends = (1 / high, 1 / low) if low * high > 0 else (-1 / MIN_SLOPE, 1 / MIN_SLOPE)
     step = STEP_PX / pitch
     return np.arange(ends[0] - 1.5 * step, ends[1] + 2 * step, step)
@@ -699,7 +701,9 @@ def _iter_views(
 
     low, high = slopes or (-VIEW_SLOPE, VIEW_SLOPE)
     if not low < high:
-        raise InputError.expected("slopes", "smallest and largest", f"{low:g} to {high:g}", "correct them")
+        raise InputError.expected(
+            "slopes", "smallest,largest", f"{low:g},{high:g}", "give two different numbers, the smaller one first"
+        )
     light, good, offsets, grid = _compared(scene, workers)
     shift = float(np.abs(offsets).max()) / min(grid.step_px)
     step = VIEW_STEP / shift

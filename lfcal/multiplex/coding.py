@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice, check_number
+from lfcal.base import InputError, array_words, check_choice, check_number
 from lfcal.multiplex._sensor_noise import SensorNoise
 
 __all__ = [
@@ -528,7 +528,7 @@ class _Overlap:
             raise InputError.expected(
                 "patterns",
                 "an array (points, rows, columns) that contains light",
-                f"an array of shape {given.shape}",
+                array_words(given),
                 "choose recorded positions",
             )
         points = len(given)
@@ -537,7 +537,7 @@ class _Overlap:
             raise InputError.expected(
                 "code",
                 f"values from 0 to 1, shape (frames, {points})",
-                self.code.shape,
+                array_words(self.code),
                 "give one column for each point",
             )
         if np.linalg.matrix_rank(self.code) < points:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, any_of, check_tuple
+from lfcal.base import InputError, any_of, array_words, check_tuple
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 
 __all__ = ["camera_array", "coded_shutter", "interleave", "neutral_density"]
@@ -147,9 +147,7 @@ def _shares(what: str, values: ArrayLike) -> Array:
     shares = np.asarray(values, float)
     good = shares.ndim == 2 and shares.size and np.isfinite(shares).all() and shares.min() >= 0 and shares.max() <= 1
     if not good or not shares.any():
-        flat = shares.ndim == 2 and shares.size
-        got = f"{shares.min():.3g} … {shares.max():.3g}" if flat else f"shape {shares.shape}"
         raise InputError.expected(
-            what, "rows and columns of fractions from 0 to 1, not all 0", got, "correct the array"
+            what, "rows and columns of fractions from 0 to 1, not all 0", array_words(shares), "give such fractions"
         )
     return shares

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, check_tuple, drained
+from lfcal.base import Clock, InputError, Work, array_words, check_number, check_tuple, drained
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
 from lfcal.multiplex.weighted import measured
@@ -233,8 +233,8 @@ def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, i
         raise InputError.expected(
             "mask",
             "rows and columns of transmissions from 0 to 1",
-            f"an array of shape {values.shape}",
-            "correct the array",
+            array_words(values),
+            "give one transmission per pixel of the mask",
         )
     wide = np.zeros([n + 2 * m for n, m in zip(values.shape, shape, strict=True)])
     wide[shape[0] : shape[0] + values.shape[0], shape[1] : shape[1] + values.shape[1]] = values

@@ -183,7 +183,10 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     good = values.ndim == 2 and values.size and np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1
     if not good:
         raise InputError.expected(
-            "mask", "rows and columns of transmissions from 0 to 1", _range_words(values), "correct the array"
+            "mask",
+            "rows and columns of transmissions from 0 to 1",
+            _range_words(values),
+            "give one transmission per pixel of the mask",
         )
     if values.size > MAX_SAMPLES:
         raise InputError.expected("mask", f"up to {MAX_SAMPLES} pixels", values.size, "choose a smaller mask")

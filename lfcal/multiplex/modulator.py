@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_number, check_tuple
+from lfcal.base import InputError, array_words, check_number, check_tuple
 
 __all__ = ["Modulator", "default_rcond", "modulator_from_matrix"]
 
@@ -110,7 +110,7 @@ class Modulator:
             raise InputError.expected(
                 f"unmodulated light of {self.name}",
                 wanted,
-                f"an array of shape {light.shape}" if light.shape != (self.count,) else repr(light.tolist())[:60],
+                array_words(light),
                 "give one value per sample",
             )
         light.setflags(write=False)

@@ -13,7 +13,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice
+from lfcal.base import InputError, array_words, check_choice
 from lfcal.camera import Sensor
 from lfcal.multiplex._sensor_noise import SensorNoise, sensor_noise
 from lfcal.multiplex.modulator import Modulator
@@ -165,7 +165,7 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
     values = np.linalg.eigvalsh(full) if good and np.allclose(full, full.T) else np.zeros(1)
     if not values[0] > 0:
         wanted = f"positive variances ({modulator.pixels},) or a positive definite matrix"
-        raise InputError.expected(f"noise of {modulator.name}", wanted, f"shape {noise.shape}", "give one of these")
+        raise InputError.expected(f"noise of {modulator.name}", wanted, array_words(noise), "give one of these")
     # whitened: the pseudo-inverse of L^-1 A with C = L L^T, least squares of unit noise
     white = np.linalg.inv(np.linalg.cholesky(full))
     return np.asarray(np.linalg.pinv(white @ modulator.matrix, rcond=1e-12) @ white)

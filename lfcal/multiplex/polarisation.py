@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_number
+from lfcal.base import InputError, array_words, check_number
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 
 __all__ = ["STOKES", "degree_of_polarisation", "polarisers"]
@@ -75,7 +75,7 @@ def _plates(retardance: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.
         raise InputError.expected(
             "retardance of plates",
             f"degrees, in an array of shape {shape}",
-            plates.shape,
+            array_words(plates),
             "give one retardance per polariser",
         )
     return np.asarray(np.radians(plates.ravel()), float)

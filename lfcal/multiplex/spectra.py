@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import FileFormatError, InputError, any_of, check_number, check_tuple, read_text
+from lfcal.base import FileFormatError, InputError, any_of, array_words, check_number, check_tuple, read_text
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 
 __all__ = [
@@ -73,12 +73,12 @@ class Spectra:
             raise InputError.expected(
                 "wavelengths (nm)",
                 "two or more increasing numbers above 0",
-                f"an array of shape {waves.shape}",
-                "sort the wavelengths",
+                array_words(waves),
+                "give the wavelengths in increasing order",
             )
         if values.shape != (len(self.names), len(waves)) or not np.isfinite(values).all():
             wanted = f"finite values {(len(self.names), len(waves))}"
-            raise InputError.expected("spectra", wanted, f"an array of shape {values.shape}", "give one row per name")
+            raise InputError.expected("spectra", wanted, array_words(values), "give one row per name")
         for name, array in (("wavelengths_nm", waves), ("values", values)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, array_words
 from lfcal.multiplex.filters import tap_table
 from lfcal.multiplex.modulator import Modulator
 
@@ -57,11 +57,10 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
     """
     array = np.asarray(weights, float)
     if array.shape != shape or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or not array.any():
-        told = f"shape {array.shape}" if array.shape != shape else f"{array.min():.3g} … {array.max():.3g}"
         raise InputError.expected(
             "weights of the pixels",
             f"finite values of 0 or more, not all 0, with shape {shape}",
-            told,
+            array_words(array),
             "give one weight of 0 or more for each pixel",
         )
     return array

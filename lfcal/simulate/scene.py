@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice, check_cutout, check_number, check_wavelength
+from lfcal.base import InputError, array_words, check_choice, check_cutout, check_number, check_wavelength
 from lfcal.camera import LensletLattice, Microscope
 
 __all__ = [
@@ -381,7 +381,7 @@ class Scene:
             raise InputError.expected(
                 "source offsets",
                 f"finite numbers of shape {wanted}",
-                offsets.shape,
+                array_words(offsets),
                 "give one offset (y, x) for each source",
             )
         # a scene is immutable, including its arrays

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, centre, check_number, drained, worker_count
+from lfcal.base import Clock, InputError, Work, array_words, centre, check_number, drained, worker_count
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
 from lfcal.simulate._scatter import Row, scatter
@@ -120,7 +120,7 @@ def iter_light_field(
     nz, ny, nx, nt, ns = source.shape
     if volume.ndim != 3 or volume.shape[0] != nz or not np.isfinite(volume).all():
         raise InputError.expected(
-            "volume", f"finite values of shape ({nz}, rows, columns)", volume.shape, "give one image per plane"
+            "volume", f"finite values of shape ({nz}, rows, columns)", array_words(volume), "give one image per plane"
         )
     rows, columns = volume.shape[1:]
     half_t, half_s = centre(nt), centre(ns)

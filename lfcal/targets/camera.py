@@ -12,7 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Region, Work, check_region, for_each_chunk, one_blas_thread, worker_count
+from lfcal.base import (
+    Clock,
+    InputError,
+    Region,
+    Work,
+    array_words,
+    check_region,
+    for_each_chunk,
+    one_blas_thread,
+    worker_count,
+)
 from lfcal.camera import half_extent_px
 from lfcal.frames import FrameInfo, FrameMetadata, Frames
 from lfcal.simulate import EffectsLike, Sampling, SimulatedCamera, budgeted, plan_effects, tolerance_for
@@ -115,7 +125,7 @@ class TargetCamera(Frames):
             raise InputError.expected(
                 "brightness of holes",
                 wanted,
-                f"shape {light.shape}" if light.shape != (count,) else f"{light.min():g} to {light.max():g}",
+                array_words(light),
                 "give one value for each hole",
             )
         self.brightness: NDArray[np.float64] = light

@@ -94,5 +94,5 @@ def test_there_must_be_room_for_them() -> None:
         RegionPlan.spread(BENCH, (1, 1))
     assert parse_regions(" 3 x 4") == (3, 4)
     for text in ("", "3", "axb", "-1x3"):
-        with pytest.raises(InputError, match="such as 3x3"):
+        with pytest.raises(InputError, match="give two whole numbers: 3x3"):
             parse_regions(text)

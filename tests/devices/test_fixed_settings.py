@@ -189,7 +189,7 @@ def test_gentl_follows_a_grabber_that_unpacks_and_refuses_one_that_changes_the_d
         with pytest.raises(CameraError, match=f"frame: expected Mono12p, got .*{named}; choose the format"):
             gentl({}, buffer).grab(1.0)
         assert buffer.queued
-    with pytest.raises(CameraError, match="22 bytes of Mono12p for 3 x 5 pixels, 23 needed"):
+    with pytest.raises(CameraError, match="expected 23 bytes of Mono12p for 3 x 5 pixels, got 22"):
         gentl({}, Buffer(buffer_of("12p")[:22])).grab(1.0)
 
 
@@ -283,7 +283,7 @@ def test_aravis_unpacks_buffers(layout: str, padding: int) -> None:
     camera._lib = Memory(data, SAMPLES.shape, PFNC[layout], padding)
     np.testing.assert_array_equal(camera._copy(None), SAMPLES)
     camera._lib = Memory(data[:20], SAMPLES.shape, PFNC[layout], padding)
-    with pytest.raises(CameraError, match="camera: 20 bytes of Mono12"):
+    with pytest.raises(CameraError, match="camera: expected .* bytes of Mono12.*, got 20"):
         camera._copy(None)
     camera._lib = Memory(data, SAMPLES.shape, 0x01100007, padding)
     with pytest.raises(CameraError, match=f"frame: expected Mono{layout}, got 16 bits per pixel; choose the format"):

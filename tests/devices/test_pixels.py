@@ -114,7 +114,7 @@ def test_samples_are_a_new_array() -> None:
 def test_a_buffer_that_is_too_short_is_named_with_both_sizes(layout: str) -> None:
     form = PixelFormat.named(f"Mono{layout}", "camera")
     needed = -(-35 * form.stored_bits // 8)
-    with pytest.raises(ValueError, match=f"{needed - 1} bytes of Mono{layout} for 5 x 7 pixels, {needed} needed"):
+    with pytest.raises(ValueError, match=f"expected {needed} bytes of Mono{layout} for 5 x 7 pixels, got {needed - 1}"):
         form.samples(np.zeros(needed - 1, np.uint8), (5, 7))
 
 

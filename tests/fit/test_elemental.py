@@ -152,7 +152,7 @@ def test_what_does_not_suffice_is_refused_with_one_message():
     camera, light = camera_of(), simulated()
     with pytest.raises(InputError, match="a z stack of a point, 3 planes or more, got 2; record more planes"):
         fit_camera(measured(camera, light[:2], depths=DEPTHS[:2]), unknowns=ASKED)
-    with pytest.raises(InputError, match=r"move by 2 px or more, got 0\.04 µm; record planes farther apart"):
+    with pytest.raises(InputError, match=r"move by 2 px or more, got a range of 0\.04 µm; record planes farther apart"):
         fit_camera(measured(camera, light, depths=(-0.02, -0.01, 0.0, 0.01, 0.02)), unknowns=ASKED)
     with pytest.raises(InputError, match=r"sign of the depths.*change the sign of the depths"):
         fit_camera(measured(camera, light[::-1]), unknowns=ASKED)

@@ -70,7 +70,7 @@ def test_what_cannot_be_found_is_refused_in_one_sentence():
     with pytest.raises(InputError, match="use a whole frame of this camera"):
         fit_discs(np.zeros((50, 50)), camera)
     beyond = camera_of((0.0, -1300.0))
-    with pytest.raises(InputError, match="its whole edge on the frame, got a part"):
+    with pytest.raises(InputError, match="its whole edge on the frame, got only a part of it"):
         fit_discs(white_of(beyond, 60.0), camera)
 
 

@@ -65,7 +65,7 @@ def test_one_row_is_told_how_to_be_stripes(typed: str, means: str) -> None:
         cfa(typed)
     assert cfa(means).side == (2, len(typed))
     for other in ("", "R" * 40, "RGX"):
-        with pytest.raises(InputError, match='such as "RG/GB"'):
+        with pytest.raises(InputError, match='rows: "RG/GB"'):
             cfa(other)
 
 

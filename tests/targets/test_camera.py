@@ -155,7 +155,7 @@ def test_the_sensor_is_the_scan_s(scan: ScanPlan) -> None:
 
 def test_what_cannot_be(scan: ScanPlan) -> None:
     plan = plan_of(scan, array(scan))
-    with pytest.raises(InputError, match=r"6 values of 0 or more, one for each hole, got an array of shape \(5,\)"):
+    with pytest.raises(InputError, match=r"6 values of 0 or more, one for each hole, got shape \(5,\)"):
         camera_of(plan, brightness=np.ones(5))
     with pytest.raises(InputError, match="values of 0 or more"):
         camera_of(plan, brightness=[1, 1, 1, 1, 1, -1])

@@ -81,7 +81,7 @@ def _marked(
     if first == (0, 0) and not inside.all():
         got = ",".join(str(n) for n in pixels[~inside][0].tolist())
         wanted = f"rows and columns from 0 on a sensor of {size[0]} x {size[1]} px"
-        raise InputError.expected(f"{what} {path}", wanted, got, "correct the list")
+        raise InputError.expected(f"{what} {path}", wanted, got, "correct this pixel in the list")
     marked = np.zeros(size, np.bool_)
     marked[tuple(pixels[inside].T)] = True
     return marked

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, any_of, for_each_chunk, in_order
+from lfcal.base import InputError, any_of, array_words, for_each_chunk, in_order
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers._model_noise import ModelNoise
 from lfcal.reconstruct.solvers._repeating import Repeating
@@ -172,7 +172,12 @@ class EmOptions(EmUpdates):
             raise InputError.expected("update rule", "richardson-lucy or isra", repr(self.rule), "choose one of these")
         check_acceleration(self.acceleration)
         if not 0 < self.relaxation <= 1:
-            raise InputError.expected("relaxation", "a value above 0 and at most 1", self.relaxation, "try 1")
+            raise InputError.expected(
+                "relaxation",
+                "a value above 0 and at most 1",
+                self.relaxation,
+                "choose a value in this range; 1 is usual",
+            )
         if self.subsets is not None and self.acceleration != "none":
             raise InputError.expected(
                 "solver",
@@ -181,7 +186,9 @@ class EmOptions(EmUpdates):
                 "choose one of them, because together they extrapolate twice",
             )
         if self.stretch is not None and self.acceleration != "nesterov":
-            raise InputError.expected("stretched updates", "the acceleration nesterov", self.acceleration, "choose it")
+            raise InputError.expected(
+                "stretched updates", "the acceleration nesterov", self.acceleration, "choose this acceleration"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,7 +387,7 @@ def _check(P: Projector, data: Measurement, iterations: int) -> None:
             "image", f"shape {P.image_shape}", data.image.shape, "make the projector for this image"
         )
     if iterations < 1:
-        raise InputError.expected("iterations", "a number of at least 1", iterations, "increase it")
+        raise InputError.expected("iterations", "a number of at least 1", iterations, "choose 1 or more")
 
 
 def _parts(P: Projector, data: Measurement, options: EmOptions) -> tuple[_Part, ...]:
@@ -412,8 +419,8 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
             raise InputError.expected(
                 "initial volume",
                 f"finite values of 0 or more, with shape {P.volume_shape}",
-                volume.shape,
-                "correct the volume",
+                array_words(volume),
+                "give a volume of this shape without negative values",
             )
         return volume
     light = float(data.weighted(np.maximum(data.image - data.background, 0)).sum(dtype=np.float64))

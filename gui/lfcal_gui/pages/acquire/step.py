@@ -61,7 +61,12 @@ def remade(folder: Path, psf: Path, out: Path, recipe: CorrectionRecipe) -> Asse
         known, shape = matrix.provenance, matrix.shape[:3]
     if known.get("session", session.identity) != session.identity or shape != session.plan.shape[:3]:
         wanted = f"H of all planes of the session in {folder}"
-        raise InputError.expected(psf.name, wanted, "another H", "choose the folder of its session in Record > Rig")
+        raise InputError.expected(
+            psf.name,
+            wanted,
+            f"H of another session or other planes, of shape {shape}",
+            "choose the folder of its session in Record > Rig",
+        )
     made: Any = known.get("task")
     if psf.suffix == ".h5" and isinstance(made, dict) and made.get("task") == "assemble":
         task, _ = load_job(psf, {"frames": str(folder), "out": str(out)})
