@@ -283,7 +283,7 @@ def test_aravis_unpacks_buffers(layout: str, padding: int) -> None:
     camera._lib = Memory(data, SAMPLES.shape, PFNC[layout], padding)
     np.testing.assert_array_equal(camera._copy(None), SAMPLES)
     camera._lib = Memory(data[:20], SAMPLES.shape, PFNC[layout], padding)
-    with pytest.raises(CameraError, match="camera: expected .* bytes of Mono12.*, got 20"):
+    with pytest.raises(CameraError, match=r"camera: expected .* bytes of Mono12.*, got 20"):
         camera._copy(None)
     camera._lib = Memory(data, SAMPLES.shape, 0x01100007, padding)
     with pytest.raises(CameraError, match=f"frame: expected Mono{layout}, got 16 bits per pixel; choose the format"):
