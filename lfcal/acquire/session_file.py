@@ -198,7 +198,7 @@ class SessionFile:
         return chosen
 
     def acknowledged(self, folder: Path) -> NDArray[np.bool_]:
-        """Return a mask ``(nz, ny, nx)`` of the positions whose frames are stored in the files in ``folder``."""
+        """Return a mask ``(nz, ny, nx)`` of the positions with an acknowledged frame in the files in ``folder``."""
         there = np.zeros(math.prod(self.grid), np.bool_)
         for name in self.recordings:
             with RecordingFile(folder / name) as file:

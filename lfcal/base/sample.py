@@ -10,7 +10,7 @@ __all__ = ["sample_recording", "sample_session"]
 
 
 def sample_session() -> Path:
-    """Return the folder of the sample session: frames in image files, with plan, dark frames and white image."""
+    """Return the folder of the sample session: frames in image files, with plan, dark frames and a white image."""
     return _place("session", "plan.json")
 
 

@@ -188,7 +188,7 @@ def too_long(path: object) -> bool:
 
 
 def lock(descriptor: int) -> None:
-    """Lock an open file until it is closed or the process ends; raises OSError if it is locked by another process."""
+    """Lock an open file until it is closed or the process ends; raises OSError if it is already locked."""
     if sys.platform == "win32":
         import msvcrt
 

@@ -100,7 +100,7 @@ def format_plane(depth_um: float, z: int, name: str = "") -> str:
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Return a number with ``digits`` digits as text, such as ``'49,440'``; powers of ten only from a million on."""
+    """Return a number with ``digits`` digits as text, such as ``'0.35'`` or, from 1000 to a million, ``'49,400'``."""
     if not 1e3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{float(f'{value:.{digits}g}'):,.0f}"
@@ -112,6 +112,6 @@ def format_count(many: int, one: str, several: str) -> str:
 
 
 def format_share(share: float) -> str:
-    """Return a fraction in per cent with two digits, without powers of ten, such as ``'0.35 %'`` or ``'140 %'``."""
+    """Return a fraction in per cent as text with two digits, such as ``'0.35 %'`` or ``'140 %'``."""
     percent = 100 * share
     return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{percent:.2g} %"

@@ -21,9 +21,9 @@ F8 = NDArray[np.float64]
 class DecodedFrames(SourceView):
     """Frames of single offsets, decoded from frames that show several offsets together.
 
-    Frame k of plane z is a weighted sum of recorded frames, with the noise of the sum. For an S-matrix of order n, its
-    variance is 4n/(n + 1)² times the read-noise variance, plus 2/(n + 1) times the photon-noise variance of all
-    patterns at a pixel.
+    Frame k of plane z is a weighted sum of recorded frames, with the noise of the sum. For an S-matrix of order n, the
+    variance of this noise is 4n/(n + 1)² times that of the noise without light, plus 2/(n + 1) times that of the photon
+    noise of all patterns at a pixel.
 
     Parameters
     ----------

@@ -94,8 +94,8 @@ def parse_display(text: str) -> Display | None:
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
     """Return a plan of the display pixels to light in each frame, so that few frames show all phases of a scan.
 
-    Points and offsets are whole pixels of the display. If the images of these pixels are wider than the tolerance, some
-    phases cannot be shown; `TargetPlan.coverage` returns the fraction shown.
+    Points and offsets are whole pixels of the display. If these are large in the image compared with the tolerance,
+    some phases cannot be shown; `TargetPlan.coverage` returns the fraction shown.
 
     Raises
     ------

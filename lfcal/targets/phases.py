@@ -81,7 +81,10 @@ class Phases:
         return np.where(phases >= self.period, 0.0, phases)
 
     def rates(self, pixels: Array, step: float = 1.0) -> Array:
-        """Return the Jacobians ``(n, 2, 2)`` of the phases at sensor pixels (identities for an undistorted array)."""
+        """Return the derivatives ``(n, 2, 2)`` of the phases with respect to the sensor position.
+
+        They are the identity matrix for an upright, undistorted array.
+        """
         columns = [(self.cells(pixels + e) - self.cells(pixels - e)) / (2 * step) for e in step * np.eye(2)]
         rates: Array = np.stack(columns, axis=-1) * self.period[:, None]
         return rates

@@ -71,9 +71,9 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def iris_diameter_px(camera: Camera, z_um: float) -> float:
     """Return the diameter (pixels) of a circle with the area of the iris's shadow on the sensor.
 
-    A ray through point p of the iris that no lenslet deflects meets the sensor at the distance ``p (a - B)/(b + a)``
-    from the chief ray. Here a is the shift of the image in depth, B the gap between lenslets and sensor, and b the
-    image distance of the main lens.
+    A ray through point p of the iris that no lenslet deflects meets the sensor at ``p (a - B)/(b + a)``, relative to
+    the chief ray. Here a is the distance from the lenslet array to the image, B the gap between array and sensor, and b
+    the image distance of the main lens.
 
     Raises
     ------

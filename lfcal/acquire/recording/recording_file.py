@@ -224,7 +224,7 @@ def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
 def lay_out(
     path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
 ) -> tuple[int, int]:
-    """Create the HDF5 file without data; return the offsets of the end of the frames and of the records (bytes)."""
+    """Create the HDF5 file without data; return the offsets (bytes) where its frames end and its records begin."""
     import h5py
 
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)

@@ -89,7 +89,7 @@ class Writer:
         return self._handed_out()
 
     def close(self) -> None:
-        """Wait for the frames in flight and end the thread."""
+        """Wait for the frames in flight and end the thread; may be called twice."""
         self._jobs.put(None)
         self._thread.join()
 

@@ -276,7 +276,7 @@ def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
 
 
 def room(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return by how many periods (y, x) the cutout of the cell's middle can move up and left, and down and right."""
+    """Return by how many periods the middle cutout can move, ``((up, left), (down, right))``."""
     image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
     half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
     periods = np.array(plan.period) / factors
