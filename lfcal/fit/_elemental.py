@@ -1,4 +1,4 @@
-"""Elemental images of a Fourier light-field microscope: where they are, their light, and the start of a fit.
+"""Elemental images of a Fourier light-field microscope: their positions, their light, and the start of a fit.
 
 Light is only in small parts of a cutout, the elemental images of the point, one behind each lenslet. With the position
 c of a lenslet from the optical axis at o, the image of a point at depth z is at
@@ -6,8 +6,8 @@ c of a lenslet from the optical axis at o, the image of a point at depth z is at
     p(z) = o + c (1 + s(z)) + m t z,        s(z) = -z B M² / (n f²),
 
 with the gap B, the focal length f of the Fourier lens and the tilt t of the source's travel; m is the magnification
-[1]_. Straight lines through the centroids of each image therefore give the place of each lenslet, the ratio M/f, and
-the tilt. From there, a fit of the pixels by waves converges.
+[1]_. Straight lines through the centroids of each image therefore determine the position of each lenslet, the ratio
+M/f, and the tilt. From this start, a fit of the pixels by wave optics converges.
 
 References
 ----------
@@ -45,35 +45,35 @@ AIRY = 8.0
 """Half width of an elemental image around its geometric spot, in units of lambda B/d; 2 % of its light is outside."""
 
 SPARE_PX = 3
-"""Further pixels on every side, for what centroids are wrong by."""
+"""Margin on every side for the errors of the centroids (pixels)."""
 
 ABOVE = 5.0
 """Standard deviations of dark pixels above which a pixel is lit."""
 
 REACH = 0.45
-"""Share of the distance between elemental images within which one is searched for."""
+"""Radius in which an elemental image is searched for, as a fraction of the distance between elemental images."""
 
 LOST = 0.2
-"""Share of the lit pixels of an elemental image that may be invalid, as saturated pixels are."""
+"""Fraction of the lit pixels of an elemental image that may be invalid, for example saturated."""
 
 CLIPPED = 0.9
-"""Share of the brightest valid value of a pattern above which an invalid pixel is saturated; gains of pixels differ."""
+"""Fraction of the brightest valid value of a pattern above which an invalid pixel counts as saturated."""
 
 INVALID = (
     "expose shorter: its pixels are saturated",
     "record these planes again: its pixels are NaN or infinite",
     "correct the mask of defective pixels, or use a cutout inside the frame: its pixels are masked",
 )
-"""What to do where too many pixels of an elemental image are invalid, by reason."""
+"""Remedy if too many pixels of an elemental image are invalid, by reason."""
 
 MOVED_PX = 2.0
-"""Movement of the elemental images between the outermost planes that shows the parallax."""
+"""Smallest displacement of the elemental images between the outermost planes that shows the parallax (pixels)."""
 
 FEWEST = 3
 """Smallest number of planes."""
 
 KEPT = 4096
-"""Elemental images in memory, of some thousand pixels each."""
+"""Number of elemental images kept in memory, of some thousand pixels each."""
 
 LightIn = Callable[[PupilScene, tuple[int, int, int, int], tuple[float, float], int], F4]
 
@@ -85,7 +85,7 @@ def _light_in(scene: PupilScene, box: tuple[int, int, int, int], chief: tuple[fl
 
 @dataclass(frozen=True, slots=True)
 class _Image:
-    """A box of the cutout ``(top, bottom, left, right)``, and the lenslets whose light it holds."""
+    """A box of the cutout ``(top, bottom, left, right)``, and the lenslets whose light it contains."""
 
     box: tuple[int, int, int, int]
     lenslets: tuple[int, ...]
@@ -105,17 +105,17 @@ class _Image:
 
 @dataclass(frozen=True, eq=False)
 class Elemental(Measured):
-    """Patterns of which only the pixels of the elemental images are used: samples are ``(n, m)``.
+    """Patterns of which only the pixels of the elemental images are used, as samples ``(n, m)``.
 
     Attributes
     ----------
     pixels
-        Index of each sample in its flat cutout ``(n, m)``.
+        Index of each sample in the flattened cutout ``(n, m)``.
     boxes
         The elemental images of each pattern, in the order of its samples.
     light_in
-        Function that returns the light of a scene in one of them; it keeps what it returned, because a change of one
-        lenslet changes one image.
+        Function that returns the light of a scene in one elemental image. Results are cached, because a change of one
+        lenslet changes only one image.
     """
 
     pixels: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 0), np.intp))
@@ -124,11 +124,11 @@ class Elemental(Measured):
 
     @property
     def sampled(self) -> tuple[int, ...]:
-        """Shape of the samples of a pattern."""
+        """Shape ``(m,)`` of the samples of a pattern."""
         return (self.pixels.shape[1],)
 
     def images(self, samples: F4) -> F4:
-        """Return samples ``(n, m)`` of the patterns in their places in the cutout ``(n, nt, ns)``; 0 elsewhere."""
+        """Return the samples ``(n, m)`` of patterns as images of the cutout ``(n, nt, ns)``; 0 outside the samples."""
         out = np.zeros((len(samples), math.prod(self.plan.cutout)), np.float32)
         # samples beyond the last image repeat a pixel and are not valid
         for k, (own, good) in enumerate(zip(samples, self.valid, strict=True)):
@@ -136,12 +136,12 @@ class Elemental(Measured):
         return out.reshape(-1, *self.plan.cutout)
 
     def of(self, keep: NDArray[np.bool_]) -> Elemental:
-        """Return the selected patterns."""
+        """Return the patterns that the mask ``keep`` ``(n,)`` selects."""
         boxes = tuple(one for one, own in zip(self.boxes, keep, strict=True) if own)
         return replace(self, **self._some(keep), pixels=self.pixels[keep], boxes=boxes)
 
     def predicted(self, setup: Setup, offsets_px: F8, sampling: Sampling) -> F4:
-        """Return the light ``(n, m)`` of a setup in these pixels, with sources displaced by ``(n, 2)`` pixels."""
+        """Return the light ``(n, m)`` of a setup in the samples, with sources displaced by ``(n, 2)`` pixels."""
         out = np.zeros((len(self), *self.sampled), np.float32)
         plan = setup.plan(self.plan)
         for z in np.unique(self.index[:, 0]).tolist():
@@ -156,7 +156,7 @@ class Elemental(Measured):
         return out
 
     def _one(self, response: PlaneResponse, image: _Image, moved_px: F8, nodes: int) -> F4:
-        """Return the light in one box, of all its lenslets, source points and wavelengths."""
+        """Return the light in one box from all of its lenslets, source points and wavelengths."""
         scene: Any = response.scene
         lenslets, halo, (top, bottom, left, right) = scene.lenslets, response.halo, image.box
         some = replace(
@@ -179,9 +179,9 @@ class Elemental(Measured):
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Straight lines through the elemental images: places ``(k, 2)`` at z = 0 and slopes ``(k, 2)`` per µm (pixels).
+    """Straight lines through the elemental images: positions at z = 0 and slopes, each ``(k, 2)``.
 
-    Places are rows and columns of the cutout.
+    Positions are rows and columns of the cutout (pixels). Slopes are in pixels per µm.
     """
 
     places: F8
@@ -192,7 +192,7 @@ class _Lines:
 
 
 def elemental_of(measured: Measured) -> tuple[Elemental, dict[str, float]]:
-    """Return the elemental images of patterns, and by how much unknowns differ from the description, by name.
+    """Return the elemental images of patterns, and the differences of unknowns from the description, by name.
 
     Raises
     ------
@@ -241,7 +241,7 @@ def _lenslets(camera: Camera) -> tuple[PupilLenslets, Microscope]:
 
 
 def _source_px(measured: Measured) -> F8:
-    """Return where the chief ray of the source meets the cutout (row, column)."""
+    """Return the point (row, column) of the cutout that the chief ray of the source meets."""
     plan = measured.plan
     anchor = np.array(plan.anchor)
     found: F8 = np.array([centre(n) for n in plan.cutout]) + anchor - np.floor(anchor + 0.5)
@@ -273,7 +273,7 @@ def _half_px(camera: Camera, z_um: float) -> int:
 
 
 def _centroids(measured: Measured) -> tuple[F8, NDArray[np.bool_]]:
-    """Return the centroid (row, column) of every elemental image ``(n, k, 2)``, and which were found."""
+    """Return the centroid (row, column) of every elemental image ``(n, k, 2)``, and a mask of those that were found."""
     plan, camera = measured.plan, measured.plan.camera
     lines, spacing = _described(measured), _lenslets(camera)[0].spacing_um / camera.sensor.pixel_um
     depths = [plan.depths_um[z] for z in measured.index[:, 0].tolist()]
@@ -306,7 +306,7 @@ def _lit(measured: Measured, k: int) -> F8:
 
 
 def _centroid(lit: F8, valid: NDArray[np.bool_], place: F8, reaches: Sequence[float]) -> tuple[F8, bool]:
-    """Return the centroid of the light within a distance of a place, in ever smaller discs about it."""
+    """Return the centroid of the light near ``place``, within successively smaller discs of the radii ``reaches``."""
     rows, columns = lit.shape
     for reach in [*reaches, reaches[-1]]:
         top, left = (max(0, math.floor(c - reach)) for c in place)
@@ -325,7 +325,7 @@ def _centroid(lit: F8, valid: NDArray[np.bool_], place: F8, reaches: Sequence[fl
 
 
 def _check_seen(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> None:
-    """Raise `InputError` where elemental images are not found, with the reason."""
+    """Raise `InputError` with the reason if elemental images were not found."""
     for j, often in enumerate(seen.sum(0).tolist()):
         if often < 2:
             x, y = _lenslets(measured.plan.camera)[0].lens_centres_um[j]
@@ -338,7 +338,7 @@ def _check_seen(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> None:
 
 
 def _remedy(measured: Measured, places: F8, unseen: NDArray[np.bool_]) -> str:
-    """Return what to do about the images of a lenslet, searched for at ``places`` ``(n, 2)``, that are ``unseen``."""
+    """Return the remedy for the ``unseen`` images of a lenslet, which were searched for at ``places`` ``(n, 2)``."""
     counts = np.zeros(3, np.intp)
     for k in np.flatnonzero(unseen).tolist():
         counts += _invalid(measured, k, places[k])
@@ -379,7 +379,7 @@ def _lines(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> _Lines:
 
 
 def _changes(measured: Measured, lines: _Lines) -> dict[str, float]:
-    """Return the differences of lenslets, Fourier lens and travel from the description, by the unknowns' names."""
+    """Return the differences of lenslets, Fourier lens and travel from the description, by name of the unknown."""
     camera, described = measured.plan.camera, _described(measured)
     depths = [measured.plan.depths_um[z] for z in measured.index[:, 0].tolist()]
     reach = max(depths) - min(depths)
@@ -412,7 +412,7 @@ def _changes(measured: Measured, lines: _Lines) -> dict[str, float]:
 
 
 def _boxes(measured: Measured, lines: _Lines, z: int) -> tuple[_Image, ...]:
-    """Return the elemental images of a plane; those that overlap are one."""
+    """Return the elemental images of a plane, with those that overlap merged."""
     depth, (nt, ns) = measured.plan.depths_um[z], measured.plan.cutout
     half, left = _half_px(measured.plan.camera, depth), list[_Image]()
     for j, (row, column) in enumerate(np.rint(lines.at(depth)).astype(int).tolist()):

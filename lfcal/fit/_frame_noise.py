@@ -1,4 +1,4 @@
-"""Find the noise of new frames: given by the user, stated by the frames or by H, or measured on dark pixels."""
+"""Determine the noise of new frames: given by the user, stated by the frames or by H, or measured on dark pixels."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from lfcal.psf import PSFMatrix
 __all__ = ["DARK", "noises_of"]
 
 DARK = "from the frame's dark pixels; the photon noise is unknown"
-"""Source of a noise without photon noise; scatter in frames may then be photon noise."""
+"""Source of a noise that does not include photon noise, so that scatter in frames may be photon noise."""
 
 
 def noises_of(
     matrix: PSFMatrix, frames: Sequence[NewFrame], given: tuple[float, float] | None
 ) -> tuple[list[tuple[float, float]], str]:
-    """Return constant and slope of each frame's variance, and where these values come from."""
+    """Return the constant and slope of the variance of each frame, and the source of these values as text."""
     if given is not None:
         for name, value in zip(("constant", "slope"), given, strict=True):
             check_number(f"noise: {name}", value, at_least=0)

@@ -75,9 +75,9 @@ class Moving:
 
 
 def smoothing(n: int, size: int, by: Moving, *, around: bool) -> csr_matrix:
-    """Return W for one axis, over (position, pixel) of ``n`` positions and ``size`` pixels; rows have unit norm.
+    """Return W along one axis, over (position, pixel) of ``n`` positions and ``size`` pixels; rows have unit norm.
 
-    ``around``: the last position is a neighbour of the first, as in a whole period.
+    With ``around``, the last position is a neighbour of the first, as in a full period.
     """
     from scipy.sparse import csr_matrix, diags_array, eye_array, kron  # slow to import
 
@@ -109,7 +109,7 @@ class ResidualField:
     amplitudes
         Standard deviation of each part at every entry.
     around
-        Whether positions are a whole period.
+        Whether the positions are a full period.
     """
 
     def __init__(self, parts: Sequence[Moving], amplitudes: Sequence[F4], *, around: bool) -> None:
@@ -201,13 +201,13 @@ class PlaneResiduals:
     model
         Predicted light ``(ny, nx, nt, ns)``.
     residual
-        Measured minus predicted, 0 without a measurement.
+        Measured minus predicted light; 0 without a measurement.
     precision
-        1 / variance of the noise; 0 without a measurement.
+        Inverse variance of the noise; 0 without a measurement.
     recorded
         Positions ``(ny, nx)`` to use.
     around
-        Whether positions are a whole period, so that the last is a neighbour of the first.
+        Whether the positions are a full period, so that the last is a neighbour of the first.
     sizes
         Standard deviations of the residuals of spots and of stray light, beyond noise; empty if not yet known.
     """
@@ -221,7 +221,7 @@ class PlaneResiduals:
 
     @property
     def period(self) -> tuple[int, int]:
-        """Positions ``(ny, nx)``."""
+        """Number of positions ``(ny, nx)``."""
         return self.model.shape[0], self.model.shape[1]
 
     def window(self, rows: slice, columns: slice) -> PlaneResiduals:
@@ -239,7 +239,7 @@ class PlaneResiduals:
 
 
 def amplitudes(model: F4) -> tuple[F4, F4]:
-    """Return where residuals of spots and of stray light are expected, in proportion to the light nearby.
+    """Return the relative amplitudes of the residuals of spots and of stray light, in proportion to the light nearby.
 
     For spots, this is the mean of the light of a pixel and of its surroundings, because dim pixels next to bright ones
     have larger errors than their own light suggests. For stray light, it is the mean of all positions, because it
@@ -253,7 +253,7 @@ def amplitudes(model: F4) -> tuple[F4, F4]:
 
 
 def sized(data: PlaneResiduals) -> PlaneResiduals:
-    """Return the plane with the standard deviations of errors in spots and stray light; unchanged if noise prevails.
+    """Return the plane with the standard deviations of errors in spots and stray light, unchanged if noise dominates.
 
     Residuals have E[R² - V] = s² A² + c² B² with the amplitudes A and B, and s depending on brightness. Weights are
     between those of chi², with which only dark pixels would count, and those of the squared light.
@@ -286,7 +286,7 @@ def sized(data: PlaneResiduals) -> PlaneResiduals:
 
 
 def _not_negative(matrix: F8, gradient: F8) -> F8:
-    """Return the solution of normal equations of two unknowns that are not negative."""
+    """Return the solution of the normal equations of two unknowns under the constraint that neither is negative."""
     out = np.zeros(2)
     used = [k for k in (0, 1) if matrix[k, k] > 0]
     while used:
@@ -371,9 +371,9 @@ class ResidualKind:
     spots, stray
         Correlation of the residuals of spots and stray light; None: only noise.
     near
-        Fraction of the spots' variance that is hardly correlated between neighbouring positions.
+        Fraction of the variance of the spots that is hardly correlated between neighbouring positions.
     supported
-        Whether held-out positions are predicted better with their neighbours than by the model alone.
+        Whether held-out positions are predicted better from their neighbours than by the model alone.
     spread
         Ratio of the scatter of held-out positions to the stated one (squares).
     """
@@ -457,7 +457,7 @@ def _field(data: PlaneResiduals, kind: ResidualKind) -> ResidualField:
 
 
 def chosen_kind(part: PlaneResiduals, velocity: float, seed: int = 0) -> ResidualKind:
-    """Return the kind of a plane's residual, by predicting held-out patterns from the others."""
+    """Return the kind of residual with which held-out patterns of a plane are best predicted from the others."""
     spots, stray = (bool(size.any()) for size in part.sizes)
     usual = ResidualKind(Moving(velocity, *USUAL) if spots else None, Moving(-velocity, *STRAY) if stray else None)
     places = np.argwhere(part.recorded)
@@ -483,7 +483,7 @@ def chosen_kind(part: PlaneResiduals, velocity: float, seed: int = 0) -> Residua
 
 
 def held_out_folds(part: PlaneResiduals) -> list[Flags]:
-    """Return sets ``(ny, nx)`` of recorded positions, each spread over the plane; no position is in two sets."""
+    """Return disjoint masks ``(ny, nx)`` of recorded positions, each spread over the plane."""
     found: list[Flags] = []
     places = np.argwhere(part.recorded)
     count = max(2, len(places) // FOLDS)
@@ -496,7 +496,7 @@ def held_out_folds(part: PlaneResiduals) -> list[Flags]:
 
 
 def _middle(data: PlaneResiduals) -> tuple[slice, slice]:
-    """Return rows and columns in the middle of the cutout that contain the number of entries to try."""
+    """Return the rows and columns in the middle of the cutout that contain `ENTRIES_TRIED` entries."""
     ny, nx, nt, ns = data.model.shape
     side = max(5, math.isqrt(ENTRIES_TRIED // (ny * nx)))
     rows, columns = (slice(max(0, (n - side) // 2), max(0, (n - side) // 2) + min(n, side)) for n in (nt, ns))
@@ -504,7 +504,7 @@ def _middle(data: PlaneResiduals) -> tuple[slice, slice]:
 
 
 def _best(data: PlaneResiduals, aside: Flags, kinds: Sequence[ResidualKind]) -> tuple[ResidualKind, F8]:
-    """Return the kind that predicts the patterns ``aside`` best, and by how much it is better at each of them."""
+    """Return the kind that predicts the patterns ``aside`` best, and its improvement at each of them."""
     found: list[tuple[float, int, F8]] = []
     kept = data.without(aside)
     for k, kind in enumerate(kinds):
@@ -566,7 +566,7 @@ def _shares(part: PlaneResiduals, kind: ResidualKind, seed: int) -> F4:
 
 
 def _ratio(part: PlaneResiduals, field: ResidualField) -> NDArray[np.intp]:
-    """Return which of `RATIOS` each entry's variance over noise is nearest to.
+    """Return the index of the value in `RATIOS` that is nearest to the variance over noise of each entry.
 
     For entries that were not recorded, the noise is that expected at this brightness.
     """
@@ -583,7 +583,7 @@ def _ratio(part: PlaneResiduals, field: ResidualField) -> NDArray[np.intp]:
 def iter_residual_estimate(
     data: PlaneResiduals, note: str, *, seed: int = 0, workers: int | None = None
 ) -> Work[ResidualEstimate]:
-    """Estimate how a plane's patterns deviate from the model; yields progress in tiles of the cutout."""
+    """Estimate how the patterns of a plane deviate from the model; yields progress in tiles of the cutout."""
     _, _, nt, ns = data.model.shape
     tiles = [(t, s) for t in range(0, nt, TILE) for s in range(0, ns, TILE)]
     clock = Clock(note, 1 + len(tiles))

@@ -1,6 +1,6 @@
 """Summarize a fit in numbers: values, standard deviations, correlations, and degeneracies.
 
-A parameter that was not fitted and one that was may have the same effect on the patterns; they are then degenerate.
+A parameter that was fitted and one that was not are degenerate if they have the same effect on the patterns.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ FEWEST, MOST_SAMPLED = 3, 8
 
 @dataclass(frozen=True, eq=False)
 class Degeneracies:
-    """Fixed unknowns with their possible effect on the fitted ones, in the scales of these.
+    """Fixed unknowns and their possible effect on the fitted ones, in units of the scales of the fitted ones.
 
     Attributes
     ----------
@@ -66,9 +66,9 @@ class Degeneracies:
     spread
         Covariance ``(k, k)`` due to errors of the fixed unknowns.
     shift
-        Change ``(k,)`` of the unknowns if these were fitted too, which is their possible bias.
+        Possible bias ``(k,)`` of the unknowns: their change if the fixed ones were fitted too.
     counted
-        Indices of the fixed unknowns included in both.
+        Indices of the fixed unknowns included in ``spread`` and ``shift``.
     """
 
     words: tuple[str, ...]
@@ -139,7 +139,7 @@ def iter_degeneracies(problem: Problem, point: Point, columns: Columns, groups: 
 def _iter_with(
     problem: Problem, point: Point, columns: Columns, vector: Vector, keep: NDArray[np.bool_], held: Sequence[int]
 ) -> Work[tuple[Problem, Point, Columns]]:
-    """Return the patterns ``keep`` with the further unknowns ``held`` of ``vector``, which are where they were held."""
+    """Return the patterns ``keep`` with the additional unknowns ``held`` of ``vector`` at their fixed values."""
     part = Problem(problem.measured.of(keep), vector, problem.workers)
     levels = replace(point.levels, lamps=point.levels.lamps[keep])
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
@@ -151,7 +151,7 @@ def _iter_with(
 
 
 def _sampled(problem: Problem) -> NDArray[np.bool_]:
-    """Return some of the fitted patterns: of each region a quarter, three at least, eight at most of all."""
+    """Return some of the fitted patterns: a quarter of each region, at least three, at most eight in total."""
     measured, keep = problem.measured, np.zeros(len(problem.measured), np.bool_)
     parts = [(plan, own[problem.fitted[own]]) for plan, own, _ in measured.parts()]
     for plan, own in parts:
@@ -210,7 +210,7 @@ def degeneracies(
 
 
 def _allowed(which: NDArray[np.intp], held: NDArray[np.intp], data: F8, slope: F8, spread: F8) -> tuple[F8, F8]:
-    """Return the effect of errors of all unknowns ``held`` on the fitted ones: covariance and shift."""
+    """Return the covariance and shift of the fitted unknowns due to errors of all unknowns ``held``."""
     if not len(held):
         return np.zeros_like(spread), np.zeros(len(which))
     moves = spread @ data[np.ix_(which, held)]

@@ -52,14 +52,14 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class PatternLevels:
-    """Relation of model and recorded pattern: recorded = gain (1 + lamp) model + background.
+    """Relation between model and recorded pattern: recorded = gain (1 + lamp) model + background.
 
     Attributes
     ----------
     gains, backgrounds
         Gain and background of each plane ``(nz,)``.
     lamps
-        Relative change of the lamp's brightness at each pattern ``(n,)``.
+        Relative change of the brightness of the lamp at each pattern ``(n,)``.
     """
 
     gains: F8
@@ -67,7 +67,7 @@ class PatternLevels:
     lamps: F8
 
     def factors(self, planes: NDArray[np.intp]) -> F8:
-        """Return gain (1 + lamp) of each pattern; ``planes`` are the planes of the patterns."""
+        """Return gain (1 + lamp) of each pattern ``(n,)``; ``planes`` ``(n,)`` are the indices of their planes."""
         found: F8 = self.gains[planes] * (1.0 + self.lamps)
         return found
 
@@ -92,7 +92,7 @@ class Weighed:
     Attributes
     ----------
     residual
-        Recorded minus predicted, in sigmas of the model's noise; 0 where a pixel is not valid.
+        Recorded minus predicted values, in standard deviations of the noise; 0 where a pixel is not valid.
     inverse
         1/sigma of each pixel; 0 for invalid pixels.
     robust
@@ -116,7 +116,7 @@ class Weighed:
 
     @property
     def outlying(self) -> NDArray[np.bool_]:
-        """Pixels that do not count as measurements: far off in a pattern whose other pixels are not."""
+        """Mask of the pixels that are not used as measurements: outliers in patterns whose other pixels are not."""
         size = np.abs(self.residual)
         found: NDArray[np.bool_] = size > np.maximum(
             OUTLIER_SIGMAS, 6 * np.sqrt(np.square(size).mean(1, keepdims=True))
@@ -140,8 +140,8 @@ def flat(measured: Measured) -> tuple[F4, NDArray[np.bool_]]:
 def variance(measured: Measured, light: F4, *, doubtful: bool, error: float) -> F4:
     """Return the variance ``(n, m)`` of samples whose light is predicted as ``light``.
 
-    While the model is ``doubtful``, the larger of model and data is used; otherwise a dark model would give bright
-    data no noise. The error of the engine, a share ``error`` of the light, is added.
+    While the model is ``doubtful``, the larger of model and data is used, because a dark model would otherwise imply no
+    noise for bright data. The error of the engine, a fraction ``error`` of the light, is added.
     """
     shown = np.maximum(light, 0)
     if doubtful:
@@ -204,9 +204,9 @@ def weighed(
 
 
 def unlike_others(chi2: F8, pixels: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which patterns ``(n,)`` are outliers, by the chi² of each over its number of pixels.
+    """Return a mask ``(n,)`` of the patterns that are outliers, by their chi² per pixel.
 
-    Each is compared with the median and spread of all.
+    The chi² of each pattern is compared with the median and spread of all.
     """
     if len(chi2) < 4:
         return np.zeros(len(chi2), np.bool_)

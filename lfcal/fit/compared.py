@@ -21,10 +21,10 @@ STRANGE = 0.2
 """Correlation below which a frame has nothing in common with H."""
 
 ROUNDS = 8
-"""Largest number of steps for the source's position."""
+"""Largest number of steps for the position of the source."""
 
 STEP_PX = 0.05
-"""Step for its derivative (pixels)."""
+"""Displacement of the source for derivatives (pixels)."""
 
 LIGHT = 3.0
 """Standard deviations by which a frame must differ from a uniform one."""
@@ -159,12 +159,12 @@ def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tu
 
 
 def _beside(at: LocatedPattern, offset: F8, place: tuple[float, float]) -> tuple[float, float]:
-    """Return the distance (dy, dx) of a source from the place that its frame states."""
+    """Return the offset (dy, dx) of a source from the position that its frame states (pixels)."""
     return float(at.row + offset[0] - place[0]), float(at.column + offset[1] - place[1])
 
 
 def _check_light(label: str, data: F8, noise: tuple[float, float]) -> None:
-    """Raise where a frame shows no more than its noise."""
+    """Raise `InputError` if a frame shows no light above its noise."""
     off = data - np.median(data)
     variance = noise[0] + noise[1] * np.maximum(off, 0.0)
     if float((off**2 - variance).sum()) <= LIGHT * math.sqrt(2.0 * float(np.square(variance).sum())):
@@ -177,7 +177,7 @@ def _check_light(label: str, data: F8, noise: tuple[float, float]) -> None:
 
 
 def _variance(noise: tuple[float, float], gain: float, light: F8, own: F8, data: F8 | None) -> F8:
-    """Return the variance of samples minus ``gain * light``: the frame's, and that of H's own samples."""
+    """Return the variance of samples minus ``gain * light``: that of the frame plus that of the samples of H."""
     shown = np.maximum(gain * light, 0.0)
     if data is not None:
         shown = np.maximum(shown, data)

@@ -1,4 +1,4 @@
-"""Choose the positions to record next: those that lower the expected error of H most (I-optimal design)."""
+"""Choose the positions to record next so that the expected error of H decreases most (I-optimal design)."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Chosen:
 
 
 def _eliminated(matrices: F8) -> F8:
-    """Return matrices ``(..., k + 2, k + 2)`` with gain and background, the last two, eliminated ``(..., k, k)``."""
+    """Return matrices ``(..., k, k)`` with gain and background, the last two of ``k + 2`` unknowns, eliminated."""
     k = matrices.shape[-1] - 2
     cross, level = matrices[..., :k, k:], matrices[..., k:, k:]
     size = np.sqrt(np.maximum(np.diagonal(level, axis1=-2, axis2=-1), 1e-300))
@@ -105,7 +105,7 @@ def _eliminated(matrices: F8) -> F8:
 
 
 def _inverse(matrices: F8) -> F8:
-    """Return the inverses of positive matrices ``(n, k, k)`` whose unknowns differ in size."""
+    """Return the inverses of positive matrices ``(n, k, k)`` whose unknowns differ in scale."""
     size = np.sqrt(np.diagonal(matrices, axis1=-2, axis2=-1))
     both = size[:, :, None] * size[:, None, :]
     found: F8 = np.linalg.inv(matrices / both) / both
@@ -139,7 +139,7 @@ def _greedy(chosen: Chosen, free: NDArray[np.intp], count: int) -> list[int]:
 
 
 def _exchanged(chosen: Chosen, free: NDArray[np.intp], taken: list[int]) -> bool:
-    """Exchange patterns for better ones, in place; return whether any was."""
+    """Exchange patterns for better ones in place, and return whether any was exchanged."""
     any_better = False
     for k, row in enumerate(taken):
         before = chosen.error**2
@@ -160,7 +160,7 @@ CANDIDATES = 300
 """Number of candidate positions, spread evenly over a larger scan; it determines most of the computing time."""
 
 FEWEST = 3
-"""Smallest number of positions for any result."""
+"""Smallest number of positions for which a design is computed."""
 
 POINTS = 12
 """Number of points of the curve of errors."""

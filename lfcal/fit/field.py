@@ -148,7 +148,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
 
 
 def _check_alike(name: str, plan: ScanPlan, first: ScanPlan) -> None:
-    """Raise where a region's scan is not of the same camera, depths and cutout as the first."""
+    """Raise `InputError` if the scan of a region differs from the first in camera, depths or cutout."""
     have: dict[str, tuple[Any, Any]] = {
         "depths (µm)": (plan.depths_um, first.depths_um),
         "pixels of a pattern": (plan.cutout, first.cutout),
@@ -165,13 +165,13 @@ def _check_alike(name: str, plan: ScanPlan, first: ScanPlan) -> None:
 
 # -- the fit -----------------------------------------------------------------------------------------------------------
 OVER_THE_FIELD = ("pitch", "region_places")
-"""Groups that are always fitted for several regions: a small error of the pitch is whole pixels over the field."""
+"""Groups always fitted for several regions, because a small error of the pitch becomes pixels over the field."""
 
 F8 = NDArray[np.float64]
 
 
 ALONE = ("geometry", "focal_lengths", "iris")
-"""Groups that are first fitted in each region separately, for a start."""
+"""Groups that are first fitted in each region separately, as a start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +253,7 @@ class FieldFit:
 
 
 def _rate(name: str, n: int, m: int, own: FieldAberrations | None, field_um: tuple[float, float]) -> float:
-    """Return the derivative of a term at a place by a parameter: terms are linear in all of them."""
+    """Return the derivative of a term at a position by a parameter; terms are linear in all parameters."""
     if name == (f"zernike_{n}_{m}" if m >= 0 else f"zernike_{n}_m{-m}"):
         return 1.0
     key = name.removeprefix("field_")
@@ -341,7 +341,7 @@ def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence
 
     A small rotation of the array, or an error of its pitch, displaces it by pixels over the field, more than a fit can
     recover. Each region is therefore fitted separately, the nearest to the first one first, starting from the array in
-    the previous ones. The start is the rotation and growth with the displacement that explain its place in all
+    the previous ones. The start is the rotation, scale and displacement that explain the position of the array in all
     regions.
     """
     if "geometry" not in groups:
@@ -366,7 +366,7 @@ def _nearby(measured: Regional, problem: Problem, setup: Setup, groups: Sequence
 
 @dataclass(frozen=True, eq=False)
 class _Laid:
-    """Displacement (µm) and rotation of the array in a region at a place (x, y), relative to its description."""
+    """Displacement (µm) and rotation of the array in a region at a position (x, y), relative to the description."""
 
     place: F8
     aside: F8
@@ -374,11 +374,11 @@ class _Laid:
 
 
 TURN_RAD, GROWTH, ASIDE_UM = 5e-4, 2e-3, 1.0
-"""Uncertainties: rotation from a single region, prior of the pitch, displacement from a single region."""
+"""Uncertainties of the rotation from a single region, of the pitch, and of the displacement from a single region."""
 
 
 def _changes(seen: Sequence[_Laid], place: F8, setup: Setup) -> dict[str, float]:
-    """Return rotation, scale and displacement of the array at a ``place`` (x, y), from its fitted lattice there."""
+    """Return the rotation, scale and displacement of the array at ``place`` (x, y), from regions already fitted."""
     rows, wanted = [[0.0, 0.0, 0.0, 1 / GROWTH]], [0.0]
     for one in seen:
         x, y = one.place / ASIDE_UM

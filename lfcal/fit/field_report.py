@@ -42,10 +42,10 @@ CAPTION = (
 )
 
 ACROSS = 5
-"""Number of places along the longer side at which the wavefront is drawn."""
+"""Number of positions along the longer side at which the wavefront is drawn."""
 
 FINE = 15
-"""Number of places along each side at which the rms is computed."""
+"""Number of positions along each side at which the rms is computed."""
 
 F8 = NDArray[np.float64]
 
@@ -179,7 +179,7 @@ def _middles(side: float, count: int) -> F8:
 
 
 def _front(fit: FieldFit, x_mm: float, y_mm: float, ux: F8, uy: F8, inside: NDArray[np.bool_]) -> F8:
-    """Return the wavefront over the pupil at a place, less its mean (waves)."""
+    """Return the wavefront over the pupil at a position in the field, minus its mean (waves)."""
     terms = [(one.n, one.m, one.waves) for one in fit.wavefront_at((1e3 * x_mm, 1e3 * y_mm))]
     values = zernike_wavefront(terms, ux, uy)
     found: F8 = values - values[inside].mean()

@@ -284,7 +284,7 @@ def iter_retrieved(
 
 
 CUT_PUPIL = (0.98, 0.96, 0.93, 0.9)
-"""Numerical apertures that are tried, as shares of the aperture at which the pupil's edge touches the lenslets."""
+"""Numerical apertures to try, as fractions of the aperture at which the edge of the pupil touches the lenslets."""
 
 
 def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point:
@@ -346,7 +346,7 @@ def check_stage(stage: str | float) -> None:
 def _approached(
     problem: Problem, point: Point, core: Sequence[str], candidates: Sequence[str], *, record_round: RoundRecorder
 ) -> Work[tuple[Point, tuple[str, ...]]]:
-    """Return a point near the best one and the groups that helped, computed coarsely."""
+    """Return a point near the best one, computed at coarse sampling, and the groups that lower the error."""
     vector, groups = problem.vector, tuple(core)
     for turn in range(ROUNDS):
         columns: Columns | None = None
@@ -379,7 +379,7 @@ def _finished(
     stage: str | float,
     record_round: RoundRecorder,
 ) -> Work[Finished]:
-    """Return the best point, computed finely: groups settled, patterns' own unknowns found, outliers left out."""
+    """Return the best point at fine sampling, with the final groups and the outliers left out."""
     vector = problem.vector
     point = problem.point(point.u, point.local, Fineness.fine, lamps=point.levels.lamps)
     every = vector.of_groups([*groups, *candidates]).tolist()
@@ -414,7 +414,7 @@ def _finished(
 def _without(
     problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]
 ) -> tuple[Problem, Point, Columns]:
-    """Return problem, point and derivatives without some of the patterns."""
+    """Return problem, point and derivatives with only the patterns ``keep``."""
     found = problem.with_measured(problem.measured.of(keep))
     local = replace(point.local, offsets_px=point.local.offsets_px[keep])
     own = None if columns.displacements is None else columns.displacements[:, keep]
@@ -423,7 +423,7 @@ def _without(
 
 
 def _with_spread(problem: Problem, point: Point, columns: Columns, stage: str | float) -> Point:
-    """Return the point at which each pattern has separate unknowns, with the scatter that the patterns show.
+    """Return the point with separate unknowns for each pattern, and with the scatter that the patterns show.
 
     The noise includes the response of pixels.
     """

@@ -170,7 +170,7 @@ class RecordedPatterns:
 
 
 def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, anchor: tuple[float, float]) -> None:
-    """Raise where a scan's positions and pixels are not those that were fitted."""
+    """Raise `InputError` unless a scan has the positions and pixels of the fitted one."""
     remedy = "give the H that was fitted"
     if tuple(shape) != tuple(planned.shape):
         raise InputError.expected(
@@ -212,7 +212,7 @@ def iter_plane_data(
 
 
 def _whole_period(plan: ScanPlan) -> bool:
-    """Return whether the positions are a whole period of the camera, to a pixel."""
+    """Return whether the positions are a full period of the camera, to within a pixel."""
     return min(plan.period) > 2 and max(abs(left) for left in plan.period_residual_px) < 1.0
 
 
@@ -275,7 +275,7 @@ def _iter_remove_nuisance(fit: Fitted, data: PlaneResiduals, z: int, workers: in
 
 
 def _significant_nuisance(fit: Fitted, data: PlaneResiduals, places: NDArray[np.intp]) -> tuple[bool, bool]:
-    """Return whether lamp and stage change patterns by more than errors of the model that look the same."""
+    """Return whether lamp and stage change patterns more than errors of the model with the same effect do."""
     some = data.model[tuple(places[:: max(1, len(places) // PATTERNS_SAMPLED)].T)].astype(np.float64)
     slope = math.sqrt(sum(float(np.square(np.gradient(some, axis=axis)).sum()) for axis in (1, 2)) / 2)
     per_px = slope / max(math.sqrt(float(np.square(some).sum())), 1e-300)
@@ -290,7 +290,7 @@ SHARED_POSITIONS = 3.0
 def _nuisance_of(
     values: NDArray[np.float64], errors: NDArray[np.float64], places: NDArray[np.intp], data: PlaneResiduals
 ) -> NDArray[np.float64]:
-    """Return the part of each position's values ``(n, k)`` that its neighbours do not share, shrunk by its error.
+    """Return the part of the values ``(n, k)`` of each position that its neighbours do not share, shrunk by its error.
 
     A value is the sum of a shared part with Gaussian correlation, the position's own part, and its error. Differences
     between neighbours determine their sizes.
@@ -315,7 +315,7 @@ def _nuisance_of(
 
 
 def _outliers(data: PlaneResiduals) -> NDArray[np.bool_]:
-    """Return which positions ``(ny, nx)`` are not like the others."""
+    """Return a mask ``(ny, nx)`` of the positions that differ from the others."""
     far, own = np.zeros(data.recorded.shape, np.bool_), data.recorded
     pixels = np.maximum(1, (data.precision[own] > 0).sum((1, 2)))
     chi2 = (np.square(data.residual[own]) * data.precision[own]).sum((1, 2), dtype=np.float64) / pixels
@@ -430,9 +430,9 @@ def hybrid_note(summary: HybridSummary) -> dict[str, Any]:
 def _joined(
     fit: Fitted, data: PlaneResiduals, facts: Facts, left: ResidualEstimate
 ) -> tuple[Plane, NDArray[np.float64]]:
-    """Return the plane of model and estimate, where the estimate is better than none, and how far it is changed.
+    """Return the plane of model plus estimate, where the estimate is an improvement, and its relative change.
 
-    The latter of each position's pattern ``(ny, nx)``, as rms over rms of its light.
+    The relative change ``(ny, nx)`` is the rms change of a pattern over the rms of its light.
     """
     assert facts.origin is not None
     own = data.recorded & (not left.kind.empty)

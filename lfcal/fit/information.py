@@ -27,7 +27,7 @@ AT_ONCE = 200e6
 """Bytes of derivatives that are kept in memory at a time."""
 
 PRIOR_SIGMA = 10.0
-"""Prior standard deviation of every unknown, in scales, so that nothing is infinite without patterns."""
+"""Prior standard deviation of every unknown, in scales, so that covariances are finite without patterns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def iter_information(
 
 
 def _pattern_information(problem: Problem, point: Point, columns: Columns, p: int) -> F8:
-    """Return the information of pattern ``p`` on the unknowns, its plane's gain and background ``(k + 2, k + 2)``."""
+    """Return the information ``(k + 2, k + 2)`` from pattern ``p`` about unknowns, gain and background."""
     only, k, nz = np.arange(len(problem.planes)) == p, len(columns.shared), problem.measured.plan.shape[0]
     part = Columns(columns.shared[:, only], None if columns.displacements is None else columns.displacements[:, only])
     local = replace(point.local, offsets_px=point.local.offsets_px[only])
@@ -159,7 +159,7 @@ def _pattern_information(problem: Problem, point: Point, columns: Columns, p: in
 
 
 class _Sums:
-    """Squares and products of the model and its derivatives, plane by plane, with the noise."""
+    """Sums of squares and products of the model and its derivatives for each plane, with the noise."""
 
     def __init__(self, k: int, planes: int) -> None:
         self._inner, self._cross, self._power = np.zeros((planes, k, k)), np.zeros((planes, k)), np.zeros(planes)
@@ -190,7 +190,7 @@ class _Sums:
 
 
 def _parts(planes: NDArray[np.intp], size: int) -> Iterator[NDArray[np.intp]]:
-    """Yield the rows of each plane, ``size`` at most at a time."""
+    """Yield the rows of each plane, at most ``size`` at a time."""
     for z in np.unique(planes).tolist():
         own = np.flatnonzero(planes == z)
         for first in range(0, len(own), size):
@@ -209,14 +209,14 @@ def _light(plan: ScanPlan, setup: Setup, index: NDArray[np.intp]) -> NDArray[np.
 
 
 def _gains(plan: ScanPlan, index: NDArray[np.intp], light: NDArray[np.float32], expected: Expected) -> F8:
-    """Return electrons of each plane's pixels over their share of the light."""
+    """Return the number of electrons per fraction of the light in each plane."""
     exposures = np.array(plan.exposures)
     brightest = float((light.max(1) * exposures[index[:, 0]]).max())
     return np.asarray(expected.full * plan.camera.sensor.full_well_e * exposures / brightest)
 
 
 def _noise(plan: ScanPlan) -> tuple[float, float]:
-    """Return constant and slope of the variance of a pixel's electrons: read-out, dark current, digits, photons."""
+    """Return the constant (read noise, dark current, rounding) and slope of the variance of electrons in a pixel."""
     sensor, times = plan.camera.sensor, plan.frames_averaged
     dark = sensor.dark_current_e_s * max(plan.exposures)
     return (sensor.read_noise_e**2 + dark + sensor.electrons_per_count**2 / 12) / times, 1.0 / times
@@ -230,7 +230,7 @@ def _problem(
     groups: Sequence[str],
     workers: int | None,
 ) -> Problem:
-    """Return the problem of the expected patterns, without their noise."""
+    """Return the problem of fitting the expected patterns without noise."""
     n = len(index)
     patterns = electrons.reshape(n, *plan.cutout).astype(np.float32)
     noise = np.tile(_noise(plan), (n, 1))

@@ -1,4 +1,4 @@
-"""Locate the source of a new frame: the position of H whose pattern resembles the frame's light most."""
+"""Locate the source of a new frame: the position of H whose pattern is most similar to the frame."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def _correlation(a: F4, b: F4) -> float:
 
 
 def _middle_of_light(frame: NewFrame, cutout: tuple[int, int]) -> tuple[int, int]:
-    """Return the sensor pixel about which a window of the cutout's size holds most light."""
+    """Return the sensor pixel around which a window of the size of the cutout contains most light."""
     from scipy.ndimage import uniform_filter
 
     values = np.where(np.isfinite(frame.values), frame.values, 0.0).astype(np.float64)

@@ -23,7 +23,7 @@ HELD_OUT = 0.2
 
 
 MOST_FEW = 3
-"""Smallest number of patterns for any result."""
+"""Smallest number of patterns for a fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ class Measured:
         return replace(self, **self._some(keep))
 
     def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
-        """Return what belongs to single patterns, of those that are kept."""
+        """Return the attributes of the patterns ``keep``, by name."""
         own = [name for name in ("extra_light", "blur") if getattr(self, name) is not None]
         names = ["index", "patterns", "noise", "places_px", "valid", "held_out", *own]
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
@@ -251,7 +251,7 @@ def kept_aside(matrix: PSFMatrix) -> list[list[int]]:
 
 
 def _aside(chosen: NDArray[np.intp], held_out: float | Sequence[Sequence[int]], plan: ScanPlan) -> NDArray[np.bool_]:
-    """Return which of the positions are kept aside."""
+    """Return a mask of the ``chosen`` positions that are held out."""
     if isinstance(held_out, Sequence):
         named = np.isin(*(np.ravel_multi_index(tuple(i.T), plan.shape[:3]) for i in (chosen, _index(held_out, plan))))
         if named.any() and not named.all():

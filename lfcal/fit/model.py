@@ -55,7 +55,7 @@ LIGHT_OUTSIDE = {Fineness.coarse: 0.015, Fineness.fine: 0.006, Fineness.finest: 
 
 
 PUPIL_ERROR = {Fineness.coarse: 0.05, Fineness.fine: 0.02, Fineness.finest: 0.01}
-"""Error (relative L1) of whole patterns behind single lenslets; see `_elemental` for those of a fit."""
+"""Error (relative L1) of complete patterns behind single lenslets; see `_elemental` for the patterns of a fit."""
 
 
 class PlaneModel:
@@ -123,7 +123,7 @@ class PlaneModel:
 
 
 def _resolved(plan: ScanPlan, z: int, setup: Setup, sampling: Sampling) -> tuple[AnyScene, Sampling]:
-    """Return the scene of a plane and the sampling of its engine; behind single lenslets that of `PUPIL_ERROR`."""
+    """Return the scene of a plane and the sampling of its engine; for single lenslets, it is set by `PUPIL_ERROR`."""
     scene = scene_for(plan, z, setup.effects, depth_error_um=setup.depth_errors_um[z])
     if isinstance(scene, PupilScene):
         return scene, step_for(scene, "wave", PUPIL_ERROR.get(sampling, 0.01)).sampling
@@ -131,7 +131,7 @@ def _resolved(plan: ScanPlan, z: int, setup: Setup, sampling: Sampling) -> tuple
 
 
 def _once_each(places: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    """Yield parts of ``places`` in which none is twice."""
+    """Yield subsets of ``places`` in which no position occurs twice."""
     left = np.arange(len(places))
     while left.size:
         _, first = np.unique(places[left], axis=0, return_index=True)

@@ -224,7 +224,7 @@ def held_out_error(
 
 
 def _ideal(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> F8:
-    """Return the light of the patterns ``keep`` as the model has it: each source in its place, the lamp steady."""
+    """Return the light of the patterns ``keep`` for sources exactly at their positions and a stable lamp."""
     model = point.model[keep].astype(np.float64)
     if columns.displacements is not None:
         model -= np.einsum(
@@ -235,7 +235,7 @@ def _ideal(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bo
 
 
 def _placed(seen: Weighed, part: Weighed, keep: NDArray[np.bool_]) -> Weighed:
-    """Return ``seen`` with ``part`` in the place of the patterns ``keep``."""
+    """Return ``seen`` with the patterns ``keep`` replaced by ``part``."""
     values = {}
     for name in ("residual", "inverse", "robust", "bright"):
         values[name] = getattr(seen, name).copy()

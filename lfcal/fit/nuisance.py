@@ -71,7 +71,7 @@ def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
 
 
 def _errors(problem: Problem, point: Point, columns: Columns) -> F8:
-    """Return the variance of each pattern's own unknowns ``(n, 3)``."""
+    """Return the variances ``(n, 3)`` of the unknowns of each pattern: displacements, then lamp."""
     assert columns.displacements is not None
     factors, found = point.levels.factors(problem.planes), []
     for p in np.flatnonzero(problem.fitted).tolist():
@@ -95,9 +95,9 @@ def _plane_means(values: F8, errors: F8, planes: NDArray[np.intp]) -> F8:
 
 
 def _excess(values: F8, errors: F8) -> float:
-    """Return the root of the variance beyond the errors', 0 unless it is surely above none.
+    """Return the square root of the variance in excess of the errors; 0 unless the excess is significant.
 
-    Weights are 1/(v + sigma²)², of the sigma of the round before: by 1/v² the best patterns alone would count.
+    Weights are 1/(v + sigma²)², with sigma from the previous round; with 1/v², only the best patterns would count.
     """
     weight = 1.0 / errors**2
     # for squares of pure noise: their variance is 2 v²
@@ -168,7 +168,7 @@ def response_of(problem: Problem, point: Point) -> Response:
 
 
 def _pixels(problem: Problem) -> tuple[NDArray[np.intp], int]:
-    """Return which pixel of the sensor each sample of the patterns is, and how many there are."""
+    """Return the index of the sensor pixel of each sample of the patterns, and the number of these pixels."""
     measured = problem.measured
     if isinstance(measured, Elemental):
         return measured.pixels.ravel(), math.prod(measured.plan.cutout)

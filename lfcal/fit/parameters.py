@@ -173,21 +173,21 @@ class Group(ABC):
     name: str
     """Name in options, files and commands."""
     title: str
-    """For people."""
+    """Display name."""
     rank: int = 50
     """Order in lists."""
     late: bool = False
-    """Whether it is tried only after other groups were found, because each pattern needs many runs of the engine."""
+    """Whether the group is tried only after the others, because each pattern needs many runs of the engine."""
     held: bool = False
-    """Whether ``unknowns="auto"`` never adds it, but reports the degeneracies that it would cause."""
+    """Whether ``unknowns="auto"`` never adds the group, but reports the degeneracies that it would cause."""
     assumed: bool = False
-    """Whether it always contributes to the standard deviations of the others when it is fixed, however little."""
+    """Whether the group, when fixed, always contributes to the standard deviations of the others, however little."""
     along: tuple[str, ...] = ()
-    """Groups that ``unknowns="auto"`` also tries together with it, because none of them may help alone."""
+    """Groups that ``unknowns="auto"`` also tries together with this one, because neither may lower the error alone."""
     core: bool = False
-    """Whether ``unknowns="auto"`` starts with it; others are added if they lower the error of held-out patterns."""
+    """Whether ``unknowns="auto"`` starts with the group; others are added if they lower the held-out error."""
     needs: str = "a camera that has them"
-    """What a camera or a scan must have for this group to have unknowns, in words."""
+    """What a camera or a scan must have for the group to have unknowns, as text."""
 
     @abstractmethod
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:

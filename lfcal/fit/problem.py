@@ -189,7 +189,7 @@ class Problem:
         return self.model(point.u, point.local.offsets_px, Fineness.coarse)
 
     def _derivative(self, point: Point, base: F4, k: int, *, both: bool) -> F4:
-        """Return the derivative by unknown ``k``: by steps to both sides, or to the first on which there is room."""
+        """Return the derivative by unknown ``k``, from steps to both sides, or to the first side within the bounds."""
         found: list[F4] = []
         for step in (STEP, -STEP):
             u = point.u.copy()
@@ -217,5 +217,5 @@ class Problem:
 
 
 def _error(sampling: Sampling, local: Local) -> float:
-    """Return what predictions err by as a fraction of the light: by the computation, and by uneven pixels."""
+    """Return the error of predictions due to the computation and to uneven pixels, as a fraction of the light."""
     return math.hypot(ERRORS[sampling], local.response.rms)

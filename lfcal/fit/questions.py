@@ -37,7 +37,7 @@ PLAIN = 0.12
 """Residual of the described camera (relative L2) above which questions are asked."""
 
 STRANGE = 0.8
-"""The same before aberrations are fitted, because patterns of wrong axes or depths have nothing in common."""
+"""Same limit before aberrations are fitted, because patterns of wrong axes or depths have nothing in common."""
 
 UNEXPLAINED = 0.5
 """Residual beyond noise (relative L2) above which the patterns do not belong to such a camera."""
@@ -226,7 +226,7 @@ def _tried(
 
 
 def _few(problem: Problem) -> Problem:
-    """Return the problem of a few patterns."""
+    """Return the problem with only a few of its patterns."""
     measured = problem.measured.of(problem.fitted)
     keep = np.zeros(len(measured), np.bool_)
     keep[spread_out(measured.index, min(FEW, len(measured)), measured.plan.period)] = True

@@ -26,7 +26,7 @@ from lfcal.fit.result import Fit
 __all__ = ["PAGE", "add_picture", "iter_fit_report", "limits", "parameters", "report_files"]
 
 PAGE = "index.html"
-"""The page of the report in a fit's folder."""
+"""Name of the page of the report in the folder of a fit."""
 
 PICTURES = ("patterns.png", "leftover.png", "parameters.png")
 CAPTIONS = (

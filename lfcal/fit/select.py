@@ -114,12 +114,12 @@ def prune(
 
 
 def _far(problem: Problem, point: Point, name: str) -> bool:
-    """Return whether a group's unknowns are farther from their start than derivatives hold."""
+    """Return whether the unknowns of a group are farther from their start than derivatives are valid."""
     return bool(np.abs(point.u[problem.vector.of_groups([name])]).max(initial=0.0) > LINEAR)
 
 
 def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], name: str) -> bool:
-    """Return whether held-out squares grow if a group's unknowns return to their start and the others follow.
+    """Return whether held-out squares increase if the unknowns of a group return to their start and the others adapt.
 
     This uses computed patterns. Derivatives at the best point do not distinguish the distance of the source from gap,
     focal lengths and iris, which differ by 1 % of the light over several steps.
@@ -146,7 +146,7 @@ def _helps(problem: Problem, point: Point, columns: Columns, chosen: Sequence[st
 def _cost_of_leaving(
     problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], name: str
 ) -> tuple[float, float]:
-    """Return the increase of the held-out squares if a group's unknowns return to their start, and what is enough."""
+    """Return the increase of the held-out squares if a group returns to its start, and the threshold for it."""
     k = problem.vector.of_groups([name])
     back = np.tensordot(-point.u[k], columns.shared[k], axes=1)
     selection = GroupSelection(problem, point, columns)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for weighted patterns: choice of steps, and when to stop."""
+"""Levenberg-Marquardt algorithm for weighted patterns: choice of steps, and stopping rule."""
 
 from __future__ import annotations
 

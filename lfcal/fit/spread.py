@@ -54,7 +54,7 @@ def spread_out(
 
 
 class _Plane:
-    """The positions of a plane: which are taken, and how far each of the others is from the nearest of those."""
+    """The positions of a plane, those already chosen, and the distance of each other one from the nearest of them."""
 
     def __init__(
         self,
@@ -69,11 +69,11 @@ class _Plane:
 
     @property
     def full(self) -> bool:
-        """Whether all positions have been taken."""
+        """Whether all positions have been chosen."""
         return len(self.taken) == len(self.members)
 
     def take(self, turn: int) -> None:
-        """Take the position that is farthest from those taken; first one near the middle, different in each plane."""
+        """Choose the position farthest from those already chosen; the first is near the middle, and varies by plane."""
         if np.isinf(self._nearest).all():
             aim = self._size * (0.5 + 0.23 * (turn % 3 - 1))
             k = int(np.argmin(((self._places - aim) ** 2).sum(1)))
@@ -84,7 +84,7 @@ class _Plane:
         self._nearest[k] = -1.0
 
     def away_from(self, place: NDArray[np.intp]) -> None:
-        """Update the distances from ``place``, across the period's edges and behind the lenslets."""
+        """Update the distances for a chosen ``place``, across the edges of the period and relative to lenslets."""
         between = self._places - place
         apart = np.minimum(np.abs(between), self._size - np.abs(between))
         squares = (apart**2).sum(1) / self._size.prod()
@@ -94,7 +94,7 @@ class _Plane:
 
 
 def _folded(between: NDArray[np.intp], cell: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the squared lengths of the shortest of the vectors ``(..., 2)`` that are equal modulo a cell."""
+    """Return the squared length of the shortest of all vectors that equal ``between`` ``(..., 2)`` modulo the cell."""
     steps = between @ np.linalg.inv(cell)
     steps -= np.rint(steps)
     near = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])

@@ -300,7 +300,7 @@ class Filler:
         return Filled(Facts.of(origin.shape, plan.cutout, **{**known, "origin": origin}), spread)
 
     def _compare(self, z: int, model: PlaneModel, values: F4, facts: Facts) -> None:
-        """Raise where recorded patterns are not those of the fit."""
+        """Raise `InputError` if the recorded patterns are not those of the fit."""
         assert facts.recorded is not None
         there = np.argwhere(facts.recorded > 0)
         if not len(there):

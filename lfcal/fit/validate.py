@@ -36,13 +36,13 @@ __all__ = [
 F8 = NDArray[np.float64]
 
 PART = 1 / 3
-"""Fraction of the points that counts as the middle, and share that counts as the edges."""
+"""Fraction of the points that are counted as the middle, and fraction counted as the edges."""
 
 WORSE = 1.5
 """Factor by which the error at the edges must be larger."""
 
 SIGNIFICANCE = 3.0
-"""Standard deviations by which it must be larger."""
+"""Standard deviations by which the error at the edges must be larger."""
 
 WIDE = 0.2
 """Fraction of the field that points must cover to distinguish its edges from its middle."""
@@ -170,7 +170,7 @@ class Validation:
 
 
 class _ByModel:
-    """Predicts a source at or near a position."""
+    """Prediction of the pattern of a source at or near a position."""
 
     def __init__(self, model: PlaneModel, y: int, x: int, cutout: tuple[int, int], response: float) -> None:
         self._model, self._place = model, np.array([[y, x]], np.intp)
@@ -246,7 +246,7 @@ validate = drained(iter_validate)
 
 
 class _Image:
-    """A predicted frame, in which no displacement of a source can be fitted."""
+    """A predicted frame without a displacement of a source to fit."""
 
     def __init__(self, light: F8, margin: tuple[int, int]) -> None:
         self._light = light
@@ -258,7 +258,7 @@ class _Image:
         self.reach = (0.0, 0.0)
 
     def at(self, offset: F8) -> F8:
-        """Return the frame."""
+        """Return the frame, whatever the ``offset``."""
         return self._light
 
     def doubt(self, offset: F8) -> float:
@@ -296,7 +296,7 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
 
 
 def _models(fit: StoredFit, withheld: Measured, z: int, *, periodic: bool) -> tuple[PlaneModel, PlaneModel | None]:
-    """Return the predictions of the fitted camera at the places of a plane's points, and where it was fitted."""
+    """Return the models of the fitted camera at the points of a plane and, if ``periodic``, at the fitted scan."""
     depth = withheld.plan.depths_um[z]
     order = np.argsort(fit.depths_um)
     planes, errors = np.array(fit.depths_um)[order], np.array(fit.setup.depth_errors_um)[order]

@@ -33,7 +33,7 @@ class ChannelPart:
 
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
-    """Return the frames and their plan. Of colour images, read the component ``channel`` (green for ``"each"``)."""
+    """Return the frames and their plan; of colour images, the component ``channel`` is read (green for ``"each"``)."""
     from lfcal.frames import open_component
 
     try:
@@ -59,7 +59,7 @@ def parts_of(
     reopen
         Function that opens the frames with another component.
     quiet
-        Do not report how much of the scan each colour contains.
+        Whether not to report how much of the scan each colour contains.
     """
     from lfcal.frames import COMPONENTS, ThinnedSource, colour_scan, colours_of
 

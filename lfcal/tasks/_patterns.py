@@ -101,11 +101,11 @@ class PatternReading:
     Attributes
     ----------
     camera
-        The camera before the fit; None takes the camera of H or of the plan.
+        The camera before the fit; None: the camera of H or of the plan.
     most
         Number of positions to use, spread evenly. 0: all. None: 40, or all in a session of chosen positions.
     noise
-        Constant and slope of a sample's variance (counts²); None uses the values that the source states.
+        Constant (counts²) and slope (counts) of the variance of a sample; None: as stated by the source.
     plan
         Scan plan of frames, or of an H that has no camera.
     recipe
@@ -113,7 +113,7 @@ class PatternReading:
     orientation
         Operation that turns the frames upright.
     fit
-        A fit. Its positions are left out if the source is the scan that was fitted.
+        A fit whose positions are left out if the source is the scan that was fitted; None: no fit.
     """
 
     camera: Camera | None = None
@@ -199,13 +199,13 @@ def own_words(without: str = "") -> Iterator[None]:
 
 
 def open_upright(path: Path, *, quiet: bool = False) -> PSFMatrix:
-    """Return the H of a file, which may also hold HT."""
+    """Open the H of a file, which may also contain HT."""
     matrix = open_matrix(path, quiet=quiet)
     return matrix.T if matrix.is_transposed else matrix
 
 
 def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dict[str, Any]]]:
-    """Return the patterns of a source, and an entry about the source for the provenance of results."""
+    """Return the patterns of a source, and an entry on the source for the provenance of results."""
     import numpy as np
 
     from lfcal.camera import ScanPlan
@@ -244,7 +244,7 @@ def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dic
 def _left(
     source: Path, index: NDArray[np.intp], how: PatternReading, plan: ScanPlan, aside: Sequence[object] = ()
 ) -> NDArray[np.intp]:
-    """Return positions that were not fitted, spread evenly, at most the number requested."""
+    """Return at most the requested number of positions that were not fitted, spread evenly."""
     from lfcal.fit import spread_out
 
     most, fit = most_taken(how.most, aside), how.fit
@@ -261,7 +261,7 @@ def _left(
 def _noise_of(
     matrix: PSFMatrix, source: Path, given: tuple[float, float] | None
 ) -> tuple[tuple[float, float] | None, str]:
-    """Return the noise to use, None if H states a variance, and a description of its source if it was derived.
+    """Return the noise to use (None if H states a variance), and a description of its source if it was derived.
 
     Raises
     ------
@@ -359,7 +359,7 @@ def _below(source: Path, plan: Path | None) -> Path | None:
 
 
 def check_colours(source: Path, frames: FrameSource, plan: ScanPlan, remedy: Callable[[Sequence[str]], str]) -> None:
-    """Raise `InputError` if frames have several colours; ``remedy`` returns what to do about them."""
+    """Raise `InputError` if frames have several colours; ``remedy`` returns the remedy for these colours."""
     from lfcal.frames import colours_of
 
     if colours := colours_of(frames, plan):
@@ -390,7 +390,7 @@ def iter_upright_scan(
 def _iter_picked(
     source: Path, how: PatternReading, stack: ExitStack
 ) -> Work[tuple[PSFMatrix, dict[str, Any], list[list[int]]]]:
-    """Return patterns of a folder of frames or a session, corrected and cut out, and which to hold out.
+    """Return corrected and cropped patterns of a folder of frames or a session, and the positions to hold out.
 
     All positions of a session chosen for a fit are used, unless their number is given.
     """

@@ -26,7 +26,7 @@ SUSPECTS = "suspects.json"
 
 
 def pairs(options: tuple[str, ...]) -> dict[str, str]:
-    """Return a backend's options, written as NAME=VALUE."""
+    """Return the options of a backend by name, from texts NAME=VALUE."""
     found = {}
     for text in options:
         key, sign, value = text.partition("=")
@@ -59,7 +59,7 @@ class Cover:
     waits = False  # a person, not a driver, covers the lens, and may take any time
 
     def switch(self, on: bool) -> None:
-        """Ask the person, and wait for the Enter key."""
+        """Ask the person to cover or uncover the lens, and wait for the Enter key."""
         from lfcal.devices import DeviceError
 
         tell(f"{'uncover' if on else 'cover'} the lens, then press Enter")
@@ -96,7 +96,7 @@ def stoppable(control: Control) -> Iterator[list[int]]:
 
 
 def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding, ...]]) -> Work[R]:
-    """Pass on a recording's progress; report alarms, pauses and skipped stage checks once each."""
+    """Pass on the progress of a recording, and report alarms, pauses and skipped stage checks once each."""
     from lfcal.acquire.setup import STAGE
 
     held, reported, look = "", set[str](), time.monotonic() + ALARM_EVERY_S
@@ -124,7 +124,7 @@ def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding
 
 
 def list_suspects(out: Path, outcome: Outcome) -> dict[str, Any]:
-    """Write the list of suspect positions, if any, into the session's folder; return the list and its path."""
+    """Write the list of suspect positions, if any, into the folder of the session; return the list and its path."""
     from lfcal.acquire import read_suspects
 
     path = out / SUSPECTS

@@ -56,7 +56,7 @@ class ScanFrames:
         return self.frames.parent if self.frames.suffix.lower() in TABLES else None
 
     def open(self, colour: str = "") -> tuple[Frames, ScanPlan]:
-        """Return the frames and their plan: the named plan, else the recorded one, else one found near the frames.
+        """Return the frames and their plan: the plan that is named, recorded, or found near the frames, in this order.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class ScanFrames:
 
 
 def find_plan(frames: Path, plan: Path | None) -> ScanPlan | None:
-    """Return the plan in ``plan``, or in ``plan.json`` in or above the folder of the frames; None without one."""
+    """Return the plan in ``plan``, or in ``plan.json`` in or above the folder of the frames; None if there is none."""
     from lfcal.camera import ScanPlan
 
     places = _plans(frames, plan)

@@ -41,7 +41,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 NUMBERS: dict[str, Any] = {"read": _numbers, "show": show_planes, "more": True}
-"""Attributes of fields that hold several numbers."""
+"""Names of the attributes of fields with several numbers."""
 
 
 def _groups() -> tuple[str, ...]:
@@ -284,13 +284,13 @@ class _Acquire(Task):
             raise InputError.expected("--origin", "X,Y,Z in µm", show_planes(self.origin), "give three numbers")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; the recording itself makes or continues the session's folder."""
+        """Return the files of the task, without the folder of the session, which the recording creates or continues."""
         if way == "out":
             return () if self.assemble is None else (self.assemble,)
         return (*super().files("in"), self.out)
 
     def options(self, session: Path | None = None) -> Options:
-        """Return the options that ``session`` began with (else the defaults), replaced by those that are given."""
+        """Return the options with which ``session`` began, or the defaults, updated by those that are given."""
         from lfcal.acquire import Options, SessionFile
 
         values = {NAMES.get(row.name, row.name): (value_at(self, row), row.default) for row in rows_of(self)}
@@ -321,7 +321,7 @@ class _Acquire(Task):
 
     @property
     def _kept(self) -> dict[str, Any]:
-        """The task's entries in the session."""
+        """The entries of the task that are stored in the session."""
         return self.to_dict(absolute=True, outputs=False)
 
     def _listed(self, name: str) -> RedoList | None:
@@ -332,7 +332,7 @@ class _Acquire(Task):
         return None if path is None else RedoList.read(path)
 
     def _given(self, name: str) -> Any:
-        """Return the value of a field; None if this kind has no such field."""
+        """Return the value of the field ``name``; None if this class has no such field."""
         return next((value_at(self, row) for row in rows_of(self) if row.name == name), None)
 
     def _plan(self) -> Any:
@@ -352,7 +352,7 @@ class _Acquire(Task):
         return self.out if run.resume or self._given("redo") is not None else None
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
-        """Record until the end or a signal, then assemble H if requested."""
+        """Record until the scan is complete or a signal is received, then assemble H if requested."""
         from lfcal.acquire import Control, optics_of
         from lfcal.devices import open_rig
 
@@ -446,7 +446,7 @@ class _Acquire(Task):
         return forecast(plan, rig, options, self.out, only=self._places(plan), frames_per_s=self.frame_rate)
 
     def _places(self, plan: Any) -> tuple[Position, ...]:
-        """Return the positions that a forecast counts; empty: all."""
+        """Return the positions that a forecast includes; empty: all."""
         only = self._listed("positions")
         return () if only is None else only.positions
 

@@ -350,7 +350,7 @@ class Assemble(AssembleRegions):
     def _iter_colour(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, choice: RunChoice | None, workers: int | None
     ) -> Work[Assembled]:
-        """Make one H from open frames: leave out damaged ones, and correct the rest."""
+        """Assemble one H from open frames, without damaged frames and with corrections."""
         from lfcal.frames import SelectedSource, corrected_view
         from lfcal.psf import Reopening
 

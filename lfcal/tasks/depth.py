@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["DEPTH", "Depth", "DepthForecast", "MeasuredDepth"]
 
 BYTES_PER_PIXEL = 70
-"""Memory of a depth map per pixel of its frame."""
+"""Memory of a depth map per pixel of its frame (bytes)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +208,7 @@ class Depth(Task):
         return DepthForecast(seconds, BYTES_PER_PIXEL * scene.light.size)
 
     def _known(self, camera: Camera | None) -> Camera | None:
-        """Return ``camera``, else the one in the file, else that of H."""
+        """Return ``camera``; if it is None, the camera of the file, or else that of H."""
         if camera is not None or self.camera:
             return camera or load_camera(self.camera, light=False)
         if self.psf is None:
@@ -279,7 +279,7 @@ class DepthForecast:
 
 @dataclass(frozen=True)
 class _Scene:
-    """Frame and white image less their dark, masked pixels, the lattice and its source, lens types and the camera."""
+    """Frame and white image without their dark level, masked pixels, lattice and its source, lens types, and camera."""
 
     light: NDArray[np.float32]
     white: NDArray[np.float32] | None
@@ -291,13 +291,13 @@ class _Scene:
 
     @property
     def given(self) -> dict[str, Any]:
-        """What `lfcal.lattice.depth_map` is given."""
+        """Arguments for `lfcal.lattice.depth_map`."""
         frame = {"frame": self.light, "lattice": self.lattice, "white": self.white, "mask": self.mask}
         return {**frame, "camera": self.camera, "type_of": self.type_of}
 
 
 def _grey(path: Path, reading: ColourReading) -> NDArray[np.float32]:
-    """Return a frame less its dark frame; of several colours the mean."""
+    """Return a frame minus its dark frame, averaged over its colours."""
     from lfcal.multiplex import mean_plane, read_planes
 
     try:
@@ -309,7 +309,7 @@ def _grey(path: Path, reading: ColourReading) -> NDArray[np.float32]:
 
 
 def _types(white: NDArray[np.float32], fit: LatticeFit, camera: Camera | None) -> TypeOf | None:
-    """Return the lens types in a white image of a camera with three."""
+    """Return the lens types in a white image of a camera with three lens types."""
     from lfcal.lattice import classify_lens_types, expected_blur
 
     if camera is None or len(camera.lattice.types) != 3:

@@ -132,7 +132,7 @@ class _Export(CopyTask):
 
 @record
 class _ExportView(_Export):
-    """Fields of formats that hold one matrix."""
+    """Fields of formats that contain one matrix."""
 
     transposed: bool = opt(False, "Export HT instead of H.", label="HT instead of H")
 
@@ -142,7 +142,7 @@ class _ExportView(_Export):
 
 
 def _missing() -> bool:
-    """Declare the field of formats that hold only values."""
+    """Declare the field ``allow_missing`` of formats that contain only values."""
     return opt(
         False,
         "Write zeros for missing positions, which this format cannot mark.",

@@ -142,7 +142,7 @@ class _Fit(Task):
 
     @property
     def told(self) -> dict[str, Any]:
-        """The entries on this task in the provenance of every file that it writes."""
+        """The entries of this task for the provenance of every file that it writes."""
         return {"task": self.to_dict(absolute=True, outputs=False)}
 
     def starting(self, plan: ScanPlan) -> tuple[Effect, ...] | None:
@@ -261,7 +261,7 @@ class FitMatrix(_Fit):
         return PatternReading(camera, self.positions, self.noise, self.plan)
 
     def _choice(self, run: RunSettings) -> RunChoice | None:
-        """Return how H is made in units. For several H, the choice for the first applies to all."""
+        """Return how H is computed in units; for several H, the choice for the first applies to all."""
         if self.hybrid or not self.write_h:
             if run.executor or run.scheduler or run.resume:
                 got = "--hybrid" if self.hybrid else "--no-h"
@@ -345,7 +345,7 @@ class FitMatrix(_Fit):
         return FitOutcome(fit=first, source=source, out=self.out, files=tuple(files), field=fit, hybrids=hybrids)
 
     def _recorded(self, source: Path, measured: Measured, stack: ExitStack) -> PSFMatrix | Measured:
-        """Return the patterns for a hybrid; from an H all recorded patterns, not only the fitted ones."""
+        """Return the patterns for a hybrid H; from an H, all recorded patterns instead of only the fitted ones."""
         if not is_matrix(source):
             return measured
         return self._reading().described(stack.enter_context(open_upright(source, quiet=True)), source)

@@ -90,7 +90,7 @@ class ValidateFit(Task):
         return PatternReading(most=self.positions, noise=self.noise, fit=stored)
 
     def _parts(self) -> list[tuple[str, Path, StoredFit]]:
-        """Return for each source its name, the folder to write into, and the fit at its place."""
+        """Return the name, the output folder and the fit for each source."""
         from lfcal.fit import read_fits
 
         fits, names = read_fits(self.fit), names_of(self.sources)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["INSPECT", "Inspect", "InspectedMatrix"]
 
 REGIONS_PICTURE = "regions.png"
-"""The map of several regions of the field, in the report's folder."""
+"""Name of the map of several regions of the field, in the folder of the report."""
 
 RATE = 200e6
 """Estimated number of bytes of H read and measured per second of processor time."""

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 EARLIER = "earlier_tasks"
-"""Provenance key for the earlier tasks, which made the inputs of the last one; earliest first."""
+"""Provenance key for the earlier tasks, which made the inputs of the last one, earliest first."""
 
 
 def mat_order_field(**more: Any) -> str:

@@ -303,7 +303,7 @@ def _check_size(
     origin: tuple[int, int] | None,
     folder: str,
 ) -> None:
-    """Raise `InputError` for frames smaller than a sensor of known size if their place on it is unknown."""
+    """Raise `InputError` for frames smaller than a sensor of known size if their position on it is unknown."""
     from lfcal.frames import check_inside, is_part_of_sensor, part_refusal, stated_origin
 
     if origin is not None:
@@ -370,7 +370,7 @@ class PlanScan(_PlanOfCamera):
         return (planned,)
 
     def _noise(self, plan: ScanPlan, peak: float) -> Work[tuple[float, ...] | None]:
-        """Return the expected noise of each plane of H; None, with a note, where the sensor is not described."""
+        """Return the expected noise of each plane of H; None, with a note, if the sensor is not described."""
         from lfcal.camera import not_stated_for_noise
         from lfcal.simulate import iter_expected_light
 

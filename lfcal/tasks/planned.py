@@ -138,7 +138,7 @@ def ready_regions(path: str) -> RegionPlan | None:
 
 
 def _ready(path: str) -> ScanPlan | RegionPlan | None:
-    """Return the plan in a JSON file, or None for another file, such as a camera."""
+    """Return the plan in a JSON file, or None if the file is of another kind, such as a camera."""
     from lfcal.base import parse_json
     from lfcal.camera import RegionPlan, ScanPlan
 

@@ -183,7 +183,7 @@ class _Reconstruct(Task):
         return (*super().files(way), *others)
 
     def _prepare(self, stack: ExitStack, workers: int | None, *, warm: bool = False) -> FrameRun:
-        """Open H, read the first frame, and choose how to project."""
+        """Open H, read the first frame, and choose the method of projection."""
         from lfcal.frames import split_dataset
         from lfcal.psf import regions_of
         from lfcal.reconstruct import FrameRun, SharedOptics, SolverChoice, files_of_regions
@@ -300,7 +300,7 @@ class ReconstructSeries(Reconstruct):
     warm: bool = _warm()
 
     def _whole(self) -> bool:
-        """Whether one file holds all volumes."""
+        """Whether all volumes are written to one file."""
         from lfcal.reconstruct import SUFFIXES
 
         return self.out.suffix.lower() in SUFFIXES

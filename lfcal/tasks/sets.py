@@ -27,7 +27,7 @@ TASKS = {
     "fit validate": "lfcal.tasks.fit_validate:FIT_VALIDATE",
     "simulate": "lfcal.tasks.simulate:SIMULATE",
 }
-"""Where the kinds of each task are, by the name of its command; a module is imported only when it is needed."""
+"""Module and name of each set of tasks, by the name of its command; modules are imported only when needed."""
 
 
 def task_set(name: str) -> TaskSet:

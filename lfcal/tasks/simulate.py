@@ -228,7 +228,7 @@ class _Simulate(Task):
         return replace(found, level=found.level if self.level == "auto" else self.level, seconds=seconds)
 
     def known(self, plan: ScanPlan, found: EffectSelection) -> dict[str, Any]:
-        """Return the provenance: plan, task, and where the given magnitudes come from."""
+        """Return the provenance: plan, task, and the sources of the given magnitudes."""
         from lfcal.simulate.effects import effect_entries
 
         names = {effect.name for effect in found.effects}
@@ -257,7 +257,7 @@ class _Simulate(Task):
         stored
             As in `SimulatedH`.
         on_pass
-            Compute H in passes, and call this function with the H of each.
+            Function to call with the H of each pass; None: H is not computed in passes.
         """
         from lfcal.simulate import iter_refine_psf, iter_simulate_psf, light_in_cutout, predict_bytes
 
@@ -312,7 +312,7 @@ class _OfOnePlan(_Simulate):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Any, ...]]:
-        """Simulate, or show the expected cost."""
+        """Simulate the plan, or show the expected cost."""
         plan = planned_scan(self.camera, self.depths, self.virtual_depths, self.cutout)
         made = yield from self.work_on(plan, run or RunSettings())
         return (made,)
@@ -509,7 +509,7 @@ SIMULATE = TaskSet(
 
 
 def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
-    """Report requested effects that are left out, and a period of H that does not fit the lattice."""
+    """Report requested effects that are left out, and a period of H that does not match the lattice."""
     from lfcal.simulate.effects import CATALOGUE
 
     for reason in CATALOGUE.failures().values():

@@ -168,7 +168,7 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
 
 
 def _made_by(path: Path) -> Any:
-    """Return what an H or volume file states about the task that made it; None: nothing."""
+    """Return the task that made an H or volume file, as stated in the file; None if it states none."""
     from lfcal.base.h5 import H5File
     from lfcal.psf import open_psf
     from lfcal.reconstruct import VOLUME_FORMAT

@@ -18,10 +18,10 @@ __all__ = ["ArrayTiltGroup", "Geometry", "Pitch"]
 NEEDS = "a periodic lenslet array"
 
 STEP_PX = 0.05
-"""Noticeable displacement of lenslets at the cutout's edge (pixels)."""
+"""Noticeable displacement of lenslets at the edge of the cutout (pixels)."""
 
 STEP_GAP = 0.002
-"""Noticeable change of the gap at the cutout's edge, as a fraction of the gap."""
+"""Noticeable change of the gap at the edge of the cutout, as a fraction of the gap."""
 
 
 def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:

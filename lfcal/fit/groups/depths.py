@@ -19,7 +19,7 @@ IMAGES_PX = 0.3
 """Noticeable displacement of an elemental image (pixels)."""
 
 WORKING_SHARE = 0.005
-"""Prior uncertainty of a working distance."""
+"""Relative prior uncertainty of a working distance."""
 
 
 def depth_scale(camera: Camera) -> float:

@@ -16,7 +16,7 @@ from lfcal.simulate.effects import ExactAngles, LensLaw, MechanicalVignetting
 __all__ = ["ApertureGroup", "BladeCurvature", "Law", "SecondStop"]
 
 NEAR_EDGE = 0.1
-"""Share of its radius that a described pupil may be too large by, for its edge to cut lenslets."""
+"""Fraction by which the radius of a described pupil may be too large for its edge to cut lenslets."""
 
 LAW = 0.5
 """Prior uncertainty of the lens law: the tangent law is two standard deviations from the sine condition."""
@@ -30,7 +30,7 @@ def _optics(setup: Setup, **values: Any) -> Setup:
 
 
 def _law_held(setup: Setup) -> str:
-    """Return by which law the f-number is the size of the iris, for people."""
+    """Return the lens law that relates the f-number to the size of the iris, as text."""
     if setup.effect(ExactAngles) is None:
         return ""
     own = setup.effect(LensLaw)
@@ -40,7 +40,7 @@ def _law_held(setup: Setup) -> str:
 
 
 def _cuts(camera: Camera) -> bool:
-    """Return whether the edge of an objective's pupil shows: behind lenslets in a pupil plane, it must cut one."""
+    """Return whether patterns show the edge of the pupil; with lenslets in a pupil plane, it must cut one of them."""
     lattice, optics = camera.lattice, camera.optics
     if not isinstance(lattice, PupilLenslets) or not isinstance(optics, Microscope):
         return True

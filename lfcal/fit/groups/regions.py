@@ -1,4 +1,4 @@
-"""Several regions of the field: change of the wavefront between them, and positions of their sources."""
+"""Several regions of the field: changes of the wavefront between them, and positions of their sources."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["Curvature", "FieldWavefront", "Places", "RegionDepthsGroup", "Target
 
 NEEDS = "patterns of several regions of the field"
 BESIDE_PX = 1.0
-"""Prior uncertainty of the stage's position in another region."""
+"""Prior uncertainty of the position of the stage in another region (pixels)."""
 
 SHOWS_UM = 20.0
-"""Noticeable change of the image's distance in the farthest region."""
+"""Noticeable change of the image distance in the farthest region (µm)."""
 
 
 def farthest_um(frame: ScanScales) -> float:

@@ -12,7 +12,7 @@ from lfcal.fit.setup import Setup
 __all__ = ["StageScale", "StageZero"]
 
 BESIDE_PX = 2.0
-"""Prior uncertainty of a stage's zero (pixels)."""
+"""Prior uncertainty of the zero of a stage (pixels)."""
 
 
 class StageZero(Group):

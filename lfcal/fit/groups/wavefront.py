@@ -59,7 +59,7 @@ class WavefrontGroup(Group):
         return setup.with_effect(Zernike(tuple((n, m, waves) for (n, m), waves in known.items())))
 
     def _terms_of(self, setup: Setup) -> tuple[tuple[int, int], ...]:
-        """Return the terms that the camera's simulation has: of an objective those of rotational symmetry."""
+        """Return the terms that can be simulated; for an objective, only those with rotational symmetry."""
         if not setup.camera.has_lattice:
             return ()
         lens = not setup.camera.optics.telecentric
